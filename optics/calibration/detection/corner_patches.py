@@ -16,9 +16,10 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     sample,
     sample_blurred,
 )
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
 HALF_CELLS = 0.5  # half the side of the compared patch, in cells
+HALF_CELLS_OF_TAGS = 0.35  # less, as corners across a gap would share most of what they show, and its errors
 MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are sought roughly
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
@@ -125,12 +126,17 @@ class Appearance:
     rough: bool = False
 
 
+def half_cells(target: Target) -> float:
+    """Half the side of the patches around corners of a print, in cells."""
+    return HALF_CELLS_OF_TAGS if isinstance(target, AprilGrid) else HALF_CELLS
+
+
 @dataclass(frozen=True)
 class Patches:
     """Samples (m) around each corner (n): at `u`, `v` (m,) from -1 to 1 and `on_print` (n, m, 2) squares from it.
 
     `offsets_px` (n, m, 2) are the same in the picture, `side_px` (n,) the size of a cell there, `near` (m,) the weight
-    by distance: the position must not depend on what the cells look like further out.
+    by distance: the position must not depend on what the cells look like further out. `half_cells` is half their side.
     """
 
     u: FloatArray
@@ -139,17 +145,18 @@ class Patches:
     on_print: FloatArray
     offsets_px: FloatArray
     side_px: FloatArray
+    half_cells: float
 
     @classmethod
-    def around(cls, expected: ExpectedCorners, samples: int = SAMPLES) -> Patches:
+    def around(cls, expected: ExpectedCorners, samples: int = SAMPLES, half_cells: float = HALF_CELLS) -> Patches:
         u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples)] * 2))
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
-        half = np.minimum(HALF_CELLS, MAX_HALF_PX / np.maximum(side_px, 1e-6))
+        half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
         on_print = half[:, None, None] * np.stack([u, v], axis=1)
         x, y = on_print[..., 0], on_print[..., 1]
         offsets = on_print @ expected.cells.transpose(0, 2, 1)
         offsets = offsets + np.stack([x * x, x * y, y * y], axis=2) @ expected.bends.transpose(0, 2, 1)
-        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px)
+        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px, half_cells)
 
     @property
     def noise_gain(self) -> FloatArray:
@@ -159,7 +166,7 @@ class Patches:
         covariance of two is the cubic B-spline of their distance. Along either axis, samples `h` px apart thus have
         sum_k B(k h) / B(0) times the variance that independent ones had.
         """
-        half = np.minimum(HALF_CELLS * self.side_px, MAX_HALF_PX)
+        half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
         apart = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
         far = np.clip(2.0 - apart, 0.0, None) ** 3 / 6.0

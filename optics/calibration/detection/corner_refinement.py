@@ -24,6 +24,7 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
     ExpectedCorners,
     LinearModel,
     Patches,
+    half_cells,
 )
 
 ITERATIONS, FEW_ITERATIONS = 5, 3
@@ -154,7 +155,8 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     RefinedCorners
         As many corners (n), with pixels NaN where the search diverged.
     """
-    patches = Patches.around(expected, FEW_SAMPLES if appearance.rough else SAMPLES)
+    samples = FEW_SAMPLES if appearance.rough else SAMPLES
+    patches = Patches.around(expected, samples, half_cells(appearance.target))
     seen = sample(picture, expected.pixels[:, None] + patches.offsets_px)
     model = LinearModel.of(expected, patches, appearance, seen)
     count, near = len(expected.places), patches.near

@@ -29,7 +29,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import refine_board, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
-from mirrorcam.optics.calibration.detection.corner_patches import HALF_CELLS, MAX_HALF_PX, GhostImages
+from mirrorcam.optics.calibration.detection.corner_patches import MAX_HALF_PX, GhostImages, half_cells
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
@@ -121,7 +121,7 @@ def in_light(picture: Image, gamma: float) -> Image:
 
 
 def _ghosted(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> _Ghosted | None:
-    corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE)))
+    corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE), target))
     ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
     return None if ghosts is None else _Ghosted(corners, ghosts)
 
@@ -225,7 +225,7 @@ def _passed(mirror: Mirror, passes: int) -> Mirror:
     )
 
 
-def _inside(corners: Corners, camera: Camera, mirror: Mirror) -> NDArray[np.bool_]:
+def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> NDArray[np.bool_]:
     """Mask (n,) of the corners that a mirror shows together with the whole patch that they are refined with."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
@@ -236,5 +236,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror) -> NDArray[np.bool
     shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
     # To the corners of the patch that is compared with the print.
-    reach = np.sqrt(2.0) * np.minimum(HALF_CELLS * cell_px(corners.pixels), MAX_HALF_PX) + MARGIN_PX
+    # Of cells as wide as their shorter side, which is that between the nearest neighbours.
+    half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
+    reach = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))
