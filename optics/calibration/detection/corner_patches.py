@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
 HALF_CELLS = 0.5  # half the side of the compared patch, in cells
-HALF_CELLS_OF_TAGS = 0.35  # less, as corners across a gap would share most of what they show, and its errors
+HALF_GAPS = 0.76  # and in gaps of an AprilGrid: patches of corners across a gap would share most of their errors
 MAX_HALF_PX = 14.0  # and its limit: of large cells, what lies further out adds little
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are sought roughly
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
@@ -128,7 +128,7 @@ class Appearance:
 
 def half_cells(target: Target) -> float:
     """Half the side of the patches around corners of a print, in cells."""
-    return HALF_CELLS_OF_TAGS if isinstance(target, AprilGrid) else HALF_CELLS
+    return min(HALF_CELLS, HALF_GAPS * (2.0 - target.longest_step)) if isinstance(target, AprilGrid) else HALF_CELLS
 
 
 @dataclass(frozen=True)

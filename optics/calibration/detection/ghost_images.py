@@ -235,8 +235,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
     pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
     shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
-    # To the corners of the patch that is compared with the print.
-    # Of cells as wide as their shorter side, which is that between the nearest neighbours.
+    # To the corners of the patch compared with the print; the nearest neighbour is across a gap of an AprilGrid.
     half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
     reach = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))

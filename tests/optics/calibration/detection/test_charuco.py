@@ -47,7 +47,7 @@ def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
     off = corners.pixels - seen(GRID.corners_in_board_mm, pose, None)[corners.ids]
     row, col = np.divmod(corners.ids, 2 * GRID.cols)
     for kind in range(4):
-        assert np.abs(off[(row % 2 == kind // 2) & (col % 2 == kind % 2)].mean(axis=0)).max() < 1.5e-3
+        assert np.abs(off[(row % 2 == kind // 2) & (col % 2 == kind % 2)].mean(axis=0)).max() < 3e-3
 
 
 def test_tags_have_their_places_and_turn() -> None:
