@@ -24,8 +24,8 @@ BoolArray = NDArray[np.bool_]
 HUBER_SCALE = 1.345
 SETTLED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
-MOST_OUTLIERS = 0.25
-"""Fraction of the corners: more contradict the model, not the others."""
+MOST_OUTLIERS = 0.5
+"""Fraction of the corners of a mirror: more contradict the model, not the others."""
 MAX_ITERATIONS = 50
 RELATIVE_GAIN = 1e-9
 """Fraction of the cost: a step with a smaller predicted decrease is the last one. For 60,000 residuals that is a step
@@ -92,7 +92,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
 
     Outliers follow the rule of mrcal: where any corner of a view lies beyond 5 sigma, that view's corners beyond
     4 sigma are dropped and the fit is repeated, until none is found. Sigma is re-estimated from the remaining corners.
-    Where that would drop more than `MOST_OUTLIERS`, none further is.
+    Where that would drop more than `MOST_OUTLIERS` of the corners of a mirror, none further is.
 
     Parameters
     ----------
@@ -177,11 +177,13 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
 
 
 def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
-    """The inliers that are no outliers; all of them where these would be many, which the model is wrong about."""
+    """The inliers that are no outliers; all of them where a mirror would keep few, which the model is wrong about."""
     norm = np.abs(r).max(axis=1)
     found = inliers & (norm > FIND_SIGMAS * scale)
     left = inliers & ~(np.isin(view, view[found]) & (norm > DROP_SIGMAS * scale))
-    return left if left.mean() >= 1.0 - MOST_OUTLIERS else inliers
+    _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
+    kept = np.bincount(mirror, weights=left) / corners
+    return left if (kept >= 1.0 - MOST_OUTLIERS).all() else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:
