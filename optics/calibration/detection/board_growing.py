@@ -37,6 +37,7 @@ MIN_GREY = 6.0  # contrast of a corner in grey levels
 MIN_CONTRAST = 0.6  # relative to that of the corners around
 MIN_EXPLAINED = 0.8  # of the variance around a corner
 MAX_SIGMA_PX = 0.3
+UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 NONE = Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
@@ -107,11 +108,20 @@ def _seen_corners(
     warp = Warp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
         return NONE
-    look = replace(look, rough=False)
-    ids, seen = _confirmed(picture, have, warp.expected(corners[have], found[have]), look, mirrored=mirrored)
+    expected = warp.expected(corners[have], found[have])
+    ids, seen = _confirmed(picture, have, expected, replace(look, rough=False, motion=False), mirrored=mirrored)
+    moved = _confirmed(picture, have, expected, replace(look, rough=False), mirrored=mirrored)
+    # Blur of motion, where there is none, would only let corners that are partly covered look like others.
+    if len(ids) == 0 or (len(moved[0]) and _unexplained(moved[1]) < UNEXPLAINED_WITHOUT_MOTION * _unexplained(seen)):
+        ids, seen = moved
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
     return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
+
+
+def _unexplained(seen: RefinedCorners) -> float:
+    """Part of the variance around a typical corner that the print does not explain."""
+    return float(np.median(1.0 - seen.explained))
 
 
 def _grown(

@@ -115,6 +115,8 @@ class Appearance:
         Ghost images beside every corner, if there are any.
     fit_strengths
         Whether the strength of each ghost image is estimated at each corner, instead of taken as given.
+    motion
+        Whether the picture may be blurred along some direction.
     rough
         Whether corners are sought to some hundredths of a pixel only, which takes a fifth of the time.
     """
@@ -123,6 +125,7 @@ class Appearance:
     blur_px: float
     ghosts: GhostImages | None = None
     fit_strengths: bool = False
+    motion: bool = True
     rough: bool = False
 
 
@@ -204,7 +207,7 @@ class LinearModel:
         level = 1.0 + _modulation(value, seen, patches.near) * value
         look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, xx + yy]
         # What moves is blurred along its motion, which shifts the corners of either colour apart by a tenth of a pixel.
-        motion = [] if appearance.rough else [xx - yy, xy]
+        motion = [xx - yy, xy] if appearance.motion and not appearance.rough else []
         columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *motion, *ghosts], axis=2)
         scale = np.maximum(np.sqrt((columns**2).mean(axis=1)), 1e-9)
         columns /= scale[:, None]
