@@ -40,7 +40,6 @@ MAX_SIGMA_PX = 0.3
 UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
-NONE = Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
 RIGHT = np.array([1.0, 0.0])
 
 
@@ -107,7 +106,7 @@ def _seen_corners(
     have = have[smooth(corners[have], found[have], target.longest_step)]
     warp = Warp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
-        return NONE
+        return Corners.none()
     expected = warp.expected(corners[have], found[have])
     ids, seen = _confirmed(picture, have, expected, replace(look, rough=False, motion=False), mirrored=mirrored)
     moved = _confirmed(picture, have, expected, replace(look, rough=False), mirrored=mirrored)

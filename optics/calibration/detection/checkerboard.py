@@ -57,7 +57,7 @@ def spread_out(corners: Corners) -> Corners:
         across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
         if across / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
             return corners
-    return corners.where(np.zeros(len(corners), dtype=bool))
+    return Corners.none()
 
 
 def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
@@ -163,7 +163,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     margin = np.maximum(cells, 3.0)
     inside = ((predicted > margin[:, None]) & (predicted < np.array([width, height]) - 1 - margin[:, None])).all(axis=1)
     if inside.sum() < MIN_CORNERS:
-        return Corners(np.empty(0, dtype=np.int64), np.empty((0, 2)))
+        return Corners.none()
     ids = np.flatnonzero(inside)
     refined = refine(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
     near = np.linalg.norm(refined - predicted[inside], axis=1) < max_shift * cells[inside]

@@ -93,24 +93,17 @@ def refine_with_ghost_images(
     target
         The board.
     """
-    light: Image | None = None
-    ghosted = {
-        place: _ghosted(corners, layout.camera, layout.mirrors[mirror], target)
-        for place, (mirror, corners) in enumerate(views)
-        if layout.mirrors[mirror].is_second_surface
-    }
-    whole = {place: view for place, view in ghosted.items() if view is not None}
-    if whole:
-        light = in_light(picture, _gamma(picture, list(whole.values()), target))
-        whole = _with_strengths(light, whole, target)
-    refined = []
+    refined, ghosted = list(views), {}
     for place, (mirror, corners) in enumerate(views):
-        if place not in ghosted:
-            refined.append((mirror, corners))
-        elif light is None or place not in whole:
-            refined.append((mirror, corners.where(np.zeros(len(corners), dtype=bool))))
-        else:
-            refined.append((mirror, _refined(light, whole[place], target)))
+        if layout.mirrors[mirror].is_second_surface:
+            refined[place] = (mirror, Corners.none())
+            view = _ghosted(corners, layout.camera, layout.mirrors[mirror], target)
+            if view is not None:
+                ghosted[place] = view
+    if ghosted:
+        light = in_light(picture, _gamma(picture, list(ghosted.values()), target))
+        for place, view in _with_strengths(light, ghosted, target).items():
+            refined[place] = (refined[place][0], _refined(light, view, target))
     return refined
 
 
@@ -185,7 +178,7 @@ def _refined(light: Image, view: _Ghosted, target: Target) -> Corners:
     """The corners of a view whose blur and ghost images are known."""
     seen = refine_board(light, view.corners, target, view.ghosts, blur_px=view.blur_px)
     if seen is None:
-        return view.corners.where(np.zeros(len(view.corners), dtype=bool))
+        return Corners.none()
     found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
     refined = Corners(view.corners.ids, seen.pixels, seen.sigma_px).where(found)
     return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels, target.longest_step))

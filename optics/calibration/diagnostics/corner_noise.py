@@ -126,7 +126,7 @@ def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
-    """Powers (n, k) of pixels (n, 2), of a degree that so many corners determine."""
+    """Powers (n, k) of pixels (n, 2), of a degree that their number determines."""
     degree = next((degree for degree, corners in CORNERS_OF_DEGREE if len(pixels) >= corners), 0)
     centred = pixels - pixels.mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T

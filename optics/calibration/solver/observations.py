@@ -45,6 +45,11 @@ class Corners:
         if self.sigma_px.size == 0:
             object.__setattr__(self, "sigma_px", np.ones(len(self.ids)))
 
+    @classmethod
+    def none(cls) -> Self:
+        """No corners."""
+        return cls(np.empty(0, dtype=np.int64), np.empty((0, 2)))
+
     def __len__(self) -> int:
         return len(self.ids)
 

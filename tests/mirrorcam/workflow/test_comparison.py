@@ -25,7 +25,9 @@ def files(tmp_path: Path, small_layout: Layout) -> Path:
 def test_points_are_where_the_board_was_or_the_design_works_or_as_stated(files: Path) -> None:
     calibrated, nominal = files / "calibrated.json", files / "nominal.json"
     assert compare_files(calibrated, nominal, None).range_mm == sound_calibration().metrics["working_distance_mm"].value
-    assert compare_files(nominal, calibrated, None).range_mm == np.mean(nominal_layout().spec.depths_mm)  # type: ignore[union-attr]
+    spec = nominal_layout().spec
+    assert spec is not None
+    assert compare_files(nominal, calibrated, None).range_mm == np.mean(spec.depths_mm)
     assert compare_files(nominal, calibrated, 700.0).range_mm == 700.0
     with pytest.raises(InputError, match=r"small\.json: no working distance in it, expected --distance-mm MM"):
         compare_files(files / "small.json", files / "small.json", None)

@@ -11,8 +11,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
+from tests.optics.geometry.lenses.cameras import camera_of, points
 
 DISTORTIONS = {
     "none": [0.0, 0.0, 0.0, 0.0, 0.0],
@@ -24,24 +24,7 @@ DISTORTIONS = {
 
 @pytest.fixture(params=list(DISTORTIONS))
 def camera(request: pytest.FixtureRequest) -> Camera:
-    return Camera(
-        width_px=1280,
-        height_px=720,
-        fx_px=900.0,
-        fy_px=910.0,
-        cx_px=650.25,
-        cy_px=350.75,
-        distortion=DISTORTIONS[request.param],
-    )
-
-
-def points(count: int = 200, half_width: float = 0.7) -> FloatArray:
-    """Points (n, 3) in front of a camera, in mm."""
-    random = np.random.default_rng(4)
-    z = random.uniform(50, 2000, count)
-    return np.stack(
-        [random.uniform(-half_width, half_width, count) * z, random.uniform(-0.4, 0.4, count) * z, z], axis=1
-    )
+    return camera_of("brown_conrady", DISTORTIONS[request.param])
 
 
 def test_it_projects_as_opencv_does(camera: Camera) -> None:
