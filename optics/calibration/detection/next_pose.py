@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import shapely
@@ -12,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
-from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -64,104 +66,115 @@ class NextPose:
 
 
 @dataclass(frozen=True)
-class _Candidate:
-    """A pose of the board, and the information (g, g) on the globals of a picture of it, with the pose unknown."""
+class Placement:
+    """A pose that the board could have in the next picture.
+
+    Attributes
+    ----------
+    rig_from_board
+        The pose (4, 4), mm.
+    depth_mm
+        Depth of the board's middle.
+    tilt_deg
+        Tilts about the view's x and y.
+    words
+        The pose in words.
+    seen
+        The corners that a picture of it would show, as frame 0.
+    """
 
     rig_from_board: FloatArray
     depth_mm: float
     tilt_deg: tuple[float, float]
-    information: FloatArray
+    words: str
+    seen: Observations
 
 
 class NextPosePlanner:
-    """Plan the next pose of the board while pictures are taken, one after the other, with an exact or nominal layout.
+    """Plan the next pose of the board while pictures are taken, one after the other.
 
-    Among poses at three depths, five tilts and nine places, the planner picks the one that most lowers the standard
-    deviations of the mirrors' normals, the largest first. The deviations are those of a joint fit of intrinsics,
-    mirrors and poses to corners with noise `NOISE_PX`, for a device built as designed within `BUILT_MM`.
+    Among some poses, the planner picks the one that most lowers the standard deviations of the mirrors' normals, the
+    largest first. The deviations are those of a joint fit of intrinsics, mirrors and poses to corners with noise
+    `NOISE_PX`, of a device that is known to some standard deviations before.
+
+    Parameters
+    ----------
+    estimate
+        Camera and mirrors, about.
+    model
+        What is estimated of them.
+    sigmas
+        Standard deviations of the model's globals before the first picture.
+    mirrors
+        What each mirror is called.
+    placements
+        The poses to choose from.
     """
 
-    def __init__(self, layout: Layout, target: Target) -> None:
-        self._layout, self._target = layout, target
-        self._model = Model(
-            layout.camera.intrinsic_names,
-            thickness=False,
-            curvature=False,
-            board=Board.rigid(target.corners_in_board_mm),
-        )
+    def __init__(
+        self,
+        estimate: Estimate,
+        model: Model,
+        sigmas: Sequence[float],
+        mirrors: Sequence[str],
+        placements: Iterable[Placement],
+    ) -> None:
+        self._estimate, self._model, self._mirrors = estimate, model, mirrors
+        self._information = np.diag(np.square(sigmas) ** -1.0)
+        self._placements = list(placements)
+        self._added = np.array([self._information_in(each.rig_from_board, each.seen) for each in self._placements])
         self._pictures = 0
+        if not self._placements:
+            raise InputError("the mirrors show the board in no pose, expected mirrors on the sensor")
+
+    @classmethod
+    def designed(cls, layout: Layout, target: Target) -> Self:
+        """A planner for a device built about as a layout, within `BUILT_MM`."""
         camera, (focal, centre, distortion) = layout.camera, PRIOR
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
-        before = [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))]
-        self._information = np.diag(np.square(before) ** -1.0)
-        self._candidates = list(self._prepared())
-        if not self._candidates:
-            raise InputError("the layout's mirrors show the board in no pose, expected mirrors on the sensor")
+        return cls(
+            Estimate.of(camera, layout.mirrors, np.zeros((0, 4, 4))),
+            joint_model(camera.intrinsic_names, target),
+            [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))],
+            [
+                f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))} of the picture)"
+                for index, name in enumerate(layout.mirror_names)
+            ],
+            _placements(layout, target),
+        )
 
-    def after(self, picture: Observations) -> NextPose:
-        """The recommendation after another picture, whose corners are given as frame 0."""
-        pose = self._pose(picture)
-        if pose is not None:
-            self._pictures += 1
-            self._information = self._information + self._information_in(pose, picture)
-        return self.next()
+    def add(self, rig_from_board: FloatArray, picture: Observations) -> None:
+        """Count a picture at about this pose, whose corners are given as frame 0."""
+        self._information = self._information + self._information_in(rig_from_board, picture)
+        self._pictures += bool((picture.view != DIRECT).any())
 
     def next(self) -> NextPose:
         """The recommendation after the pictures so far."""
         now = self._sigma_deg(self._information)
-        added = np.array([candidate.information for candidate in self._candidates])
-        predicted = self._sigma_deg(self._information + added)
+        predicted = self._sigma_deg(self._information + self._added)
         best = int(np.argmin(np.sum(predicted**NORM, axis=1)))
-        chosen, mirror = self._candidates[best], int(np.argmax(now))
-        pose = f"the board at about {round(chosen.depth_mm, -1):.0f} mm, {self._in_words(chosen)}"
-        worst = f"mirror {self._layout.mirror_names[mirror]} ({_place_in_words(self._layout, mirror)} of the picture)"
+        chosen, mirror = self._placements[best], int(np.argmax(now))
         change = f"±{now[mirror]:.2g}° to ±{predicted[best, mirror]:.2g}°"
         enough = bool(now[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
         if enough:
-            sentence = f"enough: every mirror within ±{now[mirror]:.2g}°; the most useful further pose is {pose}"
+            sentence = (
+                f"enough: every mirror within ±{now[mirror]:.2g}°; the most useful further pose is {chosen.words}"
+            )
         elif not self._pictures:
-            sentence = f"next: {pose}"
+            sentence = f"next: {chosen.words}"
         else:
-            sentence = f"next: {pose}; it would improve {worst}, the least certain one, from {change}"
+            sentence = (
+                f"next: {chosen.words}; it would improve {self._mirrors[mirror]}, the least certain one, from {change}"
+            )
         return NextPose(
             sentence, chosen.rig_from_board, chosen.depth_mm, chosen.tilt_deg, mirror, now, predicted[best], enough
         )
 
-    def _prepared(self) -> Iterator[_Candidate]:
-        """The poses in which a mirror shows enough of the board, each with its information."""
-        layout, corners = self._layout, self._target.corners_in_board_mm
-        sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
-        regions = []
-        for index in range(len(layout.mirrors)):
-            outline = layout.outline_px(index, usable=True)
-            regions.append(shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]).intersection(sensor))
-        for pose, depth_mm, tilt_deg in poses_of(layout, self._target):
-            points, views = transform(pose, corners), []
-            for index, region in enumerate(regions):
-                pixels = layout.project(points, index)
-                ids = np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
-                if len(ids) >= MIN_CORNERS:
-                    views.append(Observations.of_view(0, index, ids, pixels[ids]))
-            if views:
-                yield _Candidate(pose, depth_mm, tilt_deg, self._information_in(pose, Observations.join(views)))
-
     def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
         """Fisher information (g, g) on the globals in a picture at about this pose, with the pose itself unknown."""
-        estimate = Estimate.of(self._layout.camera, self._layout.mirrors, pose[None])
         noisy = replace(picture, sigma_px=np.full(len(picture), NOISE_PX))
+        estimate = self._estimate.with_poses(pose[None])
         return normal_equations(estimate, Grouped.of(noisy, self._model), self._model).reduced(0.0)[0]
-
-    def _pose(self, picture: Observations) -> FloatArray | None:
-        """The board's pose by the layout; None where no view shows enough corners."""
-        views = []
-        for mirror in np.unique(picture.view).tolist():
-            of_view = picture.view == mirror
-            if of_view.sum() >= MIN_CORNERS:
-                corners = Corners(picture.corner[of_view], picture.pixels[of_view])
-                views.append((self._layout.mirrors[mirror].apparent, corners))
-        if not views:
-            return None
-        return initial_estimates.best_pose(self._layout.camera, views, self._target.corners_in_board_mm)
 
     def _sigma_deg(self, information: FloatArray) -> FloatArray:
         """Standard deviations (..., mirrors) of the normals in their weakest directions, from information (..., g, g).
@@ -169,22 +182,74 @@ class NextPosePlanner:
         A normal n = -c / |c| rotates by the displacement of the virtual centre c across it, over |c|.
         """
         covariance, sigma = np.linalg.inv(information), []
-        for index, mirror in enumerate(self._layout.mirrors):
-            at, across = len(self._layout.camera.intrinsics) + 3 * index, mirror.rig_from_plane[:3, :2]
+        for index, centre in enumerate(self._estimate.virtual_centres_in_rig_mm):
+            length, at = float(np.linalg.norm(centre)), len(self._model.intrinsics) + 3 * index
+            across = np.linalg.svd(centre[None])[2][1:].T
             block = across.T @ covariance[..., at : at + 3, at : at + 3] @ across
-            sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / (2.0 * mirror.distance_mm))
+            sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / length)
         return np.degrees(np.stack(sigma, axis=-1))
 
-    def _in_words(self, candidate: _Candidate) -> str:
-        """Tilt and place, as the camera sees the board in its middle."""
-        layout = self._layout
-        half = np.array([*self._target.size_mm, 0.0])[None] / 2.0
-        centre = layout.view_from_rig @ transform(candidate.rig_from_board, half)[0]
-        x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
-        column = "left" if x < -1.0 else "right" if x > 1.0 else ""
-        row = "up" if y < -1.0 else "down" if y > 1.0 else ""
-        place = " and ".join(word for word in (row, column) if word)
-        return _tilt_in_words(candidate.tilt_deg) + (f", moved {place}" if place else "")
+
+def joint_model(intrinsics: Sequence[str], target: Target) -> Model:
+    """Planes, intrinsics and poses of a board as drawn."""
+    board = Board.rigid(target.corners_in_board_mm)
+    return Model(tuple(intrinsics), thickness=False, curvature=False, board=board)
+
+
+def pose_by_layout(layout: Layout, target: Target, picture: Observations) -> FloatArray | None:
+    """The board's pose (4, 4) in a picture; None where no view shows enough corners."""
+    views = []
+    for mirror in np.unique(picture.view).tolist():
+        of_view = picture.view == mirror
+        if of_view.sum() >= MIN_CORNERS:
+            corners = Corners(picture.corner[of_view], picture.pixels[of_view])
+            views.append((layout.mirrors[mirror].apparent, corners))
+    if not views:
+        return None
+    return initial_estimates.best_pose(layout.camera, views, target.corners_in_board_mm)
+
+
+def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
+    """The poses, at three depths, five tilts and nine places, in which a mirror shows enough of the board."""
+    corners = target.corners_in_board_mm
+    sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
+    regions = []
+    for index in range(len(layout.mirrors)):
+        outline = layout.outline_px(index, usable=True)
+        regions.append(shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]).intersection(sensor))
+    for pose, depth_mm, tilt_deg in poses_of(layout, target):
+        points, views = transform(pose, corners), []
+        for index, region in enumerate(regions):
+            pixels = layout.project(points, index)
+            ids = shown_in(region, pixels)
+            if len(ids) >= MIN_CORNERS:
+                views.append(Observations.of_view(0, index, ids, pixels[ids]))
+        if views:
+            words = f"the board at about {round(depth_mm, -1):.0f} mm, {_in_words(layout, target, pose, tilt_deg)}"
+            yield Placement(pose, depth_mm, tilt_deg, words, Observations.join(views))
+
+
+def shown_in(region: shapely.Geometry, pixels: FloatArray) -> IntArray:
+    """Which of pixels (n, 2), NaN where there is none, are in a region of the sensor."""
+    return np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
+
+
+def _in_words(layout: Layout, target: Target, pose: FloatArray, tilt_deg: tuple[float, float]) -> str:
+    """Tilt and place, as the camera sees the board in its middle."""
+    half = np.array([*target.size_mm, 0.0])[None] / 2.0
+    centre = layout.view_from_rig @ transform(pose, half)[0]
+    x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
+    tilt = tilt_in_words(tilt_deg, "the mirrors") or "facing the mirrors"
+    place = moved_in_words(x if abs(x) > 1.0 else 0.0, y if abs(y) > 1.0 else 0.0)
+    return tilt + (f", {place}" if place else "")
+
+
+def moved_in_words(x: float, y: float) -> str:
+    """A shift to the right and down; empty where there is none."""
+    column = "left" if x < 0.0 else "right" if x > 0.0 else ""
+    row = "up" if y < 0.0 else "down" if y > 0.0 else ""
+    place = " and ".join(word for word in (row, column) if word)
+    return f"moved {place}" if place else ""
 
 
 def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
@@ -202,19 +267,19 @@ def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float
                     yield pose, depth_mm, tilt
 
 
-def _tilt_in_words(tilt_deg: tuple[float, float]) -> str:
+def tilt_in_words(tilt_deg: tuple[float, float], what: str) -> str:
+    """A tilt about x or y towards the mirrors or the camera; empty where there is none."""
     about_x, about_y = tilt_deg
     if about_x == about_y == 0.0:
-        return "facing the mirrors"
+        return ""
     edges = ("upper", "lower") if about_x else ("right", "left")
     edge = edges[0 if about_x + about_y > 0 else 1]
-    return f"its {edge} edge (as the camera sees it) tilted {max(abs(about_x), abs(about_y)):.0f}° towards the mirrors"
+    return f"its {edge} edge (as the camera sees it) tilted {max(abs(about_x), abs(about_y)):.0f}° towards {what}"
 
 
-def _place_in_words(layout: Layout, mirror: int) -> str:
-    middles = np.array([np.nanmean(layout.outline_px(i), axis=0) for i in range(len(layout.mirrors))])
-    size = np.array([layout.camera.width_px, layout.camera.height_px])
-    x, y = middles[mirror] / size
+def place_in_words(camera: Camera, pixel: FloatArray) -> str:
+    """Where a pixel (2,) is in the picture."""
+    x, y = pixel / [camera.width_px, camera.height_px]
     row = "upper" if y < 0.38 else "lower" if y > 0.62 else ""
     column = "left" if x < 0.38 else "right" if x > 0.62 else ""
     return f"{row} {column}".strip() or "middle"

@@ -12,12 +12,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from pydantic import ValidationError
 
+from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
+from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
@@ -32,6 +35,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_boards import INVERTED, boards_in, confirmed, negative, start_of
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
 from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
@@ -54,6 +58,7 @@ def calibrate_with_direct_view(
     level: str | None = None,
     beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
     progress: Progress = no_progress,
+    on_hint: Callable[[str, NextPose], None] | None = None,
 ) -> Calibration:
     """Calibrate a camera and mirrors from pictures that show a board directly and in the mirrors, without a layout.
 
@@ -78,6 +83,9 @@ def calibrate_with_direct_view(
         shutter is searched for.
     progress
         Called with the number of pictures searched and of all.
+    on_hint
+        Called, as soon as the mirrors are about known, with the name of the last picture and the pose that the next one
+        should show.
 
     Returns
     -------
@@ -119,11 +127,19 @@ def calibrate_with_direct_view(
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
         observations = confirmed(shown, start, target)
+        alone = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
+        alone = [rows for rows in alone if len(rows)]
+        if on_hint is not None:
+            shown_names = [names[number] for number in start.pictures]
+            hint = next_direct_pose(
+                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=shown_names, base=alone
+            )
+            if hint is not None:
+                on_hint(names[-1], hint)
         plain = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", plain, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
-        alone = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
-        flat, observations = _with_base(flat, observations, [rows for rows in alone if len(rows)])
+        flat, observations = _with_base(flat, observations, alone)
         selection, drawn = select_direct_model(flat, observations, level=level)
         shutter = None
         if beside is not None:
@@ -134,11 +150,15 @@ def calibrate_with_direct_view(
                 observations = at_middle_row(observations, velocity, shutter.readout, height)
                 flat = fit_as("joint", flat.solution.estimate, observations, rigid)
                 selection, drawn = select_direct_model(flat, observations, level=level)
+        found = direct_result(
+            selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
+        )
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
-    found = direct_result(
-        selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
-    )
+    except ValidationError as error:
+        # What parts of another board are taken for leads to no possible mirrors.
+        other = other_board(pictures, target, mirrored=None, found=False)
+        raise InputError(other or f"the pictures lead to mirrors that cannot be: {one_line(error)}") from None
     return replace(found, notes=(*notes, *found.notes))
 
 

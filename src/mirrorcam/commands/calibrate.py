@@ -65,8 +65,8 @@ class CalibrateOptions(Value):
     live_hint: bool = Field(
         default=False,
         description=(
-            "say after each picture at which mirror, distance and tilt the board should be in the next one; pictures "
-            "are not taken: run the command again with more"
+            "say after each picture (with --direct-view after all of them) at which mirror, distance and tilt the "
+            "board should be in the next one; pictures are not taken: run the command again with more"
         ),
     )
     out: Path = Field(
@@ -86,8 +86,8 @@ class CalibrateOptions(Value):
             raise ValueError("--corners goes without --base, --live-hint and --direct-view")
         if self.direct_view and (self.mirrors is None or self.layout is not None):
             raise ValueError("--direct-view goes with --mirrors N, without --layout")
-        if self.direct_view and (self.lens is not None or self.surface is not None or self.live_hint):
-            raise ValueError("--lens, --surface and --live-hint go with --layout")
+        if self.direct_view and (self.lens is not None or self.surface is not None):
+            raise ValueError("--lens and --surface go with --layout")
         if not self.direct_view and (self.layout is None or self.mirrors is not None):
             raise ValueError("expected --layout LAYOUT, or --direct-view with --mirrors N")
         return self

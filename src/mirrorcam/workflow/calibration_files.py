@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
 from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
-from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner
+from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner, pose_by_layout
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
@@ -89,12 +89,13 @@ def calibrate_files(
     """Calibrate from files; every picture is read when its turn comes, and of every video some frames are used.
 
     `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
-    through the mirrors with its name and the pose that the next one should show; `on_video` with a sentence on the
-    choice of each video's frames. Raises InputError where a file cannot be read or the pictures do not suffice.
+    through the mirrors (without a layout, after all of them) with its name and the pose that the next one should show;
+    `on_video` with a sentence on the choice of each video's frames. Raises InputError where a file cannot be read or
+    the pictures do not suffice.
     """
     target = load_board(request.board)
     if request.layout is None:
-        return _calibrate_directly(request, target, progress, on_video)
+        return _calibrate_directly(request, target, progress, on_hint, on_video)
     layout = Layout.load(request.layout)
     if request.corners:
         given = _from_corners(request, layout, target)
@@ -103,11 +104,14 @@ def calibrate_files(
         calibration_pictures(paths, most, camera=layout.camera, on_video=on_video)
         for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
     )
-    planner = None if on_hint is None else NextPosePlanner(layout, target)
+    planner = None if on_hint is None else NextPosePlanner.designed(layout, target)
 
     def hint(found: Sequence[Observations]) -> None:
         if planner is not None and on_hint is not None:
-            on_hint(seen.names[len(found) - 1], planner.after(found[-1]))
+            pose = pose_by_layout(layout, target, found[-1])
+            if pose is not None:
+                planner.add(pose, found[-1])
+            on_hint(seen.names[len(found) - 1], planner.next())
 
     calibrated = partial(
         calibrate,
@@ -171,7 +175,11 @@ def _from_corners(request: CalibrationRequest, layout: Layout, target: Target) -
 
 
 def _calibrate_directly(
-    request: CalibrationRequest, target: Target, progress: Progress, on_video: Callable[[str], None]
+    request: CalibrationRequest,
+    target: Target,
+    progress: Progress,
+    on_hint: Callable[[str, NextPose], None] | None,
+    on_video: Callable[[str], None],
 ) -> Calibration:
     if request.mirrors is None:
         raise InputError("expected the number of mirrors")
@@ -187,6 +195,7 @@ def _calibrate_directly(
         level=request.level,
         beside=taken.beside if any(taken.sources) else None,
         progress=progress,
+        on_hint=on_hint,
     )
 
 

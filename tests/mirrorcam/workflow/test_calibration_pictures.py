@@ -78,3 +78,12 @@ def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_pa
     assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.5)
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.1
     assert found.notes[0].startswith("30 of 60 pictures used: first_200_frames.mp4 frame ")
+
+
+@pytest.mark.slow
+def test_a_smaller_board_than_stated_is_refused_by_its_size(two_mirror_video: Path, tmp_path: Path) -> None:
+    """Parts of what is seen are taken for the stated board, which leads to mirrors that overlap."""
+    (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 25.0\n')
+    request = CalibrationRequest(pictures=(two_mirror_video,), board=tmp_path / "board.toml", mirrors=2)
+    with pytest.raises(InputError, match=r"show a checkerboard of 8 x 6 squares, board\.toml says 8 x 7"):
+        calibrate_files(request)

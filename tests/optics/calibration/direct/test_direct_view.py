@@ -12,6 +12,7 @@ from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, tw
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
+from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     mirror_sigmas,
@@ -38,13 +39,19 @@ from tests.optics.synthetic import render
 PHOTOGRAPHED = Checkerboard(cols=8, rows=7, square_mm=1.0)
 
 
+HINTS: list[tuple[str, NextPose]] = []
+
+
 @pytest.fixture(scope="module")
 def calibrated() -> tuple[Layout, Calibration]:
     truth = corner_of_two_mirrors(90.0)
     pictures = [picture_of(truth, lying(*pose), seed) for seed, pose in enumerate(POSES)]
     pictures[0][375:600, 780:] = 60  # something stands before the right mirror
     names = [f"{number}.png" for number in range(len(pictures))]
-    return truth, calibrate_with_direct_view(pictures, BOARD, mirrors=2, names=names)
+    found = calibrate_with_direct_view(
+        pictures, BOARD, mirrors=2, names=names, on_hint=lambda name, hint: HINTS.append((name, hint))
+    )
+    return truth, found
 
 
 def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, Calibration]) -> None:
@@ -61,6 +68,16 @@ def test_camera_and_planes_are_found_without_a_layout(calibrated: tuple[Layout, 
     sigma = found.metrics["mirrors_0_1_angle_sigma_deg"].value
     assert angle == pytest.approx(90.0, abs=max(0.05, 4 * sigma))
     assert sigma < 0.1
+
+
+def test_a_hint_says_what_the_next_picture_should_show(calibrated: tuple[Layout, Calibration]) -> None:
+    [(name, hint)] = HINTS
+    assert name == "4.png"
+    assert hint.sentence.startswith("next: the board as in ")
+    predicted = [np.degrees(tilt) for tilt, _ in mirror_sigmas(calibrated[1].layout)]
+    # The hint counts on noise of a webcam; these pictures are sharper.
+    assert (hint.sigma_deg > predicted).all()
+    assert (hint.predicted_deg < hint.sigma_deg).all()
 
 
 def test_a_view_that_is_not_found_is_named_and_the_rest_of_its_picture_used(

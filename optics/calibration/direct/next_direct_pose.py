@@ -1,0 +1,169 @@
+"""Next best view where the board is also seen directly: with no layout, pictures so far tell what can be seen.
+
+The poses to choose from are those of pictures so far, tilted, moved, nearer and farther. A mirror is taken to show
+somewhat more than the corners that were seen in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import numpy as np
+import shapely
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.detection.checkerboard import spread_out
+from mirrorcam.optics.calibration.detection.next_pose import (
+    PRIOR,
+    SHIFTS,
+    TILTS,
+    NextPose,
+    NextPosePlanner,
+    Placement,
+    joint_model,
+    moved_in_words,
+    place_in_words,
+    shown_in,
+    tilt_in_words,
+)
+from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
+
+DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
+MOST_EXAMPLES = 3
+"""Pictures whose poses are varied: those that show the most corners."""
+GROWN = 0.25
+"""How much further a mirror reaches than the corners seen in it, relative to the square root of their area."""
+LEAST_FACING = 0.25
+"""Cosine between a board's normal and the line of sight, so that the print can be read."""
+CENTRE = 0.3
+"""Standard deviation of a virtual centre before the first picture, relative to its distance."""
+
+
+def next_direct_pose(
+    start: Estimate,
+    observations: Observations,
+    target: Target,
+    *,
+    intrinsics: Sequence[str],
+    pictures: Sequence[str],
+    base: Sequence[Observations] = (),
+) -> NextPose | None:
+    """The recommendation after some pictures that show a board directly and in mirrors.
+
+    Parameters
+    ----------
+    start
+        A first estimate of camera, mirrors and poses.
+    observations
+        The corners of all frames.
+    target
+        The board.
+    intrinsics
+        Names of the camera's parameters that are estimated.
+    pictures
+        Names of the frames.
+    base
+        Corners of pictures without mirrors, each as frame 0.
+
+    Returns
+    -------
+    NextPose or None
+        None where no such pose shows the board, as where the estimate explains none of its pictures.
+    """
+    camera, centres = start.camera, start.virtual_centres_in_rig_mm
+    focal, centre, distortion = PRIOR
+    before = {"f": focal * camera.fx_px, "c": centre * camera.width_px}
+    lens = [before.get(name[0], distortion) if name.endswith("_px") else distortion for name in intrinsics]
+    plain = start.with_poses(start.rig_from_board)
+    placements = list(_placements(plain, observations, target, pictures))
+    if not placements:
+        return None
+    planner = NextPosePlanner(
+        plain,
+        joint_model(intrinsics, target),
+        [*lens, *np.repeat(CENTRE * np.linalg.norm(centres, axis=1), 3)],
+        [_name(camera, observations, mirror) for mirror in range(len(centres))],
+        placements,
+    )
+    for frame, pose in enumerate(plain.rig_from_board):
+        seen = _of_frame(observations, frame)
+        if len(seen):
+            planner.add(pose, seen)
+    for seen in base:
+        corners = Corners(seen.corner, seen.pixels)
+        found = camera_from_flat_board(camera, corners, target.corners_in_board_mm)
+        if found is not None:
+            planner.add(found, seen)
+    return planner.next()
+
+
+def _of_frame(observations: Observations, frame: int) -> Observations:
+    rows = observations.where(observations.frame == frame)
+    return rows.shifted(-frame)
+
+
+def _name(camera: Camera, observations: Observations, mirror: int) -> str:
+    middle = observations.pixels[observations.view == mirror].mean(axis=0)
+    return f"mirror 0-{mirror} ({place_in_words(camera, middle)} of the picture)"
+
+
+def _placements(
+    start: Estimate, observations: Observations, target: Target, pictures: Sequence[str]
+) -> Iterator[Placement]:
+    """The poses of the pictures with the most corners, and how each of them could be changed."""
+    counts = np.bincount(observations.frame, minlength=len(pictures))
+    regions = _regions(start, observations)
+    for frame in np.argsort(-counts, kind="stable")[:MOST_EXAMPLES].tolist():
+        for factor, tilt, x, y in product(DEPTHS, TILTS, SHIFTS, SHIFTS):
+            pose, depth_mm = _changed(start.rig_from_board[frame], target, factor, tilt, (x, y))
+            seen = _seen(start, pose, regions, target)
+            if len(seen):
+                changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), moved_in_words(x, y)]
+                said = ", ".join(change for change in changes if change)
+                words = f"the board as in {pictures[frame]}, {'but ' + said if said else 'once more'}"
+                yield Placement(pose, depth_mm, tilt, words, seen)
+
+
+def _changed(
+    pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
+) -> tuple[FloatArray, float]:
+    """A pose (4, 4) at `factor` times its distance, tilted, moved by halves of the board's size; and its depth."""
+    half = np.array([*target.size_mm, 0.0]) / 2.0
+    turn = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
+    middle = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
+    return rigid(turn, middle - turn @ half), float(middle[2])
+
+
+def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.Geometry]:
+    """Where views can show corners: the whole sensor directly, and a little more than was seen in mirrors."""
+    camera = start.camera
+    sensor = shapely.box(0.0, 0.0, camera.width_px - 1.0, camera.height_px - 1.0)
+    regions = {DIRECT: sensor}
+    for mirror in range(len(start.virtual_centres_in_rig_mm)):
+        hull = shapely.MultiPoint(observations.pixels[observations.view == mirror]).convex_hull
+        regions[mirror] = hull.buffer(GROWN * np.sqrt(hull.area)).intersection(sensor)
+    return regions
+
+
+def _seen(start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target) -> Observations:
+    """The corners of a pose, as frame 0, in all views that see its print and enough of it, if the direct one does."""
+    board = Board.rigid(target.corners_in_board_mm)
+    at, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
+    parts = []
+    for view, region in regions.items():
+        pupil = np.zeros(3) if view == DIRECT else start.virtual_centres_in_rig_mm[view]
+        towards = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
+        pixels = residuals(at, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+        shown = shown_in(region, pixels)
+        if -towards[2] > LEAST_FACING * np.linalg.norm(towards) and len(spread_out(Corners(shown, pixels[shown]))):
+            parts.append(Observations.of_view(0, view, shown, pixels[shown]))
+        elif view == DIRECT:
+            break
+    return Observations.join(parts)
