@@ -34,6 +34,7 @@ from mirrorcam.commands import (
     decode,
     depth,
     design,
+    drift,
     epi,
     export,
     features,
@@ -68,6 +69,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     calibrate.CalibrateOptions: calibrate.run,
     compare.CompareOptions: compare.run,
     decode.DecodeOptions: decode.run,
+    drift.DriftOptions: drift.run,
     cameras.CamerasOptions: cameras.run,
     refocus.RefocusOptions: refocus.run,
     epi.EpiOptions: epi.run,
@@ -96,6 +98,7 @@ class Command:
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[compare.CompareOptions, subcommand("compare")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
+        | Annotated[drift.DriftOptions, subcommand("drift")]
         | Annotated[cameras.CamerasOptions, subcommand("cameras")]
         | Annotated[refocus.RefocusOptions, subcommand("refocus")]
         | Annotated[epi.EpiOptions, subcommand("epi")]

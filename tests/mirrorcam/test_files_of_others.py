@@ -69,6 +69,9 @@ CASES = {
     "compare": Case(
         "compare layout.json layout.json --distance-mm 400 --out out", "mirrorcam.workflow.comparison:compare_files"
     ),
+    "drift": Case(
+        "drift frame.png --layout calibrated.json --out out", "mirrorcam.workflow.drift_files:find_drift_files"
+    ),
     "render": Case(
         "render layout.json --board board.toml --frames 2 --base-frames 1 --renderer fast --workers 1 --rate-hz 10 "
         "--video avi --out out",
@@ -126,6 +129,7 @@ def inputs(set_request: SetRequest, tmp_path_factory: pytest.TempPathFactory) ->
 def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     layout.save(folder / "layout.json")
+    layout.replaced(kind="calibrated").save(folder / "calibrated.json")
     save_board(folder / "board.toml", request.target)
     random = np.random.default_rng(0)
     coarse = random.integers(60, 200, (5, 8, 3), dtype=np.uint8)

@@ -26,6 +26,7 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.response import LINEAR
+from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, readable, spread, tells_drift
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams
@@ -91,6 +92,8 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
     check_frames(request.frames, layout, request.layout)
     images = [path for path in request.frames if is_picture(path)]
     output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path)))
+    if images and tells_drift(layout):
+        output.refuse_others(DRIFT)
     if request.equalise and _equalisation_file(request) is None:
         output.refuse_others(EQUALISATION)
     refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
@@ -100,7 +103,12 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
             "decode",
             f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
         )
+    teller = None
+    if tells_drift(layout):
+        teller = DriftReporter(layout, request.layout, request.reference_depth_mm, output, reporter)
     damaged = _decode_pictures(images, decoder, output, reporter) if images else 0
+    if teller is not None and images:
+        teller.tell(readable(spread(images)), DRIFT, "FRAMES")
     if decoder.equalisation is not None and _equalisation_file(request) is None:
         with output.staged(complete=False) as folder:
             decoder.equalisation.save(folder / EQUALISATION)
@@ -108,7 +116,7 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         if decoder.equalisation.exponent != LINEAR:
             curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
             reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
-    recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter)
+    recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter, teller)
     return damaged + _record(request, layout, recorder, bool(images))
 
 

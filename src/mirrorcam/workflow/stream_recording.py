@@ -22,6 +22,7 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, WatchedSource
 from mirrorcam.workflow.output_folder import OutputFolder
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
@@ -29,7 +30,7 @@ StreamFormat = Literal["zarr", "hci", "stanford"]
 
 @dataclass(frozen=True)
 class StreamRecorder:
-    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each."""
+    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and tells of drift."""
 
     decoder: Decoder
     output: OutputFolder
@@ -37,6 +38,7 @@ class StreamRecorder:
     limit: int | None
     regular_grid_at_mm: float | None
     reporter: Reporter
+    teller: DriftReporter | None = None
 
     def record(self, source: Video | CaptureDevice, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
@@ -65,8 +67,9 @@ class StreamRecorder:
         if recording.entries.last >= 0:
             self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
         expected = self._expected(source)
+        watched = WatchedSource(source)
         try:
-            self._decode(source, name, recording, picture, expected)
+            self._decode(watched, name, recording, picture, expected)
         except KeyboardInterrupt:
             kept = count_text(len(recording.entries.numbers), "frame")
             if isinstance(source, Video):
@@ -75,14 +78,21 @@ class StreamRecorder:
             else:
                 recording.finish()
                 self.reporter.note("decode", f"{path} written: {kept}")
+                self._tell(watched, name, "FRAMES")
             raise
         for line in losses(recording, expected):
             self.reporter.note("decode", f"{name}: {line}")
         recording.finish()
         kept = count_text(len(recording.entries.numbers), "frame")
         self.reporter.note("decode", f"{path} written: {kept}; the first in {self.output.path / picture}")
+        self._tell(watched, name, str(source.path) if isinstance(source, Video) else "FRAMES")
         entries = recording.entries
         return len(entries.lost) + max((expected or 0) - len(entries.numbers) - len(entries.lost), 0)
+
+    def _tell(self, watched: WatchedSource, name: str, sources: str) -> None:
+        """Tell whether mirrors moved, from the frames that passed."""
+        if self.teller is not None:
+            self.teller.tell(watched.seen.kept, f"{name}_{DRIFT}", sources)
 
     def _expected(self, source: Video | CaptureDevice) -> int | None:
         """Number of frames that a stream should give; None where it is not known."""
@@ -90,7 +100,7 @@ class StreamRecorder:
         return self.limit if count is None or (self.limit or count) < count else count
 
     def _decode(
-        self, source: Video | CaptureDevice, name: str, recording: Recording, picture: str, expected: int | None
+        self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
         shown = bool(recording.entries.numbers)
         with self.reporter.work("decode", name, "frames") as advance:
@@ -114,7 +124,7 @@ def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder)
             if place.is_file():
                 raise InputError(f"{place}: is a file, expected a recording of this video, or nothing")
         if not path.exists():
-            output.refuse_others(glob.escape(f"{name}_views.png"))
+            output.refuse_others(glob.escape(f"{name}_views.png"), glob.escape(f"{name}_{DRIFT}"))
 
 
 def _sink(to: StreamFormat) -> tuple[Sink, str]:

@@ -17,6 +17,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
+from mirrorcam.workflow.drift_check import DRIFT
 from tests.mirrorcam.command_line import results
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import pictures
@@ -41,7 +42,7 @@ def test_light_fields_are_those_of_the_decoder(folder: Path) -> None:
     request = DecodeRequest(folder / "layout.json", frames=(folder / "a.png", folder / "b.png"), width_px=60)
     assert decoded(request, folder / "out") == 0
     names = results(folder / "out")
-    assert names == ["a.npz", "a_views.png", "b.npz", "b_views.png"]
+    assert names == ["a.npz", "a_views.png", "b.npz", "b_views.png", DRIFT]
     decoder = Decoder(Layout.load(folder / "layout.json"), width_px=60)
     expected = decoder.decode(pictures(2, 320, 192)[1])
     assert np.array_equal(load_npz(folder / "out" / "b.npz").samples, expected.samples)
@@ -74,7 +75,7 @@ def test_a_damaged_picture_is_skipped_named_and_counted(folder: Path, capsys: py
     printed = capsys.readouterr().out
     assert f"{folder / 'a.png'}: image is truncated; skipped" in printed
     assert "1 of 2 pictures skipped as damaged" in printed
-    assert results(folder / "out") == ["b.npz", "b_views.png"]
+    assert results(folder / "out") == ["b.npz", "b_views.png", DRIFT]
 
 
 def test_nothing_but_damaged_pictures_is_refused(folder: Path) -> None:

@@ -1,0 +1,1 @@
+"""Whether mirrors moved since the calibration, told from pictures of any scene."""

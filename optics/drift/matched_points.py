@@ -1,0 +1,210 @@
+"""Points of a scene as the views of one frame see them: corners of the reference view, followed into all others.
+
+Views are decoded with the calibrated layout, made alike in brightness and contrast, and compared by the optical flow of
+Lucas and Kanade, there and back. Nothing assumes that a point lies where the layout expects it: a mirror that moved by
+several pixels is followed all the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.features.align import align, templates
+from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
+from mirrorcam.optics.light_field.features.keypoints import grey_views
+from mirrorcam.optics.light_field.features.slope import Geometry
+
+IntArray = NDArray[np.int64]
+
+CORNERS = 500
+"""Corners of a frame at most; they are spread over the view."""
+LEAST_QUALITY = 0.005
+WINDOW_PX = 15
+LEVELS = 4
+PATCH_SCALE = 2.0
+LEAST_ALIKE = 0.9
+RETURNS_PX = 0.5
+"""A corner that is followed there and back and ends farther from where it began was not followed."""
+ALIKE_PX, FLAT_GREY = 15.0, 4.0
+"""Brightness and contrast are equalised over this scale; less contrast than this is noise, and stays low."""
+CELLS = 5
+"""Cells along either side of the reference view; errors of points in one cell may be alike, in all frames."""
+
+
+@dataclass(frozen=True)
+class MatchedPoints:
+    """Points of scenes as views see them, a row for each sight.
+
+    Attributes
+    ----------
+    point
+        Numbers (n,) of the points, ascending from 0.
+    view
+        Mirrors (n,) that show them.
+    pixels
+        Where, on the sensor (n, 2).
+    frame
+        Frames (p,) of the points, from 0.
+    cell
+        Cells (p,) of the reference view that they are in.
+    """
+
+    point: IntArray
+    view: IntArray
+    pixels: FloatArray
+    frame: IntArray
+    cell: IntArray
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """The points of several frames, each a frame of its own."""
+        starts = np.cumsum([0, *(len(part.frame) for part in parts)])
+        return cls(
+            point=np.concatenate([part.point + start for part, start in zip(parts, starts[:-1], strict=True)]),
+            view=np.concatenate([part.view for part in parts]),
+            pixels=np.concatenate([part.pixels for part in parts]),
+            frame=np.concatenate([np.full(len(part.frame), k) for k, part in enumerate(parts)]),
+            cell=np.concatenate([part.cell for part in parts]),
+        )
+
+    def where(self, kept: NDArray[np.bool_]) -> Self:
+        """The sights of a mask (n,), of points that at least two views still see."""
+        seen = np.bincount(self.point[kept], minlength=len(self.frame)) >= 2
+        rows = kept & seen[self.point]
+        numbers = np.cumsum(seen) - 1
+        return type(self)(
+            numbers[self.point[rows]], self.view[rows], self.pixels[rows], self.frame[seen], self.cell[seen]
+        )
+
+
+class PointMatcher:
+    """Matches points between the views of a layout's frames; keep one for all frames.
+
+    Raises InputError where the views have no common field at the reference depth, as `Decoder` does.
+    """
+
+    def __init__(self, layout: Layout, reference_depth_mm: float | None = None) -> None:
+        self.layout, self.decoder = layout, Decoder(layout, reference_depth_mm=reference_depth_mm, field="union")
+        views = self.decoder.views
+        self.reference = int(np.flatnonzero((views.positions_mm.reshape(-1, 3) == 0).all(axis=1))[0])
+        whole = (self.decoder.weights >= 1.0).astype(np.uint8).reshape(-1, views.height_px, views.width_px)
+        framed = [cv2.copyMakeBorder(each, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=[0]) for each in whole]
+        kernel = np.ones((WINDOW_PX + 2,) * 2, np.uint8)
+        self.inner = np.stack([cv2.erode(each, kernel)[1:-1, 1:-1] for each in framed]) > 0
+        self.geometry = Geometry.of(views)
+        shown = np.argwhere(self.inner[self.reference])[:, ::-1]
+        self.extent = (shown.min(axis=0), shown.max(axis=0) + 1) if len(shown) else (np.zeros(2), np.ones(2))
+
+    def match(self, frame: NDArray[np.uint8]) -> MatchedPoints:
+        """The points of one frame of the layout's camera that at least two views see."""
+        grey = grey_views(self.decoder.decode(frame))
+        images = [_even(image) for image in grey]
+        start = self._corners(images[self.reference])
+        seen = np.full((len(images), len(start), 2), np.nan)
+        if len(start):
+            for view, image in enumerate(images):
+                if view != self.reference:
+                    seen[view] = _followed(images[self.reference], image, start)
+            seen = self._aligned(grey, start, seen)
+        return self._on_sensor(seen, start)
+
+    def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, followed: FloatArray) -> FloatArray:
+        """Where views (views, n, 2) see the patches around corners (n, 2), allowing for slanted surfaces.
+
+        It begins where corners were followed to; where they were not, at the place that the other views tell.
+        """
+        geometry, views = self.geometry, self.decoder.views
+        directions, others = geometry.directions(start), np.delete(np.arange(len(grey)), self.reference)
+        inverse = _inverse_mm(geometry, directions, followed)
+        known = np.isfinite(inverse)
+        where = np.stack([geometry.predict(int(view), directions, inverse) for view in others])
+        where = np.where(np.isfinite(followed[others]), followed[others], where)
+        where[:, ~known] = np.nan
+        where[~_within(where, self.inner[others])] = np.nan
+        pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
+        given = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
+        distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
+        found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
+        seen = np.full(followed.shape, np.nan)
+        seen[others] = np.where((found.alike >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
+        seen[self.reference] = start
+        return seen
+
+    def _corners(self, image: NDArray[np.uint8]) -> FloatArray:
+        """Corners (n, 2) of the reference view, away from what it does not show."""
+        height, width = image.shape
+        apart = max(np.sqrt(height * width / (4.0 * CORNERS)), 4.0)
+        mask = self.inner[self.reference].astype(np.uint8)
+        found: Any = cv2.goodFeaturesToTrack(image, CORNERS, LEAST_QUALITY, apart, mask=mask, blockSize=7)
+        return np.zeros((0, 2)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 2)
+
+    def _on_sensor(self, seen: FloatArray, start: FloatArray) -> MatchedPoints:
+        """The sights that are well inside their views, as pixels of the sensor."""
+        views = self.decoder.views
+        inside = _within(seen, self.inner)
+        point, view = np.nonzero(inside.T)
+        pixels = np.empty((len(point), 2))
+        for each in range(len(seen)):
+            rows = view == each
+            at = divmod(each, views.cols)
+            plane = views.plane_points_in_rig(views.reference_depth_mm, seen[each, point[rows]], at)
+            pixels[rows] = self.layout.project(plane, each)
+        low, high = self.extent
+        column, row = np.clip(np.floor((start - low) * CELLS / (high - low)).astype(np.int64), 0, CELLS - 1).T
+        everything = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
+        return everything.where(np.array(np.isfinite(pixels).all(axis=1)))
+
+
+def _within(pixels: FloatArray, inner: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of pixels (views, n, 2) are in the inner parts (views, v, u); False at NaN."""
+    height, width = inner.shape[1:]
+    near = np.rint(np.where(np.isfinite(pixels), np.clip(pixels, -1.0, 1e6), -1.0)).astype(np.int64)
+    inside = ((near >= 0) & (near < [width, height])).all(axis=2)
+    u, v = np.clip(near[..., 0], 0, width - 1), np.clip(near[..., 1], 0, height - 1)
+    return np.asarray(inside & inner[np.arange(len(inner))[:, None], v, u])
+
+
+def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) -> FloatArray:
+    """Inverse distances (n,) by the median over the views that corners were followed to (views, n, 2); NaN without."""
+    each = np.full(seen.shape[:2], np.nan)
+    for view in range(len(seen)):
+        if view != geometry.reference:
+            along, off = geometry.terms(view, seen[view])
+            rest = off - geometry.focal_px[view] * directions
+            each[view] = (along * rest).sum(axis=1) / (along**2).sum(axis=1)
+    known = np.isfinite(each).any(axis=0)
+    inverse = np.full(len(directions), np.nan)
+    inverse[known] = np.nanmedian(each[:, known], axis=0)
+    return inverse
+
+
+def _even(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A grey picture with the same brightness and contrast everywhere."""
+    values: Any = np.float32(image)
+    rest = values - cv2.GaussianBlur(values, (0, 0), ALIKE_PX)
+    contrast = np.sqrt(cv2.GaussianBlur(rest**2, (0, 0), ALIKE_PX)) + np.float32(FLAT_GREY)
+    return np.clip(128.0 + 45.0 * rest / contrast, 0.0, 255.0).round().astype(np.uint8)
+
+
+def _followed(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:
+    """Where another view shows the corners (n, 2); NaN where they were not followed there and back."""
+    how: dict[str, Any] = {
+        "winSize": (WINDOW_PX, WINDOW_PX),
+        "maxLevel": LEVELS,
+        "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.003),
+    }
+    points: Any = start.astype(np.float32)[:, None]
+    nowhere: Any = None
+    there, found, _ = cv2.calcOpticalFlowPyrLK(image, other, points, nowhere, **how)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(other, image, there, nowhere, **how)
+    off = np.linalg.norm(back[:, 0] - points[:, 0], axis=1)
+    ok = (found[:, 0] > 0) & (returned[:, 0] > 0) & (off < RETURNS_PX)
+    return np.where(ok[:, None], there[:, 0].astype(np.float64), np.nan)

@@ -1,0 +1,277 @@
+"""What matched points tell of the mirrors: a robust bundle adjustment with the calibration as its prior.
+
+Unknown are the changes of the calibrated parameters, a direction and an inverse distance of every point, and how the
+scene moved across the camera while each frame was read row by row, a twist. The points are eliminated by the Schur
+complement; what is left is a quadratic form in the changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals_with_jacobians
+from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
+from mirrorcam.optics.geometry.layout import Layout
+
+STEPS = 8
+STEADY_PX = 1e-3
+FARTHEST_MM = 1e6
+HEAVY = 4.0
+"""Residuals beyond this many standard deviations hardly count (Geman and McClure's loss)."""
+LEAST_SIGMA_PX = 0.02
+"""Matching is never better: pictures are interpolated, and surfaces slanted."""
+SPEED = 0.05
+"""Standard deviation of the rotation, rad, and of the shift over the distance, of a scene while a frame is read."""
+TWIST = 6
+
+
+@dataclass(frozen=True)
+class SceneTells:
+    """The quadratic form d'Hd - 2h'd of changes d of the parameters (g,), near the best fit.
+
+    Attributes
+    ----------
+    names
+        Of the parameters: those of the camera, then x, y and z of each mirror's virtual centre, then others.
+    information
+        H (g, g), as if all errors were independent.
+    gradient
+        h (g,).
+    scatter
+        Sum over cells (g, g) of the outer products of what each cell's errors contribute to h.
+    sigma_px
+        Standard deviation of a match, per axis.
+    seen
+        Number of points (m,) that each mirror shows.
+    points, cells
+        Number of points, and of the cells that hold them.
+    """
+
+    names: tuple[str, ...]
+    information: FloatArray
+    gradient: FloatArray
+    scatter: FloatArray
+    sigma_px: float
+    seen: IntArray
+    points: int
+    cells: int
+
+
+@dataclass(frozen=True)
+class _State:
+    """An estimate of the changes (g,), twists (f, 6), and of the points: unit rays (p, 3), inverse distances (p,)."""
+
+    change: FloatArray
+    twist: FloatArray
+    ray: FloatArray
+    inverse_mm: FloatArray
+    origin: FloatArray
+
+    @property
+    def points(self) -> FloatArray:
+        return self.origin + self.ray / self.inverse_mm[:, None]
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Residuals (n, 2) and derivatives by the changes and twists (n, 2, g + 6 f) and by the own point (n, 2, 3).
+
+    Where a point is behind its mirror, the residual is NaN, and the derivatives are 0.
+    """
+
+    residual: FloatArray
+    by_shared: FloatArray
+    by_point: FloatArray
+
+
+class SceneFit:
+    """A fit of one layout to matched points, under a prior covariance (g, g) of the changes of `names`."""
+
+    def __init__(self, layout: Layout, matches: MatchedPoints, prior: FloatArray) -> None:
+        self.layout, self.matches, self.prior = layout, matches, prior
+        self.all_names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
+        self.names = parameter_names(layout)
+        self.columns = np.array([self.all_names.index(name) for name in self.names])
+        self.frames = int(matches.frame.max()) + 1
+        self.height_px = layout.camera.height_px
+
+    def solve(self) -> SceneTells:
+        """Fit by Gauss and Newton, with weights that follow the residuals."""
+        state = self._start()
+        for _ in range(STEPS):
+            linear = self._linear(state)
+            _, weight = self._weights(linear.residual)
+            state, moved = self._step(state, linear, weight)
+            if moved < STEADY_PX:
+                break
+        return self._told(state)
+
+    def _start(self) -> _State:
+        """Points where the rays of all views pass nearest to each other."""
+        m, layout = self.matches, self.layout
+        rays = layout.camera.unproject(m.pixels)
+        start, turn = np.empty_like(rays), np.empty_like(rays)
+        for view, mirror in enumerate(layout.mirrors):
+            rows = m.view == view
+            start[rows] = mirror.apparent.virtual_centre_in_rig_mm
+            turn[rows] = rays[rows] @ mirror.reflection
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        across = np.eye(3) - turn[:, :, None] * turn[:, None, :]
+        count = len(m.frame)
+        left, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(left, m.point, across)
+        np.add.at(right, m.point, np.einsum("nij,nj->ni", across, start))
+        points = np.linalg.solve(left + 1e-12 * np.eye(3), right[..., None])[..., 0]
+        first = np.unique(m.point, return_index=True)[1]
+        origin = start.mean(axis=0)
+        off = points - origin
+        distance = np.einsum("ni,ni->n", off, turn[first])
+        distance = np.where(distance > 1.0, np.minimum(distance, FARTHEST_MM), FARTHEST_MM)
+        ray = np.where((distance < FARTHEST_MM)[:, None], off, turn[first])
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        return _State(np.zeros(len(self.names)), np.zeros((self.frames, TWIST)), ray, 1.0 / distance, origin)
+
+    def _linear(self, state: _State) -> _Linear:
+        m, points = self.matches, state.points
+        moved = _changed(self.layout, self.all_names, self.columns, state.change)
+        when = (m.pixels[:, 1] / self.height_px - 0.5)[:, None]
+        at, twist = points[m.point], state.twist[m.frame[m.point]]
+        scale = 1.0 / state.inverse_mm[m.point, None]
+        seen = at + when * (np.cross(twist[:, :3], at) + twist[:, 3:] * MEAN_MM)
+        count = len(seen)
+        rows = Observations(np.zeros(count, np.int64), m.view, np.arange(count), m.pixels)
+        residual, by_global, by_frame = residuals_with_jacobians(moved, rows, Board.rigid(seen))
+        by_seen = by_frame[:, :, 3:6]
+        by_shared = np.zeros((count, 2, len(self.columns) + TWIST * self.frames))
+        by_shared[:, :, : len(self.columns)] = by_global[:, :, self.columns]
+        turned = np.cross(at[:, None, :], by_seen)
+        by_twist = when[:, :, None] * np.concatenate([turned, MEAN_MM * by_seen], axis=2)
+        place = len(self.columns) + TWIST * m.frame[m.point][:, None] + np.arange(TWIST)
+        np.put_along_axis(by_shared, np.broadcast_to(place[:, None, :], (count, 2, TWIST)), by_twist, axis=2)
+        basis = _basis(state.ray)[m.point] * np.stack([scale, scale, -scale], axis=1)
+        by_point = np.einsum("nij,nkj->nik", by_seen, basis)
+        lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(by_shared).all(axis=(1, 2)))
+        residual[lost], by_shared[lost], by_point[lost] = np.nan, 0.0, 0.0
+        return _Linear(residual, by_shared, by_point)
+
+    def _weights(self, residual: FloatArray) -> tuple[float, FloatArray]:
+        """Standard deviation of a match per axis, and the weights (n,) of sights, of each view by its own scatter."""
+        m = self.matches
+        lost = np.isnan(residual[:, 0])
+        squares = np.where(lost, 1e6, (residual**2).sum(axis=1))
+        seen = np.bincount(m.point, minlength=len(m.frame))[m.point]
+        spared = squares * 2.0 * seen / np.maximum(2.0 * seen - 3.0, 1.0)
+        overall = _sigma(spared)
+        sigma = np.full(len(residual), overall)
+        for view in np.unique(m.view):
+            rows = m.view == view
+            sigma[rows] = max(_sigma(spared[rows]), 0.7 * overall)
+        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (HEAVY * sigma) ** 2)) ** 2)
+
+    def _reduced(self, linear: _Linear, weight: FloatArray) -> tuple[FloatArray, ...]:
+        """The Schur complement: H, the gradient of each point, and what the points themselves follow from."""
+        m, count, residual = self.matches, len(self.matches.frame), np.nan_to_num(linear.residual)
+        weighted = linear.by_point * weight[:, None, None]
+        own, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.by_shared.shape[2]))
+        np.add.at(own, m.point, np.einsum("nki,nkj->nij", weighted, linear.by_point))
+        np.add.at(cross, m.point, np.einsum("nki,nkg->nig", weighted, linear.by_shared))
+        right = np.zeros((count, 3))
+        np.add.at(right, m.point, np.einsum("nki,nk->ni", weighted, residual))
+        own += 1e-9 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
+        follows = np.linalg.solve(own, np.concatenate([cross, right[..., None]], axis=2))
+        by = linear.by_shared.reshape(-1, linear.by_shared.shape[2])
+        rooted = by * np.repeat(np.sqrt(weight), 2)[:, None]
+        information = rooted.T @ rooted - np.einsum("pig,pih->gh", cross, follows[:, :, :-1], optimize=True)
+        gradients = np.zeros((count, by.shape[1]))
+        np.add.at(gradients, m.point, np.einsum("nkg,nk,n->ng", linear.by_shared, residual, weight))
+        gradients -= np.einsum("pig,pi->pg", follows[:, :, :-1], right)
+        return (information + information.T) / 2.0, gradients, follows
+
+    def _step(self, state: _State, linear: _Linear, weight: FloatArray) -> tuple[_State, float]:
+        """One step of Gauss and Newton, and how far it moves the pixels, at most of nine in ten."""
+        known = len(self.columns)
+        information, gradients, follows = self._reduced(linear, weight)
+        prior = np.zeros_like(information)
+        prior[:known, :known] = self.prior
+        prior[known:, known:] = SPEED**2 * np.eye(len(prior) - known)
+        at = np.concatenate([state.change, state.twist.ravel()])
+        wanted = information @ at - gradients.sum(axis=0)
+        new = prior @ np.linalg.solve(np.eye(len(prior)) + information @ prior, wanted)
+        step = new - at
+        own = -follows[:, :, -1] - follows[:, :, :-1] @ step
+        shift = linear.by_shared @ step + np.einsum("nij,nj->ni", linear.by_point, own[self.matches.point])
+        basis = _basis(state.ray)
+        ray = state.ray + np.einsum("pi,pij->pj", np.clip(own[:, :2], -0.1, 0.1), basis[:, :2])
+        inverse = state.inverse_mm * np.exp(np.clip(own[:, 2], -0.5, 0.5))
+        moved = replace(
+            state,
+            change=new[:known],
+            twist=new[known:].reshape(-1, TWIST),
+            ray=ray / np.linalg.norm(ray, axis=1, keepdims=True),
+            inverse_mm=np.clip(inverse, 1.0 / FARTHEST_MM, 1.0),
+        )
+        return moved, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
+
+    def _told(self, state: _State) -> SceneTells:
+        linear, known = self._linear(state), len(self.columns)
+        sigma, weight = self._weights(linear.residual)
+        information, gradients, _ = self._reduced(linear, weight)
+        twist = information[known:, known:] + np.eye(len(information) - known) / SPEED**2
+        follows = np.linalg.solve(twist, information[known:, :known])
+        rest = information[:known, :known] - information[:known, known:] @ follows
+        own = gradients[:, :known] - gradients[:, known:] @ follows
+        pull = own.sum(axis=0) - follows.T @ (state.twist.ravel() / SPEED**2)
+        cells = np.unique(self.matches.cell)
+        sums = np.stack([own[self.matches.cell == cell].sum(axis=0) for cell in cells])
+        sums -= sums.mean(axis=0)
+        return SceneTells(
+            names=self.names,
+            information=rest,
+            gradient=rest @ state.change - pull,
+            scatter=sums.T @ sums * (len(cells) / max(len(cells) - 1, 1)),
+            sigma_px=sigma,
+            seen=np.bincount(self.matches.view, minlength=len(self.layout.mirrors)),
+            points=len(self.matches.frame),
+            cells=len(cells),
+        )
+
+
+MEAN_MM = 400.0
+"""Shifts of the scene while a frame is read are counted in this length."""
+
+
+def parameter_names(layout: Layout) -> tuple[str, ...]:
+    """The parameters whose changes are told: those of the lens and of the mirrors, and what else was calibrated."""
+    every = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
+    known = () if layout.uncertainty is None else layout.uncertainty.parameters
+    return tuple(
+        name
+        for name in every
+        if name in layout.camera.intrinsic_names
+        or name in known
+        or (name.startswith("mirror ") and name.endswith("_mm"))
+    )
+
+
+def _changed(layout: Layout, names: tuple[str, ...], columns: IntArray, change: FloatArray) -> Estimate:
+    """The layout's camera and mirrors with changed parameters."""
+    step = np.zeros(len(names))
+    step[columns] = change
+    return Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None]).moved(step, np.zeros((1, 12)))
+
+
+def _basis(ray: FloatArray) -> FloatArray:
+    """Orthonormal vectors (p, 3, 3): two across each unit ray (p, 3), and the ray."""
+    help_ = np.where(np.abs(ray[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(ray, help_)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(ray, first), ray], axis=1)
+
+
+def _sigma(squares: FloatArray) -> float:
+    """Standard deviation per axis of normal errors of two axes with the median of these squared lengths."""
+    return max(float(np.sqrt(np.median(squares) / (2.0 * np.log(2.0)))), LEAST_SIGMA_PX)

@@ -1,0 +1,24 @@
+"""A few frames spread evenly over a stream whose length is not known beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST = 8
+
+
+class SpreadFrames:
+    """Keeps every first, second, fourth, ... frame of those that are added: at most 8, and 5 or more of 9 or more."""
+
+    def __init__(self) -> None:
+        self.kept: list[NDArray[np.uint8]] = []
+        self._added, self._stride = 0, 1
+
+    def add(self, frame: NDArray[np.uint8]) -> None:
+        """Take the next frame, which is not copied."""
+        if self._added % self._stride == 0:
+            self.kept.append(frame)
+            if len(self.kept) > MOST:
+                self.kept, self._stride = self.kept[::2], 2 * self._stride
+        self._added += 1

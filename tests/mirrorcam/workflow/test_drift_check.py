@@ -1,0 +1,95 @@
+"""What a recording tells, in words and figures, and which frames of it are used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.optics.drift.drift import UNTOLD_DEG, Drift, MirrorMove
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.workflow.drift_check import (
+    WatchedSource,
+    drift_line,
+    drift_of_files,
+    readable,
+    spread,
+    tells_drift,
+    write_drift,
+)
+
+
+def drift_of(layout: Layout, *, moved: tuple[int, ...] = (), tells_deg: float = 0.013) -> Drift:
+    mirrors = tuple(
+        MirrorMove(k, np.array([0.02, 0.0, 0.0]), 0.01, 0.003, 0.2, tells_deg, 400, k in moved)
+        for k in range(len(layout.mirrors))
+    )
+    return Drift(mirrors, (), np.zeros(0), np.zeros((0, 0)), np.zeros(3), np.full(3, 0.01), 5, 900, 0.04)
+
+
+def test_a_line_tells_what_moved(default_layout: Layout) -> None:
+    assert drift_line(default_layout, drift_of(default_layout)) == (
+        "no mirror has moved: turns from 0.013° on would show in 900 points of 5 frames"
+    )
+    one = drift_line(default_layout, drift_of(default_layout, moved=(1,)))
+    assert one == "a mirror has moved since the calibration: 0-1 by 0.020° ± 0.003°"
+    two = drift_line(default_layout, drift_of(default_layout, moved=(1, 2)))
+    assert two.startswith("2 mirrors have moved since the calibration: 0-1 by")
+
+
+def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) -> None:
+    line = drift_line(default_layout, drift_of(default_layout, tells_deg=0.3))
+    assert line.startswith("not enough texture to tell whether")
+    assert "400 points matched in mirror 0-0 tell turns from 0.3° on; expected a scene with detail" in line
+    assert "tell nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNTOLD_DEG))
+
+
+def test_of_two_mirrors_none_is_blamed(small_layout: Layout) -> None:
+    line = drift_line(small_layout, drift_of(small_layout, moved=(0,)))
+    assert line == "mirrors 0-0 and 0-1 have turned against each other, 0.020° ± 0.003°"
+
+
+def test_figures_are_written_with_their_limits(default_layout: Layout, tmp_path: Path) -> None:
+    write_drift(default_layout, drift_of(default_layout, moved=(1,)), tmp_path / "drift.json")
+    figures = json.loads((tmp_path / "drift.json").read_text())
+    assert figures["mirrors_moved"]["value"] == 1
+    assert figures["view_0_1_turn_deg"]["value"] == pytest.approx(0.02)
+    assert figures["view_0_1_statistic"]["limit"] == 1.0
+
+
+def test_layouts_that_state_no_measured_mirrors_tell_nothing(default_layout: Layout) -> None:
+    assert not tells_drift(default_layout.replaced(kind="nominal"))
+    assert tells_drift(default_layout.replaced(kind="calibrated"))
+
+
+def test_a_watched_source_gives_the_same_frames_and_keeps_a_few() -> None:
+    class Source:
+        def frames(self, after: int = -1) -> list[Frame | Lost]:
+            every = [Frame(k, k / 30.0, np.full((2, 2, 3), k, np.uint8)) for k in range(after + 1, 40)]
+            return [*every, Lost(40, "is damaged")]
+
+    watched = WatchedSource(Source())  # type: ignore[arg-type]
+    assert [item.number for item in watched.frames(9)] == list(range(10, 41))
+    assert [int(frame[0, 0, 0]) for frame in watched.seen.kept] == [10, 14, 18, 22, 26, 30, 34, 38]
+
+
+def test_pictures_are_spread_and_damaged_ones_left_out(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.png" for number in range(20)]
+    assert spread(paths)[0] == paths[0]
+    assert spread(paths)[-1] == paths[-1]
+    assert len(spread(paths)) == 8
+    write_image(paths[0], np.zeros((4, 4, 3), np.uint8))
+    paths[1].write_bytes(paths[0].read_bytes()[:-20])
+    assert len(readable(paths[:2])) == 1
+
+
+def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_path: Path) -> None:
+    camera = default_layout.camera
+    write_image(tmp_path / "0.png", np.full((camera.height_px, camera.width_px, 3), 80, np.uint8))
+    drift = drift_of_files(default_layout.replaced(kind="calibrated"), [tmp_path / "0.png"])
+    assert len(drift.untold) == len(default_layout.mirrors)
+    assert not drift.moved

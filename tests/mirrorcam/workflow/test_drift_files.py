@@ -1,0 +1,34 @@
+"""A drift test from files: figures, and the re-solved layout where a mirror moved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.drift_files import find_drift_files, write_drift_files
+from tests.mirrorcam.command_line import results
+from tests.optics.drift.calibrated_device import device, turn_error_deg, turned
+from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
+
+
+def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
+    random, truth = np.random.default_rng(1), device().truth
+    sheets = scene(random, (250.0, 600.0), [fractal(random, slope=0.8)], truth.camera.fx_px)
+    write_image(tmp_path / "frame.png", photograph(truth, sheets, Shot(), random))
+    moved = turned(device().calibrated, 4, np.array([0.04, 0.0, 0.03]))
+    drift = find_drift_files([tmp_path / "frame.png"], moved, tmp_path / "layout.json")
+    write_drift_files(moved, drift, ["frame.png"], tmp_path / "out")
+    assert results(tmp_path / "out") == ["drift.json", "layout.json"]
+    found = Layout.load(tmp_path / "out" / "layout.json")
+    assert turn_error_deg(found, device().calibrated, 4) < 0.01
+    assert found.provenance["resolved_by"] == "a scene in frame.png"
+
+
+def test_a_nominal_layout_is_refused(default_layout: Layout) -> None:
+    with pytest.raises(InputError, match=r"layout\.json: is a nominal layout, expected a calibrated one"):
+        find_drift_files([Path("frame.png")], default_layout.replaced(kind="nominal"), Path("layout.json"))

@@ -1,0 +1,75 @@
+"""Alarms where a mirror turned by .02 degrees, none where nothing moved, and no answer without texture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.drift.drift import WANTED_DEG, Drift, find_drift, turn_of_centre
+from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
+from mirrorcam.optics.drift.scene_fit import parameter_names
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.drift.calibrated_device import across, device, turned
+
+
+def drift_in(layout: Layout, frames: list[Any]) -> Drift:
+    matcher = PointMatcher(layout)
+    return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
+
+
+def test_nothing_moved(frames: list[Any]) -> None:
+    drift = drift_in(device().calibrated, frames)
+    assert not drift.moved
+    assert not drift.untold
+    assert drift.frames == 2
+    assert max(mirror.statistic for mirror in drift.mirrors) < 0.3
+    assert not drift.change.any()
+
+
+@pytest.mark.parametrize("index", [0, 4, 7])
+def test_a_turn_of_two_hundredths_of_a_degree_is_told_and_solved(frames: list[Any], index: int) -> None:
+    calibrated = device().calibrated
+    turn = across(calibrated, index, 0.02, np.random.default_rng(index))
+    drift = drift_in(turned(calibrated, index, turn), frames)
+    assert [mirror.index for mirror in drift.moved] == [index]
+    move = drift.moved[0]
+    assert np.linalg.norm(move.turn_deg + turn) < 0.01
+    assert np.linalg.norm(move.turn_deg + turn) < 3.0 * move.turn_sigma_deg
+
+
+def test_two_mirrors_that_moved_are_both_told(frames: list[Any]) -> None:
+    layout = turned(device().calibrated, 1, np.array([0.1, 0.0, 0.0]))
+    layout = turned(layout, 8, np.array([0.0, 0.06, 0.06]), shift_mm=0.1)
+    assert sorted(mirror.index for mirror in drift_in(layout, frames).moved) == [1, 8]
+
+
+def test_without_texture_nothing_is_told(frames: list[Any]) -> None:
+    layout = device().calibrated
+    drift = drift_in(layout, [np.full_like(frames[0], 120)])
+    assert not drift.moved
+    assert len(drift.untold) == len(layout.mirrors)
+    assert all(mirror.tells_deg > WANTED_DEG for mirror in drift.mirrors)
+
+
+def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
+    layout = device().calibrated
+    low, high = (getattr(layout.outline_px(6), end)(axis=0).astype(int) for end in ("min", "max"))
+    hidden = [frame.copy() for frame in frames]
+    for frame in hidden:
+        frame[low[1] : high[1], low[0] : high[0]] = 90
+    drift = drift_in(layout, hidden)
+    assert not drift.moved
+    assert 6 in [mirror.index for mirror in drift.untold]
+
+
+def test_the_derivative_of_the_turn_is_that_of_differences() -> None:
+    layout = device().truth
+    names = parameter_names(layout)
+    mirror = layout.mirrors[3]
+    turn = np.cross(mirror.normal_in_rig, [0.3, -0.5, 0.8]) * 0.001
+    centre = turned(layout, 3, np.degrees(turn)).mirrors[3].virtual_centre_in_rig_mm
+    change = np.zeros(len(names))
+    change[[names.index(f"mirror 3 {axis}_mm") for axis in "xyz"]] = centre - mirror.virtual_centre_in_rig_mm
+    assert turn_of_centre(layout, names, 3) @ change == pytest.approx(turn, abs=2e-3 * float(np.linalg.norm(turn)))
