@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Checkerboard, Target
 
 Image = NDArray[np.float32]
+Floats = NDArray[np.floating[Any]]
 
 PX_PER_SQUARE = 40
 PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
@@ -21,37 +23,43 @@ LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
 SHARPEST, SOFTEST = 0.008, 0.35  # sigma in cells
 
 
-def sample(image: Image, at: FloatArray) -> FloatArray:
-    """Values (n, m) of an image at pixels (n, m, 2), bilinear; beyond the border, those of the border."""
-    found = np.empty(at.shape[:-1], dtype=np.float32)
+def sample(image: Image, at: Floats) -> Image:
+    """Values (n, m, ...) of an image (h, w, ...) at pixels (n, m, 2), bilinear; beyond the border, those of the border.
+
+    OpenCV samples images of one, three and four channels exactly, others only to 1/32 of a pixel.
+    """
+    found = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
     x, y = np.ascontiguousarray(np.moveaxis(at, -1, 0), dtype=np.float32)
     for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
         part = slice(start, start + 2**14)
         found[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, dtype=np.float64)
+    return found
 
 
 @dataclass(frozen=True)
 class BlurredPrint:
     """A print of values -1 (black) to 1 (white), blurred, as images.
 
-    `first` are its derivatives per square to the right and down, `second` those twice to the right, both, twice down.
-    `sigma` is the blur, in cells.
+    `derivatives` (h, w, 4) are those per square to the right and down, twice to the right and twice down, `mixed` is
+    the one in both directions. `sigma` is the blur, in cells.
     """
 
     value: Image
-    first: tuple[Image, Image]
-    second: tuple[Image, Image, Image]
+    derivatives: Image
+    mixed: Image
     sigma: float
 
 
 @dataclass(frozen=True)
 class PrintSamples:
-    """Samples (n, m) of a blurred print: values, derivatives per square (n, m, 2) and second ones (n, m, 3)."""
+    """Samples (n, m) of a blurred print: values, derivatives per square (n, 2, m) and second ones (n, 3, m).
 
-    value: FloatArray
-    first: FloatArray
-    second: FloatArray
+    The second ones are those twice to the right, in both directions, and twice down.
+    """
+
+    value: Image
+    first: Image
+    second: Image
 
 
 def _ink(target: Target) -> FloatArray:
@@ -93,7 +101,7 @@ def px_per_pitch(target: Target) -> int:
     return min(PX_OF_TAGS, key=lambda px: (off(px), abs(px - PX_PER_SQUARE)))
 
 
-def in_print_px(target: Target, places: FloatArray) -> FloatArray:
+def in_print_px(target: Target, places: Floats) -> Floats:
     """Pixels in the images of a print of places on it, in pitches; it has a margin of one pitch."""
     return (places + 1.0) * px_per_pitch(target) - 0.5
 
@@ -110,7 +118,7 @@ def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
     return _blurred(target, int(_step(np.array(blur_cells))))
 
 
-def sample_blurred(target: Target, places: FloatArray, blur: FloatArray) -> PrintSamples:
+def sample_blurred(target: Target, places: Floats, blur: FloatArray) -> PrintSamples:
     """A print with the blur that covariances describe, at places on it.
 
     A blur along one direction more than along the other is that of the same area, plus what heat would spread on top of
@@ -127,15 +135,19 @@ def sample_blurred(target: Target, places: FloatArray, blur: FloatArray) -> Prin
     """
     at = in_print_px(target, places)
     steps = _step(np.linalg.det(blur) ** 0.25)
-    value, first, second = (np.empty((*places.shape[:2], *more)) for more in ((), (2,), (3,)))
+    count, samples = places.shape[:2]
+    value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
+    rest = blur.copy()
     for step in np.unique(steps):
         rows = np.flatnonzero(steps == step)
         print_ = _blurred(target, int(step))
-        first[rows] = np.stack([sample(image, at[rows]) for image in print_.first], axis=-1)
-        second[rows] = np.stack([sample(image, at[rows]) for image in print_.second], axis=-1)
-        rest = blur[rows] - print_.sigma**2 * np.eye(2)
-        spread = np.stack([rest[:, 0, 0] / 2.0, rest[:, 0, 1], rest[:, 1, 1] / 2.0], axis=1)
-        value[rows] = sample(print_.value, at[rows]) + np.einsum("nmk,nk->nm", second[rows], spread)
+        value[rows] = sample(print_.value, at[rows])
+        derivatives[rows, :4] = sample(print_.derivatives, at[rows]).transpose(0, 2, 1)
+        derivatives[rows, 4] = sample(print_.mixed, at[rows])
+        rest[rows] -= print_.sigma**2 * np.eye(2)
+    first, second = derivatives[:, :2], derivatives[:, [2, 4, 3]]
+    spread = np.stack([rest[:, 0, 0] / 2.0, rest[:, 0, 1], rest[:, 1, 1] / 2.0], axis=1)
+    value += (spread.astype(np.float32)[:, None] @ second)[:, 0]
     return PrintSamples(value, first, second)
 
 
@@ -160,8 +172,8 @@ def _blurred(target: Target, step: int) -> BlurredPrint:
     padded = np.pad(1.0 - 2.0 * _ink(target), scale, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
     half, twice = np.array([[-0.5, 0.0, 0.5]]) * scale, np.array([[1.0, -2.0, 1.0]]) * scale**2
-    right, down, twice_right, both, twice_down = (
+    *derivatives, mixed = (
         np.asarray(cv2.filter2D(value, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
-        for kernel in (half, half.T, twice, half.T @ half, twice.T)
+        for kernel in (half, half.T, twice, twice.T, half.T @ half)
     )
-    return BlurredPrint(value, (right, down), (twice_right, both, twice_down), BLUR_STEP**step)
+    return BlurredPrint(value, np.stack(derivatives, axis=2), mixed, BLUR_STEP**step)

@@ -38,6 +38,7 @@ MIN_CONTRAST = 0.6  # relative to that of the corners around
 MIN_EXPLAINED = 0.8  # of the variance around a corner
 MAX_SIGMA_PX = 0.3
 UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
+JUDGED = 20  # corners by which to tell, at least, where there are as many
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 RIGHT = np.array([1.0, 0.0])
@@ -108,19 +109,25 @@ def _seen_corners(
     if warp is None:
         return Corners.none()
     expected = warp.expected(corners[have], found[have])
-    ids, seen = _confirmed(picture, have, expected, replace(look, rough=False, motion=False), mirrored=mirrored)
-    moved = _confirmed(picture, have, expected, replace(look, rough=False), mirrored=mirrored)
-    # Blur of motion, where there is none, would only let corners that are partly covered look like others.
-    if len(ids) == 0 or (len(moved[0]) and _unexplained(moved[1]) < UNEXPLAINED_WITHOUT_MOTION * _unexplained(seen)):
-        ids, seen = moved
+    look = replace(look, rough=False, motion=False)
+    look = replace(look, motion=_is_blurred_by_motion(picture, expected, look))
+    ids, seen = _confirmed(picture, have, expected, look, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
     return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
 
 
-def _unexplained(seen: RefinedCorners) -> float:
-    """Part of the variance around a typical corner that the print does not explain."""
-    return float(np.median(1.0 - seen.explained))
+def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, look: Appearance) -> bool:
+    """Whether blur of motion explains much of what the print does not explain around typical corners.
+
+    Where there is none, a model that knows it would only let corners that are partly covered look like others.
+    """
+    some = expected.where(np.arange(len(expected.places)) % max(len(expected.places) // JUDGED, 1) == 0)
+    without, known = (
+        float(np.median(1.0 - refine(picture, some, replace(look, motion=motion)).explained))
+        for motion in (False, True)
+    )
+    return known < UNEXPLAINED_WITHOUT_MOTION * without
 
 
 def _grown(

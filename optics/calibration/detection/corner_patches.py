@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import (
     BlurredPrint,
+    Image,
     blurred_print,
     in_print_px,
     local_print,
@@ -25,7 +26,7 @@ SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch; where corners are 
 MODULATION = 0.8  # (white - black) / (white + black), where a picture shows no print
 LEAST_MODULATION, MOST_MODULATION = 0.3, 0.95  # of ink that reflects at least a fortieth of what paper does
 NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
-# Columns of the model of a patch: level, two slopes, contrast, crept edges, blur, shift, blur of motion, ghost images.
+# Terms of the model of a patch: level, two slopes, contrast, crept edges, blur, shift, blur of motion, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
 
@@ -142,24 +143,23 @@ class Patches:
     by distance: the position must not depend on what the cells look like further out. `half_cells` is half their side.
     """
 
-    u: FloatArray
-    v: FloatArray
-    near: FloatArray
-    on_print: FloatArray
-    offsets_px: FloatArray
+    u: Image
+    v: Image
+    near: Image
+    on_print: Image
+    offsets_px: Image
     side_px: FloatArray
     half_cells: float
 
     @classmethod
     def around(cls, expected: ExpectedCorners, samples: int = SAMPLES, half_cells: float = HALF_CELLS) -> Patches:
-        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples)] * 2))
+        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples, dtype=np.float32)] * 2))
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
         half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
-        on_print = half[:, None, None] * np.stack([u, v], axis=1)
-        x, y = on_print[..., 0], on_print[..., 1]
-        offsets = on_print @ expected.cells.transpose(0, 2, 1)
-        offsets = offsets + np.stack([x * x, x * y, y * y], axis=2) @ expected.bends.transpose(0, 2, 1)
-        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px, half_cells)
+        on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
+        to_px = np.concatenate([expected.cells * half[:, None, None], expected.bends * half[:, None, None] ** 2], axis=2)
+        offsets = to_px.astype(np.float32) @ np.stack([u, v, u * u, u * v, v * v])
+        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets.transpose(0, 2, 1), side_px, half_cells)
 
     @property
     def noise_gain(self) -> FloatArray:
@@ -179,50 +179,49 @@ class Patches:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Columns (n, m, c) whose linear combination models the grey values, each divided by its `scale` (n, c)."""
+    """Terms (n, c, m) whose linear combination models the grey values, each divided by its `scale` (n, c)."""
 
-    columns: FloatArray
-    scale: FloatArray
+    terms: Image
+    scale: Image
 
     @classmethod
-    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: FloatArray) -> LinearModel:
+    def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, seen: Image) -> LinearModel:
         """The model of corners (n); `seen` (n, m) are the grey values where they are expected."""
         local, places = local_print(appearance.target, expected.places)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
-        at = places[:, None] + patches.on_print
+        at = places.astype(np.float32)[:, None] + patches.on_print
         printed = sample_blurred(local, at, appearance.blur_px**2 * metric)
         value = printed.value
-        xx, xy, yy = np.moveaxis(printed.second @ _second_by_px(squares_per_px), 2, 0)
+        xx, xy, yy = np.moveaxis(_second_by_px(squares_per_px).astype(np.float32) @ printed.second, 1, 0)
         ghosts = []
         if appearance.ghosts is not None:
             blur_cells = appearance.blur_px / float(np.median(patches.side_px))
             ghosts = _ghosts(local, blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
-        by_px = printed.first @ squares_per_px
-        steep = np.linalg.norm(by_px, axis=2)
+        right, down = np.moveaxis(squares_per_px.transpose(0, 2, 1).astype(np.float32) @ printed.first, 1, 0)
         # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
         # fading of a lens towards the rim would pull all corners inwards.
         level = 1.0 + _modulation(value, seen, patches.near) * value
-        look = [np.ones_like(value), level * patches.u, level * patches.v, value, steep, xx + yy]
+        look = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
         # What moves is blurred along its motion, which shifts the corners of either colour apart by a tenth of a pixel.
         motion = [xx - yy, xy] if appearance.motion and not appearance.rough else []
-        columns = np.stack([*look, by_px[..., 0], by_px[..., 1], *motion, *ghosts], axis=2)
-        scale = np.maximum(np.sqrt((columns**2).mean(axis=1)), 1e-9)
-        columns /= scale[:, None]
-        return cls(columns, scale)
+        terms = np.stack([*look, right, down, *motion, *ghosts], axis=1)
+        scale = np.maximum(np.sqrt(np.einsum("ncm,ncm->nc", terms, terms) / terms.shape[2]), 1e-9)
+        terms /= scale[:, :, None]
+        return cls(terms, scale)
 
 
 def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
-    """Matrices (n, 3, 3) that take second derivatives xx, xy, yy by squares, as a row, to those by px."""
+    """Matrices (n, 3, 3) that take second derivatives xx, xy, yy by squares to those by px."""
     (a, b), (c, d) = np.moveaxis(squares_per_px, 0, -1)
     return np.moveaxis(
-        np.array([[a * a, a * b, b * b], [2.0 * a * c, a * d + b * c, 2.0 * b * d], [c * c, c * d, d * d]]), 2, 0
+        np.array([[a * a, 2.0 * a * c, c * c], [a * b, a * d + b * c, c * d], [b * b, 2.0 * b * d, d * d]]), 2, 0
     )
 
 
-def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
+def _modulation(value: Image, seen: Image, near: Image) -> float:
     """(white - black) / (white + black) of a print of values (n, m) in a picture: the median of patches (n)."""
     weights = near / near.sum()
     mean, level = value @ weights, seen @ weights
@@ -236,13 +235,13 @@ def _modulation(value: FloatArray, seen: FloatArray, near: FloatArray) -> float:
 
 
 def _ghosts(
-    target: Target, blurred: BlurredPrint, at: FloatArray, squares_per_px: FloatArray, ghosts: GhostImages
-) -> list[FloatArray]:
+    target: Target, blurred: BlurredPrint, at: Image, squares_per_px: FloatArray, ghosts: GhostImages
+) -> list[Image]:
     """The ghost images (n, m) of a print at places (n, m, 2) on it, those of each kind together."""
-    shifts = ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
+    shifts = (ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)).astype(np.float32)
     images = [
         strength[:, None] * sample(blurred.value, in_print_px(target, at - shift[:, None]))
-        for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T, strict=True)
+        for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T.astype(np.float32), strict=True)
     ]
     kinds = range(max(ghosts.kind, default=-1) + 1)
     return [sum(image for image, of in zip(images, ghosts.kind, strict=True) if of == kind) for kind in kinds]

@@ -70,29 +70,31 @@ class RefinedCorners:
 class _Fit:
     """Weighted least squares of the grey values `seen` (n, m): coefficients (n, c), residuals (n, m), noise (n,).
 
-    `spread` (n, 2, 2) is the covariance of the coefficients of the shift for noise of variance 1, which is independent
-    between samples, `scale` (n, c) undoes the scaling of the columns.
+    `variance` (n,) is that of the coefficients of the shift for noise of variance 1, which is independent between
+    samples: the mean of both axes.
     """
 
-    seen: FloatArray
-    rest: FloatArray
+    seen: Image
+    rest: Image
     coefficients: FloatArray
-    spread: FloatArray
-    scale: FloatArray
+    variance: FloatArray
     noise: FloatArray
 
     @classmethod
-    def of(cls, seen: FloatArray, columns: FloatArray, scale: FloatArray, weights: FloatArray) -> _Fit:
-        weighted = columns * weights[:, :, None]
-        normal = weighted.transpose(0, 2, 1) @ columns + 1e-6 * np.eye(columns.shape[2])
-        inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-        scaled = (inverse @ (weighted.transpose(0, 2, 1) @ seen[:, :, None]))[:, :, 0]
-        rest = seen - (columns @ scaled[:, :, None])[:, :, 0]
+    def of(cls, seen: Image, terms: Image, scale: Image, weights: Image) -> _Fit:
+        """That of terms (n, c, m), each divided by its scale (n, c)."""
+        weighted = terms * weights[:, None]
+        normal = np.asarray(weighted @ terms.transpose(0, 2, 1), dtype=np.float64) + 1e-6 * np.eye(terms.shape[1])
+        inverse = np.asarray(np.linalg.inv(normal))
+        scaled = inverse @ (weighted @ seen[:, :, None])
+        rest = seen - (scaled.astype(np.float32).transpose(0, 2, 1) @ terms)[:, 0]
         # Noise by the median, so that a part that is covered does not hide itself.
-        noise = np.asarray(1.4826 * np.median(np.abs(rest), axis=1), dtype=np.float64)
+        half = rest.shape[1] // 2
+        noise = np.asarray(1.4826 * np.partition(np.abs(rest), half, axis=1)[:, half], dtype=np.float64)
         # The weights are not inverse variances, so that the covariance is the inverse only for equal ones.
-        shift = inverse[:, SHIFT] @ weighted.transpose(0, 2, 1) / scale[:, SHIFT, None]
-        return cls(seen, rest, scaled / scale, shift @ shift.transpose(0, 2, 1), scale, noise)
+        shift = (inverse[:, SHIFT] / scale[:, SHIFT, None]).astype(np.float32) @ weighted
+        variance = np.asarray(np.einsum("nkm,nkm->n", shift, shift) / 2.0, dtype=np.float64)
+        return cls(seen, rest, scaled[:, :, 0] / scale, variance, noise)
 
     @property
     def contrast(self) -> FloatArray:
@@ -108,8 +110,7 @@ class _Fit:
     def sigma_px(self) -> FloatArray:
         """For noise that is independent between samples (n,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            variance = np.trace(self.spread, axis1=1, axis2=2) / 2.0
-            return np.asarray(np.sqrt(variance) * self.noise / np.abs(self.contrast))
+            return np.asarray(np.sqrt(self.variance) * self.noise / np.abs(self.contrast))
 
     @property
     def ghost_strengths(self) -> FloatArray:
@@ -122,16 +123,15 @@ class _Fit:
             added = 2.0 * self.coefficients[:, BLUR] / (self.contrast * assumed**2)
             return np.asarray(assumed * np.sqrt(np.clip(1.0 + added, 0.25, 4.0)))
 
-    def explained(self, near: FloatArray) -> FloatArray:
-        mean = (self.seen * near).sum(axis=1, keepdims=True) / near.sum()
-        variance = np.maximum((near * (self.seen - mean) ** 2).sum(axis=1), 1e-9)
-        return np.asarray(1.0 - (near * self.rest**2).sum(axis=1) / variance)
+    def explained(self, near: Image) -> Image:
+        off = self.seen - (self.seen @ near / near.sum())[:, None]
+        return np.asarray(1.0 - self.rest**2 @ near / np.maximum(off**2 @ near, 1e-9))
 
-    def weights(self, near: FloatArray) -> FloatArray:
+    def weights(self, near: Image) -> Image:
         """Tukey's biweight (n, m): samples that the print does not explain, as of glare, lose their weight."""
         tolerance = OUTLIER_SIGMAS * np.maximum(self.noise, MIN_SIGMA * np.abs(self.contrast))
-        off = self.rest / np.maximum(tolerance, 1e-9)[:, None]
-        return np.asarray(near * np.clip(1.0 - off**2, 0.0, None) ** 2)
+        off = self.rest / np.maximum(tolerance, 1e-9).astype(np.float32)[:, None]
+        return np.asarray(near * np.maximum(1.0 - off**2, 0.0) ** 2)
 
 
 def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> RefinedCorners:
@@ -163,7 +163,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     found = np.array(expected.pixels, dtype=np.float64)
     explained, contrast = np.zeros(count), np.zeros(count)
     sigma_px, blur = np.full(count, np.inf), np.full(count, appearance.blur_px)
-    strengths = np.zeros((count, model.columns[:, :, GHOSTS].shape[2]))
+    strengths = np.zeros((count, model.terms[:, GHOSTS].shape[1]))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
     few = appearance.rough or appearance.fit_strengths
@@ -171,7 +171,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     for iteration in range(iterations):
         if iteration:
             seen = sample(picture, found[moving, None] + patches.offsets_px[moving])
-        fit = _Fit.of(seen, model.columns[moving], model.scale[moving], weights[moving])
+        fit = _Fit.of(seen, model.terms[moving], model.scale[moving], weights[moving])
         move = fit.shift_px
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, MAX_STEP_CELLS * patches.side_px[moving] / np.maximum(length, 1e-12))[:, None]
