@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, SOFTEST, Image
 from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places, typical_cell_px
-from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
+from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Target
@@ -109,8 +109,7 @@ def _seen_corners(
     if warp is None:
         return Corners.none()
     expected = warp.expected(corners[have], found[have])
-    look = replace(look, rough=False, motion=False)
-    look = replace(look, motion=_is_blurred_by_motion(picture, expected, look))
+    look = replace(look, rough=False, motion=_is_blurred_by_motion(picture, expected, look))
     ids, seen = _confirmed(picture, have, expected, look, mirrored=mirrored)
     good = _as_bright(corners[ids], seen.contrast) & _like_the_others(seen)
     board = Corners(ids.astype(np.int64), seen.pixels, seen.sigma_px).where(good)
@@ -137,15 +136,13 @@ def _grown(
     found = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
     known_places, known_pixels, reach = places, pixels, REACH * target.longest_step
-    look = replace(_first_appearance(places, pixels, target), rough=True)
+    look = Appearance(target, first_blur_px(places, pixels), motion=False, rough=True)
     most_tries = 1 if len(places) >= MANY else TRIES
     for _ in range(ROUNDS):
-        warp = Warp.through(known_places, known_pixels)
-        if warp is None:
-            break
         near = cKDTree(known_places).query(corners, distance_upper_bound=reach)[0] < reach
         new = np.flatnonzero(near & (tries < most_tries) & np.isnan(found[:, 0]))
-        if not len(new):
+        warp = Warp.through(known_places, known_pixels) if len(new) else None
+        if warp is None:
             break
         tries[new] += 1
         expected = warp.expected(corners[new], warp.at(corners[new]))
@@ -161,32 +158,16 @@ def _grown(
     return found, look
 
 
-def _first_appearance(places: FloatArray, pixels: FloatArray, target: Target) -> Appearance:
-    return Appearance(target, min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels)))
+def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
+    """The blur to assume before corners were seen, for places (n, 2) in squares at pixels (n, 2)."""
+    return min(FIRST_BLUR_PX, SOFTEST * typical_cell_px(places, pixels))
 
 
-def refine_board(
-    picture: Image,
-    corners: Corners,
-    target: Target,
-    ghosts: GhostImages,
-    *,
-    fit_strengths: bool = False,
-    blur_px: float | None = None,
-) -> RefinedCorners | None:
-    """Refine the corners of a board with their common warp and ghost images; None where they have no common warp."""
+def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
+    """The corners of a board with the derivatives of their common warp; None where they have none."""
     places = corner_places(target)[corners.ids]
     warp = Warp.through(places, corners.pixels, degree=QUINTIC)
-    if warp is None:
-        return None
-    look = _first_appearance(places, corners.pixels, target)
-    look = replace(
-        look,
-        blur_px=look.blur_px if blur_px is None else blur_px,
-        ghosts=ghosts,
-        fit_strengths=fit_strengths,
-    )
-    return refine(picture, warp.expected(places, corners.pixels), look)
+    return None if warp is None else warp.expected(places, corners.pixels)
 
 
 def _confirmed(
@@ -245,15 +226,12 @@ def _like_the_others(seen: RefinedCorners) -> BoolArray:
     return np.asarray(sure & (rest < MAX_RELATIVE_UNEXPLAINED * np.median(rest) + UNEXPLAINED))
 
 
-def _largest_part(places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
+def _largest_part(warp: Warp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
     """The largest connected part of the corners, where neighbours have nearly the same residual to the warp.
 
-    Two mirrors may show a board as if it continued from one into the other, but for a step of a few pixels. A warp
+    Two mirrors may show a board as if it continued from one into the other, but for a step of a few pixels. The warp
     through both has different residuals on the two sides of the step.
     """
-    warp = Warp.through(places, pixels)
-    if warp is None:
-        return np.zeros(len(places), dtype=bool)
     off = pixels - warp.at(places)
     first, second = cKDTree(places).query_pairs(LINKED * step, output_type="ndarray").T
     change = np.linalg.norm(off[first] - off[second], axis=1)
@@ -277,16 +255,16 @@ def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArr
 
     Neighbours are at most `step` squares apart.
     """
-    keep = np.zeros(len(places), dtype=bool)
-    if len(places) < MIN_CORNERS:
-        return keep
-    keep = _largest_part(places, pixels, step)
-    for _ in range(5):
-        if keep.sum() < MIN_CORNERS:
-            return np.zeros(len(places), dtype=bool)
-        warp = Warp.through(places[keep], pixels[keep])
+    none = np.zeros(len(places), dtype=bool)
+    warp = Warp.through(places, pixels)
+    if len(places) < MIN_CORNERS or warp is None:
+        return none
+    keep = _largest_part(warp, places, pixels, step)
+    for round_ in range(5):
+        if round_ or not keep.all():
+            warp = Warp.through(places[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
         if warp is None:
-            return np.zeros(len(places), dtype=bool)
+            return none
         off = np.linalg.norm(pixels - warp.at(places), axis=1)
         sigma = float(np.median(off[keep])) / 1.1774
         still = keep & (off < np.clip(OUTLIER_SIGMAS * sigma, MIN_OUTLIER_PX, MAX_STEP_PX))

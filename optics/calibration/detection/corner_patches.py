@@ -90,6 +90,10 @@ class GhostImages:
     strengths: FloatArray
     kind: tuple[int, ...]
 
+    def where(self, mask: NDArray[np.bool_]) -> GhostImages:
+        """Those of the corners of a boolean mask (n,)."""
+        return replace(self, offsets_px=self.offsets_px[mask], strengths=self.strengths[mask])
+
     def of_kinds(self, mask: NDArray[np.bool_]) -> GhostImages:
         """Those of some kinds, numbered anew."""
         kept = [place for place, kind in enumerate(self.kind) if mask[kind]]
@@ -206,7 +210,7 @@ class LinearModel:
         level = 1.0 + _modulation(value, seen, patches.near) * value
         look = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
         # What moves is blurred along its motion, which shifts the corners of either colour apart by a tenth of a pixel.
-        motion = [xx - yy, xy] if appearance.motion and not appearance.rough else []
+        motion = [xx - yy, xy] if appearance.motion else []
         terms = np.stack([*look, right, down, *motion, *ghosts], axis=1)
         scale = np.maximum(np.sqrt(np.einsum("ncm,ncm->nc", terms, terms) / terms.shape[2]), 1e-9)
         terms /= scale[:, :, None]

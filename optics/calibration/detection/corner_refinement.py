@@ -85,16 +85,16 @@ class _Fit:
         """That of terms (n, c, m), each divided by its scale (n, c)."""
         weighted = terms * weights[:, None]
         normal = np.asarray(weighted @ terms.transpose(0, 2, 1), dtype=np.float64) + 1e-6 * np.eye(terms.shape[1])
-        inverse = np.asarray(np.linalg.inv(normal))
-        scaled = inverse @ (weighted @ seen[:, :, None])
-        rest = seen - (scaled.astype(np.float32).transpose(0, 2, 1) @ terms)[:, 0]
+        shift = np.broadcast_to(np.eye(terms.shape[1])[:, SHIFT], (*scale.shape, 2))
+        solved = np.linalg.solve(normal, np.concatenate([weighted @ seen[:, :, None], shift], axis=2))
+        rest = seen - (solved[:, None, :, 0].astype(np.float32) @ terms)[:, 0]
         # Noise by the median, so that a part that is covered does not hide itself.
         half = rest.shape[1] // 2
         noise = np.asarray(1.4826 * np.partition(np.abs(rest), half, axis=1)[:, half], dtype=np.float64)
         # The weights are not inverse variances, so that the covariance is the inverse only for equal ones.
-        shift = (inverse[:, SHIFT] / scale[:, SHIFT, None]).astype(np.float32) @ weighted
+        shift = (solved[..., 1:].transpose(0, 2, 1) / scale[:, SHIFT, None]).astype(np.float32) @ weighted
         variance = np.asarray(np.einsum("nkm,nkm->n", shift, shift) / 2.0, dtype=np.float64)
-        return cls(seen, rest, scaled[:, :, 0] / scale, variance, noise)
+        return cls(seen, rest, solved[..., 0] / scale, variance, noise)
 
     @property
     def contrast(self) -> FloatArray:

@@ -55,7 +55,7 @@ def sub_images(grey: Grey, layout: Layout, target: Target, folder: Path | None =
     kept = _kept(grey, target, most, folder, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
     boards = _boards_of(kept.corners)
     assigned = assign(boards, layout, target)
-    refined = refine_with_ghost_images(np.asarray(grey, dtype=np.float32), assigned, layout, target)
+    refined = refine_with_ghost_images(grey, assigned, layout, target)
     views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in refined]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
@@ -105,8 +105,7 @@ def _checkerboards(grey: Grey, found: Sequence[SeenGrid], layout: Layout, target
         mirror = chosen.get(id(corners), likely_mirror(corners, layout))
         if mirror is not None and options:
             placed.append((grid, mirror, corners))
-    picture = np.asarray(grey, dtype=np.float32)
-    refined = refine_with_ghost_images(picture, [(mirror, corners) for _, mirror, corners in placed], layout, target)
+    refined = refine_with_ghost_images(grey, [(mirror, corners) for _, mirror, corners in placed], layout, target)
     views, seen_grids = [], []
     for (grid, mirror, corners), (_, seen) in zip(placed, refined, strict=True):
         if id(corners) in chosen:

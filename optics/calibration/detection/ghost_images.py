@@ -20,19 +20,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
-from mirrorcam.optics.calibration.detection.board_growing import refine_board, smooth
+from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import cell_px
-from mirrorcam.optics.calibration.detection.corner_patches import MAX_HALF_PX, GhostImages, half_cells
-from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
+from mirrorcam.optics.calibration.detection.corner_patches import (
+    MAX_HALF_PX,
+    Appearance,
+    ExpectedCorners,
+    GhostImages,
+    half_cells,
+)
+from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -47,24 +54,44 @@ COMPLETE = 2  # passes of the ghost images that must be complete; more carry 1/5
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in a frame, the strengths are those of Fresnel's equations
+FEW = 40  # corners of a view that tell its blur, strengths, and the picture's power of light
+ROUNDS = 2  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
 MAX_STRENGTH = 2.0  # relative to those
-ROUNDS = 3  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
 GAMMAS = (1.0, 1.6, 2.2, 2.8)
 VIEWS_FOR_GAMMA = 2
 
 
 @dataclass(frozen=True)
 class _Ghosted:
-    """The corners of a view with complete ghost images, these, and the blur (None: not known yet)."""
+    """The corners (n) of a view with complete ghost images, where they are expected, these, and the blur."""
 
-    corners: Corners
+    ids: IntArray
+    expected: ExpectedCorners
     ghosts: GhostImages
-    blur_px: float | None = None
+    blur_px: float
 
-    def fitted(self, light: Image, target: Target) -> tuple[_Ghosted, RefinedCorners] | None:
-        """The same with the blur and the strengths that a picture of light shows, and the fit that tells them."""
-        seen = refine_board(light, self.corners, target, self.ghosts, fit_strengths=True, blur_px=self.blur_px)
-        return None if seen is None else (replace(self, blur_px=float(np.median(seen.blur_px))), seen)
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def few(self) -> _Ghosted:
+        """At least `FEW` of the corners, where there are as many, from all over the board."""
+        kept = np.arange(len(self)) % max(len(self) // FEW, 1) == 0
+        return replace(
+            self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept)
+        )
+
+    def refined(self, light: Image, target: Target, *, fit_strengths: bool = False) -> RefinedCorners:
+        """The corners as a picture of light shows them."""
+        return refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts, fit_strengths))
+
+    def fitted(self, light: Image, target: Target) -> tuple[_Ghosted, RefinedCorners]:
+        """The same where, and as blurred as, a picture of light shows them, and the fit that tells the strengths too."""
+        seen = self.refined(light, target, fit_strengths=True)
+        pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)
+        return replace(
+            self, expected=replace(self.expected, pixels=pixels), blur_px=float(np.median(seen.blur_px))
+        ), seen
 
     def of_ghosts(self, mask: NDArray[np.bool_]) -> _Ghosted:
         """The same with some kinds of ghost images."""
@@ -76,7 +103,7 @@ class _Ghosted:
 
 
 def refine_with_ghost_images(
-    picture: Image, views: Sequence[tuple[int, Corners]], layout: Layout, target: Target
+    grey: Grey, views: Sequence[tuple[int, Corners]], layout: Layout, target: Target
 ) -> list[tuple[int, Corners]]:
     """Refine the corners of the views in second-surface mirrors once more, with their ghost images.
 
@@ -84,8 +111,8 @@ def refine_with_ghost_images(
 
     Parameters
     ----------
-    picture
-        Grey values (h, w).
+    grey
+        Picture (h, w).
     views
         Mirrors and the corners of the board that each shows.
     layout
@@ -101,44 +128,50 @@ def refine_with_ghost_images(
             if view is not None:
                 ghosted[place] = view
     if ghosted:
-        light = in_light(picture, _gamma(picture, list(ghosted.values()), target))
+        known = _known(in_light(grey, GAMMAS[1]), list(ghosted.values()), target)
+        light = in_light(grey, _gamma(grey, known, target))
+        if known:
+            blur_px = float(np.median([view.blur_px for view in known]))
+            ghosted = {place: replace(view, blur_px=blur_px) for place, view in ghosted.items()}
         for place, view in _with_strengths(light, ghosted, target).items():
             refined[place] = (refined[place][0], _refined(light, view, target))
     return refined
 
 
-def in_light(picture: Image, gamma: float) -> Image:
+def in_light(grey: Grey, gamma: float) -> Image:
     """The light behind grey values that its power 1 / gamma encodes, of the same white."""
-    white = max(float(picture.max()), 1.0)
-    return np.asarray(white * np.power(np.clip(picture / white, 0.0, None), gamma), dtype=np.float32)
+    white = max(int(grey.max()), 1)
+    return np.asarray(cv2.LUT(grey, (white * (np.arange(256) / white) ** gamma).astype(np.float32)))
 
 
 def _ghosted(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> _Ghosted | None:
     corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE), target))
-    ghosts = ghost_images_of(corners, camera, mirror, target) if len(corners) >= MIN_CORNERS else None
-    return None if ghosts is None else _Ghosted(corners, ghosts)
+    if len(corners) < MIN_CORNERS:
+        return None
+    ghosts, expected = ghost_images_of(corners, camera, mirror, target), expected_corners(corners, target)
+    if ghosts is None or expected is None:
+        return None
+    return _Ghosted(corners.ids, expected, ghosts, first_blur_px(expected.places, expected.pixels))
 
 
-def _gamma(picture: Image, views: Sequence[_Ghosted], target: Target) -> float:
-    """The power of light for which the print explains the largest views best.
+def _known(light: Image, views: Sequence[_Ghosted], target: Target) -> list[_Ghosted]:
+    """Some corners of the largest views, as blurred as they are."""
+    shown = sorted((view for view in views if len(view) >= MIN_CORNERS_FOR_STRENGTH), key=len)
+    return [view.few.fitted(light, target)[0] for view in shown[-VIEWS_FOR_GAMMA:]]
 
-    The vertex of the parabola through the best of `GAMMAS` and its neighbours; `GAMMAS[0]` where no view shows enough.
+
+def _gamma(grey: Grey, known: Sequence[_Ghosted], target: Target) -> float:
+    """The power of light for which the print explains views best.
+
+    The vertex of the parabola through the best of `GAMMAS` and its neighbours; `GAMMAS[0]` where there is no view.
     """
-    largest = sorted(views, key=lambda view: -len(view.corners))[:VIEWS_FOR_GAMMA]
-    unexplained = np.zeros(len(GAMMAS))
-    for view in largest:
-        if len(view.corners) < MIN_CORNERS_FOR_STRENGTH:
-            continue
-        known = view.fitted(in_light(picture, GAMMAS[1]), target)
-        for place, gamma in enumerate(GAMMAS):
-            found = None if known is None else known[0].fitted(in_light(picture, gamma), target)
-            if found is not None:
-                unexplained[place] += 1.0 - float(np.mean(found[1].explained))
+    lights = [in_light(grey, gamma) for gamma in GAMMAS]
+    unexplained = [sum(1.0 - float(np.mean(v.fitted(light, target)[1].explained)) for v in known) for light in lights]
     best = int(np.argmin(unexplained))
     if best in {0, len(GAMMAS) - 1}:
         return GAMMAS[best]
     before, here, after = unexplained[best - 1 : best + 2]
-    return GAMMAS[best] + 0.5 * (GAMMAS[1] - GAMMAS[0]) * float((before - after) / (before - 2.0 * here + after))
+    return GAMMAS[best] + 0.5 * (GAMMAS[1] - GAMMAS[0]) * (before - after) / (before - 2.0 * here + after)
 
 
 def _with_strengths(light: Image, views: Mapping[int, _Ghosted], target: Target) -> dict[int, _Ghosted]:
@@ -160,15 +193,11 @@ def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tupl
     """The views with their blur, and the median factor on each kind of ghost image; (0,) where few corners show it."""
     found, factors = {}, []
     for place, view in views.items():
-        seen = None
+        few = view.few
         for _ in range(ROUNDS):
-            fitted = view.fitted(light, target)
-            if fitted is None:
-                break
-            view, seen = fitted
-        if seen is not None:
-            found[place] = view
-            factors.append(seen.ghost_strengths[np.isfinite(seen.pixels).all(axis=1)])
+            few, seen = few.fitted(light, target)
+        found[place] = replace(view, blur_px=few.blur_px)
+        factors.append(seen.ghost_strengths[np.isfinite(seen.pixels).all(axis=1)])
     if sum(map(len, factors)) < MIN_CORNERS_FOR_STRENGTH:
         return found, np.empty(0)
     return found, np.median(np.concatenate(factors), axis=0)
@@ -176,11 +205,9 @@ def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tupl
 
 def _refined(light: Image, view: _Ghosted, target: Target) -> Corners:
     """The corners of a view whose blur and ghost images are known."""
-    seen = refine_board(light, view.corners, target, view.ghosts, blur_px=view.blur_px)
-    if seen is None:
-        return Corners.none()
+    seen = view.refined(light, target)
     found = np.asarray(np.isfinite(seen.pixels).all(axis=1))
-    refined = Corners(view.corners.ids, seen.pixels, seen.sigma_px).where(found)
+    refined = Corners(view.ids, seen.pixels, seen.sigma_px).where(found)
     return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels, target.longest_step))
 
 
