@@ -20,6 +20,7 @@ from mirrorcam.optics.calibration.solver.observations import IntArray
 
 SCALES = (1, 2, 4)  # of the picture, by which it is reduced
 SMOOTHING_PX = 1.0  # sigma, in px of the reduced picture, like all lengths below
+BAND_PX = 64  # rows that are searched at a time
 SUPPRESSED_PX = 5  # side of the window in which only the strongest saddle point counts
 RINGS_PX = (3.0, 4.5)  # radii of the circles; the smaller one is for small cells
 RING_POINTS = 32
@@ -83,17 +84,12 @@ def saddle_points(grey: NDArray[np.uint8]) -> SaddlePoints:
 
 def _at_one_scale(picture: NDArray[np.float32]) -> SaddlePoints:
     smooth = np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTHING_PX), dtype=np.float32)
-    xx, yy, xy = (
-        np.asarray(cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3, scale=0.25)) for order in ((2, 0), (0, 2), (1, 1))
-    )
-    curvature = xy * xy - xx * yy
-    highest = np.asarray(cv2.dilate(curvature, np.ones((SUPPRESSED_PX, SUPPRESSED_PX), np.uint8)))
-    rows, cols = np.nonzero((curvature >= highest) & (curvature > MIN_CURVATURE**2))
+    bands = [_curved(smooth, top) for top in range(0, len(smooth), BAND_PX)]
+    rows, cols, hessian = (np.concatenate(parts, axis=-1) for parts in zip(*bands, strict=True))
+    strength = np.sqrt(hessian[2] ** 2 - hessian[0] * hessian[1])
     if len(rows) > MOST:
-        strongest = np.argsort(-curvature[rows, cols], kind="stable")[:MOST]
-        rows, cols = rows[strongest], cols[strongest]
-    strength = np.sqrt(np.asarray(curvature[rows, cols], dtype=np.float64))
-    hessian = np.stack([each[rows, cols] for each in (xx, yy, xy)]).astype(np.float64)
+        strongest = np.argsort(-strength, kind="stable")[:MOST]
+        rows, cols, hessian, strength = rows[strongest], cols[strongest], hessian[:, strongest], strength[strongest]
     pixels = np.stack([cols, rows], axis=1) + _to_the_saddle(smooth, rows, cols, hessian)
     axes = np.full((len(pixels), 2), np.nan)
     for radius in RINGS_PX:
@@ -101,6 +97,24 @@ def _at_one_scale(picture: NDArray[np.float32]) -> SaddlePoints:
         axes[left] = _axes(smooth, pixels[left], radius)
     good = np.isfinite(axes[:, 0])
     return SaddlePoints(pixels[good], axes[good], strength[good])
+
+
+def _curved(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows and columns (n,) of the strongest saddle points of a band, and the Hessian (3, n) there: xx, yy, xy.
+
+    A band stays in the processor's cache, and no memory is asked for.
+    """
+    above = min(SUPPRESSED_PX, top)  # what the band's derivatives and maxima depend on
+    part = smooth[top - above : top + BAND_PX + SUPPRESSED_PX]
+    xx, yy, xy = (
+        np.asarray(cv2.Sobel(part, cv2.CV_32F, *order, ksize=3, scale=0.25)) for order in ((2, 0), (0, 2), (1, 1))
+    )
+    curvature = xy * xy - xx * yy
+    highest = np.asarray(cv2.dilate(curvature, np.ones((SUPPRESSED_PX, SUPPRESSED_PX), np.uint8)))
+    band = np.s_[above : above + BAND_PX]
+    rows, cols = np.nonzero((curvature[band] >= highest[band]) & (curvature[band] > MIN_CURVATURE**2))
+    hessian = np.stack([each[band][rows, cols] for each in (xx, yy, xy)]).astype(np.float64)
+    return rows + top, cols, hessian
 
 
 def _to_the_saddle(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, hessian: FloatArray) -> FloatArray:
@@ -117,29 +131,27 @@ def _to_the_saddle(smooth: NDArray[np.float32], rows: IntArray, cols: IntArray, 
 
 def _axes(smooth: NDArray[np.float32], pixels: FloatArray, radius: float) -> FloatArray:
     """Angles (n, 2) of the edges that cross at pixels (n, 2); NaN where a circle around one shows none, or others."""
+    if not len(pixels):
+        return np.empty((0, 2))
     angles = np.arange(RING_POINTS) * (2.0 * np.pi / RING_POINTS)
-    at = (pixels[:, None] + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.float32)
-    ring = np.empty(at.shape[:2], dtype=np.float32)
-    for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
-        part = slice(start, start + 2**14)
-        ring[part] = cv2.remap(
-            smooth, at[part, :, 0], at[part, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+    around = radius * np.stack([np.cos(angles), np.sin(angles)])
+    x, y = pixels.T.astype(np.float32)[:, None] + around.astype(np.float32)[:, :, None]
+    ring = np.asarray(cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     half = RING_POINTS // 2
-    even, odd = (ring[:, :half] + ring[:, half:]) / 2.0, (ring[:, :half] - ring[:, half:]) / 2.0
-    middle = (even.max(axis=1) + even.min(axis=1)) / 2.0
-    contrast = even.max(axis=1) - even.min(axis=1)
-    signal = even - middle[:, None]
-    after = np.roll(signal, -1, axis=1)
+    even, odd = (ring[:half] + ring[half:]) / 2.0, (ring[:half] - ring[half:]) / 2.0
+    middle = (even.max(axis=0) + even.min(axis=0)) / 2.0
+    contrast = even.max(axis=0) - even.min(axis=0)
+    signal = even - middle
+    after = np.roll(signal, -1, axis=0)
     rising, falling = (signal <= 0) & (after > 0), (signal > 0) & (after <= 0)
-    good = (rising.sum(axis=1) == 1) & (falling.sum(axis=1) == 1) & (contrast > MIN_CONTRAST)
-    good &= np.sqrt((odd**2).mean(axis=1)) < MAX_ODD * contrast / 2.0
+    good = (rising.sum(axis=0) == 1) & (falling.sum(axis=0) == 1) & (contrast > MIN_CONTRAST)
+    good &= np.sqrt((odd**2).mean(axis=0)) < MAX_ODD * contrast / 2.0
     height, width = smooth.shape
     good &= ((pixels > radius) & (pixels < [width - 1 - radius, height - 1 - radius])).all(axis=1)
     axes = np.full((len(pixels), 2), np.nan)
-    rows = np.flatnonzero(good)
+    points = np.flatnonzero(good)
     for column, crossing in enumerate((rising, falling)):
-        first = np.argmax(crossing[rows], axis=1)
-        before, behind = signal[rows, first], after[rows, first]
-        axes[rows, column] = ((first + before / (before - behind)) * (np.pi / half)) % np.pi
+        first = np.argmax(crossing[:, points], axis=0)
+        before, behind = signal[first, points], after[first, points]
+        axes[points, column] = ((first + before / (before - behind)) * (np.pi / half)) % np.pi
     return axes
