@@ -14,6 +14,7 @@ from mirrorcam.optics.geometry.targets import Target
 MIN_POINTS = 4
 CUBIC, QUINTIC = 3, 5  # degrees of the correction
 MIN_POINTS_OF_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # of each term: in all, and that of y
 OUTLIER_CELLS = 0.12  # between a corner and the map through the others
 
 
@@ -71,7 +72,7 @@ class Warp:
             weighted = terms * weights[:, None]
             polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ off)
             rest = np.linalg.norm(off - terms @ polynomial, axis=1)
-            scale = max(3.0 * 1.4826 * float(np.median(rest)), 0.02)
+            scale = max(3.0 * 1.4826 * float(np.partition(rest, len(rest) // 2)[len(rest) // 2]), 0.02)
             weights = 1.0 / (1.0 + (rest / scale) ** 2)
         return replace(self, polynomial=polynomial)
 
@@ -80,8 +81,8 @@ class Warp:
         powers = np.ones((degree + 1, len(places), 2))
         powers[1:] = (places - self.middle) / self.half
         np.cumprod(powers, axis=0, out=powers)
-        parts = [powers[total - y, :, 0] * powers[y, :, 1] for total in range(degree + 1) for y in range(total + 1)]
-        return np.stack(parts, axis=1)
+        total, y = EXPONENTS[degree]
+        return np.asarray((powers[total - y, :, 0] * powers[y, :, 1]).T)
 
     def at(self, places: FloatArray) -> FloatArray:
         """Pixels (n, 2) of places (n, 2); NaN where they would lie behind the camera."""
@@ -96,11 +97,10 @@ class Warp:
     def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives (n, 2, 2) of pixels by squares (columns: right, down), and half the second ones (n, 2, 3)."""
         step = 0.25
-        right, down = np.array([step, 0.0]), np.array([0.0, step])
-        here, east, west = self.at(places), self.at(places + right), self.at(places - right)
-        south, north = self.at(places + down), self.at(places - down)
-        mixed = self.at(places + right + down) + self.at(places - right - down)
-        mixed -= self.at(places + right - down) + self.at(places - right + down)
+        around = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
+        near = places + step * np.array(around)[:, None]
+        here, east, west, south, north, *diagonal = self.at(near.reshape(-1, 2)).reshape(near.shape)
+        mixed = diagonal[0] + diagonal[1] - diagonal[2] - diagonal[3]
         cells = np.stack([east - west, south - north], axis=2) / (2.0 * step)
         bends = np.stack([east + west - 2.0 * here, mixed / 2.0, south + north - 2.0 * here], axis=2)
         return cells, bends / (2.0 * step**2)

@@ -179,7 +179,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in found:
             own, other = (_shown(target, *way, board_from_rig) for way in (rays.own, rays.other))
-            sums.add(sample(grey, sums.border.pixels), own, np.where(rays.alone, 0.0, other))
+            sums.add(sample(grey, sums.border.pixels).astype(np.float64), own, np.where(rays.alone, 0.0, other))
     return [sums.light() for _, sums in found]
 
 

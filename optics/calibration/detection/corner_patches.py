@@ -161,9 +161,10 @@ class Patches:
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
         half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
         on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
-        to_px = np.concatenate([expected.cells * half[:, None, None], expected.bends * half[:, None, None] ** 2], axis=2)
-        offsets = to_px.astype(np.float32) @ np.stack([u, v, u * u, u * v, v * v])
-        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets.transpose(0, 2, 1), side_px, half_cells)
+        side = half[:, None, None]
+        to_px = np.concatenate([expected.cells * side, expected.bends * side**2], axis=2).astype(np.float32)
+        offsets = (to_px @ np.stack([u, v, u * u, u * v, v * v])).transpose(0, 2, 1)
+        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px, half_cells)
 
     @property
     def noise_gain(self) -> FloatArray:

@@ -27,7 +27,7 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
     half_cells,
 )
 
-ITERATIONS, FEW_ITERATIONS = 5, 3
+ITERATIONS, ROUGH_ITERATIONS, STRENGTH_ITERATIONS = 5, 3, 2
 SETTLED_PX, ROUGH_PX = 2e-3, 0.05
 OUTLIER_SIGMAS = 4.0  # of the noise around a corner, from where a sample has no weight
 MIN_SIGMA = 0.04  # of the contrast: a print is itself no more even than this
@@ -166,8 +166,9 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     strengths = np.zeros((count, model.terms[:, GHOSTS].shape[1]))
     weights = np.tile(near, (count, 1))
     moving = np.arange(count)
-    few = appearance.rough or appearance.fit_strengths
-    iterations, settled_px = FEW_ITERATIONS if few else ITERATIONS, ROUGH_PX if appearance.rough else SETTLED_PX
+    iterations, settled_px = (ROUGH_ITERATIONS, ROUGH_PX) if appearance.rough else (ITERATIONS, SETTLED_PX)
+    if appearance.fit_strengths:
+        iterations = STRENGTH_ITERATIONS
     for iteration in range(iterations):
         if iteration:
             seen = sample(picture, found[moving, None] + patches.offsets_px[moving])

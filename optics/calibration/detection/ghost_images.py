@@ -77,16 +77,14 @@ class _Ghosted:
     def few(self) -> _Ghosted:
         """At least `FEW` of the corners, where there are as many, from all over the board."""
         kept = np.arange(len(self)) % max(len(self) // FEW, 1) == 0
-        return replace(
-            self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept)
-        )
+        return replace(self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept))
 
     def refined(self, light: Image, target: Target, *, fit_strengths: bool = False) -> RefinedCorners:
         """The corners as a picture of light shows them."""
         return refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts, fit_strengths))
 
     def fitted(self, light: Image, target: Target) -> tuple[_Ghosted, RefinedCorners]:
-        """The same where, and as blurred as, a picture of light shows them, and the fit that tells the strengths too."""
+        """The same where, and as blurred as, a picture of light shows them, and the fit, which tells the strengths."""
         seen = self.refined(light, target, fit_strengths=True)
         pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)
         return replace(

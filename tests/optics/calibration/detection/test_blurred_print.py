@@ -51,9 +51,11 @@ def test_the_ink_of_a_marker_is_exact_to_parts_of_a_pixel() -> None:
 def test_derivatives_are_those_of_the_value() -> None:
     blurred = blurred_print(CHARUCO, 0.1)
     down, right = (d * PX_PER_SQUARE for d in np.gradient(blurred.value))
-    np.testing.assert_allclose(blurred.first[0], right, atol=1e-4)
-    np.testing.assert_allclose(blurred.first[1], down, atol=1e-4)
-    for axis, second in ((1, blurred.second[0]), (0, blurred.second[2])):
+    np.testing.assert_allclose(blurred.derivatives[..., 0], right, atol=1e-4)
+    np.testing.assert_allclose(blurred.derivatives[..., 1], down, atol=1e-4)
+    mixed = np.gradient(right, axis=0) * PX_PER_SQUARE
+    np.testing.assert_allclose(blurred.mixed[1:-1, 1:-1], mixed[1:-1, 1:-1], atol=1e-2)
+    for axis, second in ((1, blurred.derivatives[..., 2]), (0, blurred.derivatives[..., 3])):
         numeric = np.diff(blurred.value, n=2, axis=axis) * PX_PER_SQUARE**2
         inner = second[:, 1:-1] if axis else second[1:-1]
         assert np.corrcoef(numeric.ravel(), inner.ravel())[0, 1] > 0.97

@@ -38,10 +38,11 @@ def corners(places: FloatArray = PLACES, cell_px: float = CELL_PX) -> ExpectedCo
 
 
 def columns(expected: ExpectedCorners, look: Appearance = LOOK, seen: FloatArray | None = None) -> FloatArray:
-    """Columns (n, m, c) of the model, unscaled, for grey values (n, m)."""
+    """Terms of the model, unscaled, as columns (n, m, c), for grey values (n, m)."""
     patches = Patches.around(expected)
-    model = LinearModel.of(expected, patches, look, np.zeros(patches.on_print.shape[:2]) if seen is None else seen)
-    return model.columns * model.scale[:, None]
+    grey = np.zeros(patches.on_print.shape[:2]) if seen is None else seen
+    model = LinearModel.of(expected, patches, look, grey.astype(np.float32))
+    return (model.terms * model.scale[..., None]).transpose(0, 2, 1).astype(np.float64)
 
 
 def test_a_mask_selects_corners() -> None:
@@ -119,6 +120,6 @@ def test_ghost_images_of_known_strength_belong_to_the_print_and_others_have_a_co
     free = columns(corners(), Appearance(BOARD, LOOK.blur_px, ghosts, fit_strengths=True))
     assert plain[..., GHOSTS].shape[2] == known[..., GHOSTS].shape[2] == 0
     assert free[..., GHOSTS].shape[2] == 1
-    np.testing.assert_allclose(known[..., CONTRAST], plain[..., CONTRAST] + free[..., GHOSTS][..., 0])
+    np.testing.assert_allclose(known[..., CONTRAST], plain[..., CONTRAST] + free[..., GHOSTS][..., 0], atol=1e-6)
     shifted = columns(corners(PLACES - np.array([3.0, -2.0]) / CELL_PX))[..., CONTRAST]
     np.testing.assert_allclose(free[..., GHOSTS][..., 0], 0.1 * shifted, atol=1e-5)

@@ -10,8 +10,10 @@ import pytest
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection import detect_boards, ghost_images
-from mirrorcam.optics.calibration.detection.board_growing import refine_board
+from mirrorcam.optics.calibration.detection.board_growing import expected_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.corner_patches import Appearance
+from mirrorcam.optics.calibration.detection.corner_refinement import refine
 from mirrorcam.optics.calibration.detection.detect_boards import sub_images
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -96,15 +98,16 @@ def test_ghost_images_are_where_the_plate_puts_them_and_as_strong(frames: tuple[
             assert np.abs(further - 2.0 * behind).max() < 0.2
             assert np.abs(before + behind).max() < 0.1
             assert (before[:, 1] > 2.0).all()
-            seen = refine_board(picture.astype(np.float32), corners, BOARD, ghosts, fit_strengths=True)
-            assert seen is not None
+            expected = expected_corners(corners, BOARD)
+            assert expected is not None
+            seen = refine(picture.astype(np.float32), expected, Appearance(BOARD, 1.2, ghosts, fit_strengths=True))
             factors.append(np.median(seen.ghost_strengths, axis=0))
     assert np.abs(np.median(factors, axis=0) - 1.0).max() < 0.3
 
 
 def test_a_first_surface_mirror_has_no_ghost_image() -> None:
     corners = Corners(np.arange(12), np.random.default_rng(0).uniform(100.0, 200.0, (12, 2)))
-    picture = np.zeros((540, 960), dtype=np.float32)
+    picture = np.zeros((540, 960), dtype=np.uint8)
     ((mirror, seen),) = ghost_images.refine_with_ghost_images(picture, [(0, corners)], FRONT, BOARD)
     assert mirror == 0
     assert seen is corners
