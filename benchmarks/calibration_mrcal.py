@@ -37,7 +37,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, Target, load_board
 from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 
-SOLVER = Path(__file__).with_name("mrcal_solver.py")
+SOLVER = Path(__file__).parent / "referees" / "mrcal_solver.py"
 LENSES = {"brown_conrady": "LENSMODEL_OPENCV5", "rational": "LENSMODEL_OPENCV8", "thin_prism": "LENSMODEL_OPENCV12"}
 LEAST_PX = 1e-3  # standard deviation of a number in pixels; distortion is known better
 MOST_PLACES = 400

@@ -4,8 +4,9 @@ Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and b
 glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
 corners were found, how far they are off, and how many are false: more than 1 px, or 5 of their own standard deviations
 (scaled to the errors of that mirror's corners in that run, and 0.1 px), from where that mirror shows that corner. Then
-the seconds of processor time that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for either kind of board and
-of mirror, the least of a few runs, and the seconds that 20 frames take (limit: 10 on 2 cores).
+the seconds of processor time that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for each kind of board and
+of mirror, the least of a few runs, and the seconds that 20 frames take (limit: 10 on 2 cores). AprilGrids are also
+searched by OpenCV, in the flipped part of the frame that each mirror is known to fill, with `cornerSubPix`.
 """
 
 from __future__ import annotations
@@ -23,13 +24,14 @@ import numpy as np
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.whole_pupil import wholly_served
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard, Target, default_board
+from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.render_set import render_set
@@ -43,6 +45,8 @@ MIN_FALSE_PX = 0.1  # below which no corner is called false, however small the o
 LIMIT_S, FRAME_LIMIT_S = 10.0, 0.5
 RUNS, TIMED_FRAMES = 3, 4
 PLAIN = Checkerboard(cols=20, rows=13, square_mm=12.0)
+TAGS = AprilGrid(cols=10, rows=7, tag_mm=18.0, spacing=0.3)
+PEER_WINDOW = (2, 2)  # half of OpenCV's window around a corner, px
 CONDITIONS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
 
 
@@ -160,8 +164,8 @@ def print_time(layout: Layout, target: Target, folder: Path) -> None:
     )
     dataset: Dataset = render_set(request, folder)
     found, least = [], []
-    for name in dataset.frame_names:
-        picture = read_image(folder / name, grey=True)
+    pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
+    for picture in pictures:
         spent = []
         for _ in range(RUNS):
             started = time.process_time()
@@ -180,6 +184,42 @@ def print_time(layout: Layout, target: Target, folder: Path) -> None:
         f"found {seen.found} of {seen.visible}, rms {seen.rms_px:.4f} px, {seen.far} beyond {FALSE_PX:g} px",
         flush=True,
     )
+    if isinstance(target, AprilGrid):
+        started = time.process_time()
+        theirs = score([tags_by_opencv(picture, layout, target) for picture in pictures], truth_px, visible)
+        spent_s = (time.process_time() - started) / len(pictures)
+        print(
+            f"{'':12} OpenCV's tags with cornerSubPix: {spent_s:.2f} s a frame, found {theirs.found} of "
+            f"{theirs.visible}, rms {theirs.rms_px:.4f} px, {theirs.far} beyond {FALSE_PX:g} px",
+            flush=True,
+        )
+
+
+def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observations:
+    """Corners of the tags that OpenCV reads in each mirror, with the sub-images as given."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = TAG_BORDER
+    detector = cv2.aruco.ArucoDetector(TAG_FAMILY, parameters)
+    corner_at = {tuple(at): number for number, at in enumerate(np.round(target.corners_in_board_mm[:, :2], 6).tolist())}
+    places = np.round(marker_places(target) * target.pitch_mm, 6)
+    width = grey.shape[1]
+    parts = []
+    for index in range(len(layout.mirrors)):
+        mask = np.zeros(grey.shape, np.uint8)
+        cv2.fillPoly(mask, [np.rint(layout.outline_px(index)).astype(np.int32)], 255)
+        flipped = np.ascontiguousarray(np.where(mask > 0, grey, 0)[:, ::-1])
+        quads, ids, _ = detector.detectMarkers(flipped)
+        if ids is None:
+            continue
+        known = [(int(number), quad) for number, quad in zip(ids.ravel(), quads, strict=True) if number < len(places)]
+        if known:
+            seen = np.concatenate([quad.reshape(4, 1, 2) for _, quad in known])
+            steps = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+            pixels = cv2.cornerSubPix(flipped, seen, PEER_WINDOW, (-1, -1), steps).reshape(-1, 2).astype(np.float64)
+            pixels[:, 0] = width - 1 - pixels[:, 0]
+            named = np.array([corner_at[tuple(at)] for number, _ in known for at in places[number].tolist()])
+            parts.append(Observations.of_view(0, index, named, pixels))
+    return Observations.join(parts)
 
 
 def main() -> None:
@@ -204,7 +244,7 @@ def main() -> None:
         print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
         plates = [m.replaced(surface="second", thickness_mm=2.0, refractive_index=1.49) for m in layout.mirrors]
         for number, built in enumerate((layout, layout.replaced(mirrors=tuple(plates)))):
-            for target in (default_board(), PLAIN):
+            for target in (default_board(), PLAIN, TAGS):
                 print_time(built, target, Path(name) / f"{target.kind}_{number}")
         files = sorted((Path(name) / "c920" / "frames").iterdir())
         pictures = [read_image(path, grey=True) for path in files]

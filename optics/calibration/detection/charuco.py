@@ -174,6 +174,13 @@ def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
     return [m for m in sorted(members, key=len, reverse=True) if len(m) >= MIN_MARKERS]
 
 
+def marker_maps(place: FloatArray, quads: FloatArray) -> FloatArray:
+    """Linear maps (n, 2, 2), px per square, from a marker's corners (4, 2) on the print to those seen (n, 4, 2)."""
+    sides = place - place.mean(axis=0)
+    seen = quads - quads.mean(axis=1, keepdims=True)
+    return np.asarray(np.einsum("nij,ik->njk", seen, sides @ np.linalg.inv(sides.T @ sides)))
+
+
 def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
     """Symmetric matrix (n, n) of the markers (n, 4, 2), with places (n, 4, 2) on the print, that predict each other.
 
@@ -181,9 +188,7 @@ def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
     board. A marker that was read wrongly agrees with none.
     """
     middles, centres = places.mean(axis=1), quads.mean(axis=1)
-    # Least squares of the four corners: px per square.
-    sides = places[0] - middles[0]
-    affine = np.einsum("nij,ik->njk", quads - centres[:, None], sides @ np.linalg.inv(sides.T @ sides))
+    affine = marker_maps(places[0], quads)
     squares_apart = middles[None] - middles[:, None]
     distance = np.linalg.norm(squares_apart, axis=2)
     first, second = np.nonzero((distance > 0.5) & (distance < NEAR))

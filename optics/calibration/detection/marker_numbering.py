@@ -70,12 +70,7 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
     codes = _standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
     scores: list[tuple[float, int, IntArray, int]] = []
     for turn in range(4):
-        turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
-        # Right of and below even corners is white on a grid, black on a print; a quarter turn swaps them.
-        low, quads = _squares(turned, markers.parity + turn + 1)
-        if markers.every_other:
-            held = low[:, 0] % 2 == (turn < 2)
-            low, quads = low[held], quads[held]
+        low, quads = _turned(grid, turn, markers)
         if not len(low):
             continue
         agreement = _standardised(_modules(picture, quads, markers)) @ codes.T
@@ -96,6 +91,50 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
     if mean < max(MIN_CORRELATION, MIN_SIGMAS * chance) or any(other[0] > MAX_RIVAL * mean for other in scores[1:]):
         return None
     return grid.moved(turn, np.asarray(by, dtype=np.int64))
+
+
+def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> tuple[IntArray, IntArray]:
+    """Read the squares of a grid one by one, whatever board it is of.
+
+    Parameters
+    ----------
+    picture
+        Grey values (h, w).
+    grid
+        Corners, as on the print but for a shift and a turn.
+    markers
+        The markers that there may be, with no places.
+
+    Returns
+    -------
+    low
+        Lowest coordinates (n, 2) of the squares that show a marker, along x and y of the print but for a shift.
+    ids
+        Which marker (n,) each shows.
+    """
+    codes = _standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
+    best, read = 0.0, (np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+    for turn in range(4):
+        low, quads = _turned(grid, turn, markers)
+        if not len(low):
+            continue
+        agreement = _standardised(_modules(picture, quads, markers)) @ codes.T
+        alike = agreement.max(axis=1)
+        if alike.mean() > best:
+            best, known = float(alike.mean()), alike > MIN_CORRELATION
+            read = low[known], agreement.argmax(axis=1)[known].astype(np.int64)
+    return read
+
+
+def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
+    """Lowest coordinates (n, 2) and pixels of the corners (n, 4, 2) of what may be markers, after quarter turns."""
+    turned = grid.moved(turn, np.zeros(2, dtype=np.int64))
+    # Right of and below even corners is white on a grid, black on a print; a quarter turn swaps them.
+    low, quads = _squares(turned, markers.parity + turn + 1)
+    if markers.every_other:
+        held = low[:, 0] % 2 == (turn < 2)
+        low, quads = low[held], quads[held]
+    return low, quads
 
 
 def _standardised(values: FloatArray) -> FloatArray:

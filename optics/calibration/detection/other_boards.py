@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.charuco import find_markers, linked_markers, marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
+from mirrorcam.optics.calibration.detection.marker_steps import Steps, marker_steps
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard, Target
@@ -20,10 +19,8 @@ from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, 
 MOST_PICTURES = 2  # looked at of each kind
 FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
 PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
-MIN_LINKS = 8  # between neighbouring markers, by picture, to recognise a board
-MIN_LINKS_BEYOND = 3  # of markers that the stated board lacks, by picture: no misread marker has any
-MORE_LINKS = 1.5  # of another board's, relative to those of the stated one
-WIDTHS = 3  # columns more or fewer than stated
+MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
+MIN_STEPS = 3  # pairs of markers that say the same number of columns, by picture
 
 
 def other_board(
@@ -48,9 +45,7 @@ def other_board(
     pictures = pictures[:MOST_PICTURES]
     if not pictures:
         return None
-    if isinstance(target, AprilGrid):
-        return None
-    if isinstance(target, Charuco):
+    if not isinstance(target, Checkerboard):
         return _other_markers(pictures, target, mirrored=bool(mirrored), found=found and fits)
     return None if found and fits else _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
 
@@ -93,31 +88,37 @@ def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
     return size[0] >= target.cols and size[1] >= target.rows
 
 
-def _other_markers(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool, found: bool) -> str | None:
-    highest = target.replaced(rows=max(2 * _capacity(target.dictionary) // target.cols, target.rows))
-    seen = [find_markers(picture, highest, mirrored=mirrored) for picture in pictures]
-    own, least = _links(seen, target), MIN_LINKS * len(pictures)
-    widths = {cols: _links(seen, _widened(target, cols)) for cols in _other_widths(target)}
-    width = max(widths, key=lambda cols: widths[cols])
-    if widths[width] >= max(least, MORE_LINKS * own):
-        return (
-            f"the pictures show a ChArUco board of {width} columns of squares, board.toml says {_size(target)} squares"
-        )
-    if _links(seen, highest) - own >= MIN_LINKS_BEYOND * len(pictures):
-        return f"the pictures show a ChArUco board of more rows of squares, board.toml says {_size(target)}"
-    if found or own >= least:
-        return None
-    if _links([find_markers(picture, target, mirrored=not mirrored) for picture in pictures], target) >= least:
+def _other_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool, found: bool) -> str | None:
+    tags = isinstance(target, AprilGrid)
+    board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
+    least = MIN_STEPS * len(pictures)
+    columns, highest = _steps(pictures, target, mirrored=mirrored)
+    if len(highest) < least:
+        return None if found else _unreadable_markers(pictures, target, mirrored=mirrored)
+    rows = (highest if tags else 2 * highest + 1) // columns + 1  # at least
+    if columns != target.cols:
+        said = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {_size(target)} {cells}"
+        exchanged = columns == target.rows and rows.max() <= target.cols
+        return said + (": are cols and rows exchanged?" if exchanged else "")
+    if (rows > target.rows).sum() >= MIN_BEYOND * len(pictures):
+        return f"the pictures show {board} of more rows of {cells}, board.toml says {_size(target)} {cells}"
+    return None
+
+
+def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> str | None:
+    least = MIN_STEPS * len(pictures)
+    if len(_steps(pictures, target, mirrored=not mirrored)[1]) >= least:
         return (
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
             "selfie camera; switch that off, or flip them left to right"
         )
-    for name in DICTIONARIES:
-        if _capacity(name) < target.rows * target.cols // 2:
-            continue
-        other = target.replaced(dictionary=name)
-        if _links([find_markers(picture, other, mirrored=mirrored) for picture in pictures], other) >= least:
-            return f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}"
+    if isinstance(target, Charuco):
+        for name in DICTIONARIES:
+            if _capacity(name) < target.rows * target.cols // 2:
+                continue
+            other = target.replaced(dictionary=name)
+            if len(_steps(pictures, other, mirrored=mirrored)[1]) >= least:
+                return f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}"
     return None
 
 
@@ -126,23 +127,8 @@ def _capacity(dictionary: str) -> int:
     return int(dictionary.rsplit("_", 1)[1])
 
 
-def _other_widths(target: Charuco) -> list[int]:
-    return [cols for cols in range(target.cols - WIDTHS, target.cols + WIDTHS + 1) if cols >= 3 and cols != target.cols]
-
-
-def _widened(target: Charuco, cols: int) -> Charuco:
-    """A board like a stated one with `cols` columns, and with as many rows, or as its dictionary has markers for."""
-    return target.replaced(cols=cols, rows=min(target.rows, 2 * _capacity(target.dictionary) // cols))
-
-
-def _links(seen: Sequence[tuple[IntArray, FloatArray]], target: Charuco) -> int:
-    """Number of pairs of neighbouring markers that lie to each other as a board has them; markers by picture."""
-    places, count = marker_places(target), 0
-    for ids, quads in seen:
-        known = ids < len(places)
-        if known.any():
-            count += linked_markers(places[ids[known]], quads[known]).nnz // 2
-    return count
+def _steps(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, IntArray]:
+    return Steps.together([marker_steps(picture, target, mirrored=mirrored) for picture in pictures]).likely
 
 
 def _size(target: Target) -> str:

@@ -57,16 +57,25 @@ def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[st
 
 
 def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
-    """A note where the board's last rows are in no picture: it may have fewer, which changes no corner's number."""
+    """A note where the board's last rows are in no picture: it may have fewer, which changes no corner's place.
+
+    Of a board of tags, which are numbered from below, these are the first ones.
+    """
     heights = np.unique(corners_in_board_mm[:, 1])
-    seen = [corners_in_board_mm[o.corner, 1].max() for o in frames if len(o)]
-    unseen = int((heights > max(seen)).sum()) if seen else 0
+    seen = np.concatenate([corners_in_board_mm[o.corner, 1] for o in frames])
+    if not len(seen):
+        return ()
+    if np.allclose(np.diff(heights), heights[1] - heights[0]):
+        unseen, rows = int((heights > seen.max()).sum()), len(heights) + 1
+        which, of, cells = "last", f"{rows - 1} rows of corners", "squares"
+    else:
+        unseen, rows = int((heights < seen.min()).sum()) // 2, len(heights) // 2
+        which, of, cells = "first", f"{rows} rows of tags", "tags"
     if not unseen:
         return ()
-    last, rows = "last" if unseen == 1 else f"last {unseen}", len(heights) + 1
+    some = which if unseen == 1 else f"{which} {unseen}"
     return (
-        f"no picture shows the {last} of the board's {rows - 1} rows of corners: does it have {rows - unseen} rows of "
-        f"squares, not {rows}?",
+        f"no picture shows the {some} of the board's {of}: does it have {rows - unseen} rows of {cells}, not {rows}?",
     )
 
 

@@ -105,6 +105,8 @@ def calibrate_with_direct_view(
     if level is not None:
         additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
+    if other := other_board(pictures, target, mirrored=None, found=True):
+        raise InputError(other)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     notes: tuple[str, ...] = ()

@@ -23,6 +23,10 @@ class Sheet:
     def corners_in_board_mm(self) -> FloatArray:
         return GRID.corners_in_board_mm
 
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        return GRID.size_mm
+
     def image(self, px_per_square: int, /) -> NDArray[np.uint8]:
         px_per_tag = px_per_square / GRID.pitch_mm * GRID.tag_mm
         assert px_per_tag % 10 == 0

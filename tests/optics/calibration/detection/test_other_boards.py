@@ -12,6 +12,9 @@ from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
+from tests.optics.calibration.detection.one_mirror import CAMERA as LARGER
+from tests.optics.calibration.detection.one_mirror import one_mirror
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
 
@@ -65,6 +68,61 @@ def test_a_charuco_board_of_another_size_is_named(stated: tuple[int, int], *, mi
     assert found is not None
     said = "10 columns of squares" if stated[0] != 10 else "more rows of squares"
     assert f"show a ChArUco board of {said}, board.toml says {stated[0]} x {stated[1]}" in found
+
+
+WIDE = Charuco(cols=14, rows=9, square_mm=14.0, marker_mm=10.5)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_exchanged_columns_and_rows_of_a_charuco_board_are_named(*, mirrored: bool) -> None:
+    said = other_board(
+        pictures(WIDE, mirrored=mirrored), WIDE.replaced(cols=9, rows=14), mirrored=mirrored, found=False
+    )
+    assert said == (
+        "the pictures show a ChArUco board of 14 columns of squares, board.toml says 9 x 14 squares: are cols and rows "
+        "exchanged?"
+    )
+
+
+@lru_cache
+def tags(*, mirrored: bool) -> tuple[Grey, ...]:
+    """Two pictures of an AprilGrid of 6 x 4 tags, by a camera alone or before a mirror."""
+    sheet = Sheet()
+    place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
+    layout = one_mirror() if mirrored else None
+    return tuple(
+        render(LARGER, layout, sheet, posed(sheet, place, np.array(turn), direct=not mirrored), noise_grey=2.0)
+        for turn in ([10.0, 12.0, 20.0], [-15.0, 20.0, 0.0])
+    )
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ((5, 4), "6 columns of tags, board.toml says 5 x 4 tags"),
+        ((8, 3), "6 columns of tags, board.toml says 8 x 3 tags"),
+        ((12, 7), "6 columns of tags, board.toml says 12 x 7 tags"),
+        ((4, 6), "6 columns of tags, board.toml says 4 x 6 tags: are cols and rows exchanged?"),
+        ((6, 3), "more rows of tags, board.toml says 6 x 3 tags"),
+    ],
+)
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_an_aprilgrid_of_another_size_is_named(stated: tuple[int, int], said: str, *, mirrored: bool) -> None:
+    target = GRID.replaced(cols=stated[0], rows=stated[1])
+    assert other_board(tags(mirrored=mirrored), target, mirrored=mirrored, found=False) == (
+        f"the pictures show an AprilGrid of {said}"
+    )
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_stated_aprilgrid_is_taken_and_flipped_ones_are_recognised(*, mirrored: bool) -> None:
+    shown = tags(mirrored=mirrored)
+    for target in (GRID, GRID.replaced(rows=6)):
+        assert other_board(shown, target, mirrored=mirrored, found=False) is None
+    turned = [np.ascontiguousarray(picture[:, ::-1]) for picture in shown]
+    said = other_board(turned, GRID, mirrored=mirrored, found=False)
+    assert said is not None
+    assert SELFIE in said
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

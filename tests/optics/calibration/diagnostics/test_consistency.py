@@ -9,6 +9,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import AprilGrid
 from tests.optics.calibration.diagnostics.conftest import BOARD, Scene
 
 CORNERS = BOARD.corners_in_board_mm
@@ -54,6 +55,13 @@ def test_rows_of_the_board_that_no_picture_shows_are_noted(scene: Scene) -> None
     assert consistency.unseen_rows(frames, higher) == (
         "no picture shows the last 2 of the board's 8 rows of corners: does it have 7 rows of squares, not 9?",
     )
+    grid = AprilGrid(cols=2, rows=5, tag_mm=20.0, spacing=0.3)
+    below = Observations.of_view(0, 0, np.arange(16, 40), np.zeros((24, 2)))
+    assert consistency.unseen_rows([below], grid.corners_in_board_mm) == (
+        "no picture shows the first 2 of the board's 5 rows of tags: does it have 3 rows of tags, not 5?",
+    )
+    every = Observations.of_view(0, 0, np.arange(40), np.zeros((40, 2)))
+    assert consistency.unseen_rows([every], grid.corners_in_board_mm) == ()
 
 
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:

@@ -24,6 +24,7 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.direct.two_mirrors import (
     BOARD,
     CAMERA,
@@ -118,6 +119,19 @@ def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
     assert max(found.metrics[f"rms_{axis}_px"].value for axis in "xy") < 0.1
     for a, b, (tilt, _) in zip(found.layout.mirrors, truth.mirrors, mirror_sigmas(found.layout), strict=True):
         assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
+
+
+def test_aprilgrids_are_seen_directly_and_in_mirrors() -> None:
+    truth = corner_of_two_mirrors(90.0)
+    pictures = [picture_of(truth, lying(*pose), seed, Sheet()) for seed, pose in enumerate(POSES)]
+    found = calibrate_with_direct_view(pictures, GRID, mirrors=2, names=list("abcde"))
+    assert set(found.observations.view.tolist()) == {DIRECT, 0, 1}
+    assert len(found.observations) > 700
+    assert max(found.metrics[f"rms_{axis}_px"].value for axis in "xy") < 0.1
+    for a, b, (tilt, _) in zip(found.layout.mirrors, truth.mirrors, mirror_sigmas(found.layout), strict=True):
+        assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
+    with pytest.raises(InputError, match=r"show an AprilGrid of 6 columns of tags, board\.toml says 4 x 6 tags: are"):
+        calibrate_with_direct_view(pictures, GRID.replaced(cols=4, rows=6), mirrors=2, names=list("abcde"))
 
 
 def flat_fit(truth: Estimate, clean: Observations, noise_px: float) -> tuple[Fitted, Observations]:

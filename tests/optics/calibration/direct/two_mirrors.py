@@ -16,6 +16,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
+from tests.optics.calibration.detection.aprilgrid_sheet import Sheet
 from tests.optics.synthetic import render
 
 BOARD = Checkerboard(cols=8, rows=7, square_mm=20.0)
@@ -93,7 +94,7 @@ def moved_by_hand(frames: int, seed: int = 0) -> FloatArray:
     )
 
 
-def picture_of(layout: Layout, pose: FloatArray, seed: int, board: Checkerboard | Charuco = BOARD) -> Grey:
+def picture_of(layout: Layout, pose: FloatArray, seed: int, board: Checkerboard | Charuco | Sheet = BOARD) -> Grey:
     """The mirrors' picture with the board itself in front of it."""
     through = render(CAMERA, layout, board, pose, noise_grey=1.0, seed=seed)
     direct = render(CAMERA, None, board, pose, noise_grey=1.0, seed=seed)
