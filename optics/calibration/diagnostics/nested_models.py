@@ -165,9 +165,9 @@ def foreseen_gain(addition: str, smaller: Fitted, observations: Observations) ->
     at_start = float(np.sum(residuals_of(estimate, grouped, model) ** 2))
     drop = normal_equations(estimate, grouped, model).step(STEP_DAMPING)[2]
     added = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
-    after = max(at_start - drop, LEAST_LEFT * before)
-    if after == 0.0:  # simulated corners without noise
+    if before == 0.0:  # simulated corners without noise
         return 0.0
+    after = max(at_start - drop, LEAST_LEFT * before)
     return 2 * len(seen) * float(np.log(before / after)) - added * float(np.log(2 * len(seen)))
 
 
@@ -178,10 +178,11 @@ def _has_pattern(solution: Solution, observations: Observations) -> bool:
     col, row = np.clip(along.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
     cell = row * PATTERN_CELLS[0] + col
     counts = np.bincount(cell)
-    sums = [np.bincount(cell, weights=left) for left in solution.standardised[rows].T / solution.scale]
+    sums = [np.bincount(cell, weights=left) for left in solution.standardised[rows].T]
     shown = counts >= LEAST_IN_CELL
     squares = float(sum(np.sum(each[shown] ** 2 / counts[shown]) for each in sums))
-    return bool(chi2.sf(squares, 2 * int(shown.sum())) < PATTERN_CHANCE)
+    # Not relative to the noise: simulated corners have none.
+    return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(shown.sum())))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:

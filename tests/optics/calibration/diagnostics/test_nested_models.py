@@ -17,6 +17,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     extended,
     fit_as,
     fit_with,
+    foreseen_gain,
     joint_model,
     paper_model,
     plate_thickness,
@@ -90,3 +91,14 @@ def test_plates_of_first_surface_mirrors_come_out_thin(scene: Scene, solution: S
     assert plates.name == "joint+glass"
     thickness, sigma = plate_thickness(plates)
     assert abs(thickness) < 4.0 * sigma
+
+
+@pytest.mark.parametrize("addition", ["spline", "rational", "fisheye"])
+def test_no_lens_is_foreseen_of_corners_without_noise(scene: Scene, addition: str) -> None:
+    """Residuals and noise that are exactly 0 are nothing to divide by."""
+    fitted = fit_as("joint", scene.start, scene.clean, JOINT)
+    nothing = np.zeros_like(fitted.solution.standardised)
+    exact = replace(fitted, solution=replace(fitted.solution, standardised=nothing, scale=0.0))
+    with np.errstate(all="raise"):
+        assert foreseen_gain(addition, exact, scene.clean) == 0.0
+        assert foreseen_gain(addition, fitted, scene.clean) <= 0.0
