@@ -47,8 +47,8 @@ class SceneTells:
         Standard deviation of a match, per axis.
     seen
         Number of points (m,) that each mirror shows.
-    points, cells
-        Number of points, and of the cells that hold them.
+    frames, points
+        Numbers of frames and of points.
     """
 
     names: tuple[str, ...]
@@ -57,8 +57,8 @@ class SceneTells:
     scatter: FloatArray
     sigma_px: float
     seen: IntArray
+    frames: int
     points: int
-    cells: int
 
 
 @dataclass(frozen=True)
@@ -235,8 +235,8 @@ class SceneFit:
             scatter=sums.T @ sums * (len(cells) / max(len(cells) - 1, 1)),
             sigma_px=sigma,
             seen=np.bincount(self.matches.view, minlength=len(self.layout.mirrors)),
+            frames=len(np.unique(self.matches.frame)),
             points=len(self.matches.frame),
-            cells=len(cells),
         )
 
 

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.drift.drift import WANTED_DEG, Drift, find_drift, turn_of_centre
+from mirrorcam.optics.drift.drift import WANTED_DEG, Drift, find_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
-from mirrorcam.optics.drift.scene_fit import parameter_names
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.drift.calibrated_device import across, device, turned
 
@@ -62,14 +61,3 @@ def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
     drift = drift_in(layout, hidden)
     assert not drift.moved
     assert 6 in [mirror.index for mirror in drift.untold]
-
-
-def test_the_derivative_of_the_turn_is_that_of_differences() -> None:
-    layout = device().truth
-    names = parameter_names(layout)
-    mirror = layout.mirrors[3]
-    turn = np.cross(mirror.normal_in_rig, [0.3, -0.5, 0.8]) * 0.001
-    centre = turned(layout, 3, np.degrees(turn)).mirrors[3].virtual_centre_in_rig_mm
-    change = np.zeros(len(names))
-    change[[names.index(f"mirror 3 {axis}_mm") for axis in "xyz"]] = centre - mirror.virtual_centre_in_rig_mm
-    assert turn_of_centre(layout, names, 3) @ change == pytest.approx(turn, abs=2e-3 * float(np.linalg.norm(turn)))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.drift.drift import calibration_covariance, common_covariance, mirror_rows
 from mirrorcam.optics.drift.matched_points import MatchedPoints
+from mirrorcam.optics.drift.mirror_motions import calibration_covariance, common_covariance, mirror_rows
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.drift.calibrated_device import device, turned
