@@ -240,7 +240,7 @@ class _Test:
         prior = self.calibrated + self.small + self.common + placed(moved, self.names)
         inside = np.eye(len(prior)) + self.information @ prior
         found = np.linalg.solve(inside, np.column_stack([self.gradient, self.information]))
-        return _Given(found[:, 0], found[:, 1:])
+        return _Given(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))
 
     def _mean_gain(self, given: _Given, k: int) -> float:
         """Twice the logarithm of the likelihood ratio of a mirror that moved, in the mean over TURNS_DEG."""
