@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
@@ -64,35 +65,35 @@ class _Part:
         return len(self.grid)
 
     def seen_on(self, camera_from_board: FloatArray) -> FloatArray:
-        """Where the rays meet a board at a pose (4, 4): (n, 2)."""
+        """Where the rays meet boards at poses (..., 4, 4): (..., n, 2)."""
         board_from_camera = inverse(camera_from_board)
-        along = self.rays @ board_from_camera[:3, :3].T
+        along = self.rays @ board_from_camera[..., :3, :3].swapaxes(-1, -2)
+        start = board_from_camera[..., None, :3, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(board_from_camera[:2, 3] - along[:, :2] * (board_from_camera[2, 3] / along[:, 2:]))
+            return np.asarray(start[..., :2] - along[..., :2] * (start[..., 2:] / along[..., 2:]))
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a part continues another view's: a turn by quarters, a shift (2,), and how far off it is, in squares."""
+    """How a part continues another view's: turns (...) by quarters, shifts (..., 2), how far off (...), in squares."""
 
-    turn: int
+    turn: IntArray
     by: IntArray
-    off: float
+    off: FloatArray
 
     @classmethod
     def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
-        """That of a part which should be an image of a board at a pose (4, 4)."""
+        """That of a part which should be an image of a board, for poses (..., 4, 4) of the board."""
         places = part.seen_on(camera_from_board)
-        if not np.isfinite(places).all():
-            return cls(0, np.zeros(2, dtype=np.int64), float("inf"))
+        finite = np.isfinite(places).all(axis=(-2, -1))
+        places = np.where(finite[..., None, None], places, 0.0)
         own = part.places @ _ALL_TURNS  # (4, n, 2)
-        shifts = np.median(places - own, axis=1)
-        off = np.linalg.norm(places - own - shifts[:, None], axis=2).mean(axis=1)
-        turn = int(np.argmin(off))
-        by = np.rint(shifts[turn]).astype(np.int64)
-        if (by.sum() + turn) % 2:
-            return cls(turn, by, float("inf"))
-        return cls(turn, by, float(np.linalg.norm(places - own[turn] - by, axis=1).max()))
+        apart = places[..., None, :, :] - own
+        shifts = np.median(apart, axis=-2)
+        turn = np.linalg.norm(apart - shifts[..., None, :], axis=-1).mean(axis=-1).argmin(axis=-1)
+        by = np.rint(np.take_along_axis(shifts, turn[..., None, None], axis=-2)[..., 0, :]).astype(np.int64)
+        off = np.linalg.norm(places - own[turn] - by[..., None, :], axis=-1).max(axis=-1)
+        return cls(turn, by, np.where(finite & ((by.sum(axis=-1) + turn) % 2 == 0), off, np.inf))
 
 
 _ALL_TURNS = np.array([turn.T for turn in TURNS])
@@ -203,26 +204,23 @@ def _agreed(
     if len(pairs) < MIN_FRAMES:
         return None
     largest = sorted(pairs, key=lambda pair: -len(pair[1]))[:PROPOSING]
-    votes = []
-    for pose, part in largest:
-        for motion in _proposed(pose, part, nominal):
-            off = np.array([_Fit.of(other, motion @ at).off for at, other in pairs])
-            votes.append((int((off < MAX_OFF).sum()), -float(np.minimum(off, MAX_OFF).sum()), motion))
-    if not votes:
+    motions = np.array([motion for pose, part in largest for motion in _proposed(pose, part, nominal)])
+    if not len(motions):
         return None
-    most, _, best = max(votes, key=lambda vote: vote[:2])
-    others = [count for count, _, motion in votes if not _same(motion, best, pairs)]
-    enough = most >= max(MIN_FRAMES, MIN_AGREEING * len(pairs))
-    return best if enough and max(others, default=0) <= MAX_RIVAL * most else None
+    off = np.array([_Fit.of(other, motions @ at).off for at, other in pairs])
+    votes = (off < MAX_OFF).sum(axis=0)
+    best = int(np.lexsort((np.minimum(off, MAX_OFF).sum(axis=0), -votes))[0])
+    rival = votes[~_same(motions, motions[best], pairs)].max(initial=0)
+    enough = votes[best] >= max(MIN_FRAMES, MIN_AGREEING * len(pairs))
+    return motions[best] if enough and rival <= MAX_RIVAL * votes[best] else None
 
 
-def _same(motion: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> bool:
-    """Whether two motions lead to the same place in the middle of the boards."""
-    middles = np.array(
-        [transform(pose, part.places.mean(axis=0, keepdims=True) @ np.eye(2, 3)) for pose, part in pairs]
-    )
-    apart = transform(motion, middles[:, 0]) - transform(other, middles[:, 0])
-    return bool(np.median(np.linalg.norm(apart, axis=1)) < SAME)
+def _same(motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> NDArray[np.bool_]:
+    """Mask of the motions (m, 4, 4) that lead to the same place as another one in the middle of the boards."""
+    middles = np.array([transform(pose, part.places.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
+    moved = middles @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
+    apart = np.linalg.norm(moved - transform(other, middles), axis=2)
+    return np.asarray(np.median(apart, axis=1) < SAME)
 
 
 def _reference(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
@@ -267,7 +265,7 @@ def _numbered(
     views = [m for m in sorted(fits) if fits[m].off < MAX_OFF]
     if len(views) < 2:
         return frame
-    moved = [in_frame[m].grid.moved(fits[m].turn, fits[m].by) for m in views]
+    moved = [in_frame[m].grid.moved(int(fits[m].turn), fits[m].by) for m in views]
     whole = SeenGrid.together(moved)
     view = np.repeat(views, [len(grid) for grid in moved])
     numberings = [
