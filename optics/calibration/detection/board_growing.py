@@ -26,6 +26,7 @@ ROUNDS = 15
 LINKED = 1.1  # of the longest distance between neighbours, for corners to be neighbours
 TRIES = 2  # of each corner: its expected position improves once its neighbours are found
 MANY = 40  # known points, from which positions are expected well enough at once
+LEAST_GROWTH = 0.05  # part of the corners that a round adds: less is often growth into another mirror's board
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
@@ -153,6 +154,8 @@ def _grown(
         if len(ids) >= (1 if first else MIN_CORNERS):
             look = replace(look, blur_px=float(np.median(seen.blur_px)))
         have = np.flatnonzero(np.isfinite(found[:, 0]))
+        if len(ids) < LEAST_GROWTH * len(have):
+            break
         if len(have) >= MIN_CORNERS:
             known_places, known_pixels = corners[have], found[have]
     return found, look

@@ -75,8 +75,8 @@ class _Ghosted:
 
     @property
     def few(self) -> _Ghosted:
-        """At least `FEW` of the corners, where there are as many, from all over the board."""
-        kept = np.arange(len(self)) % max(len(self) // FEW, 1) == 0
+        """About `FEW` of the corners, from all over the board."""
+        kept = np.arange(len(self)) % max(round(len(self) / FEW), 1) == 0
         return replace(self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept))
 
     def refined(self, light: Image, target: Target, *, fit_strengths: bool = False) -> RefinedCorners:
@@ -198,7 +198,7 @@ def _fitted(light: Image, views: Mapping[int, _Ghosted], target: Target) -> tupl
             few, seen = few.fitted(light, target)
         found[place] = replace(view, blur_px=few.blur_px)
         factors.append(seen.ghost_strengths[np.isfinite(seen.pixels).all(axis=1)])
-    if sum(map(len, factors)) < MIN_CORNERS_FOR_STRENGTH:
+    if sum(map(len, views.values())) < MIN_CORNERS_FOR_STRENGTH:
         return found, np.empty(0)
     return found, np.median(np.concatenate(factors), axis=0)
 

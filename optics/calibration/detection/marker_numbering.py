@@ -159,11 +159,10 @@ def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
     """Mean grey values (n, b * b) where squares (n, 4, 2) should show the modules of a marker, row by row."""
     count = markers.codes.shape[1]
     middles = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
-    step = markers.side / (count + 2)
-    total = np.zeros((len(quads), count * count))
-    for down in WITHIN:
-        for right in WITHIN:
-            v, u = (axis.ravel() for axis in np.meshgrid(middles + down * step, middles + right * step, indexing="ij"))
-            shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
-            total += sample(picture, np.einsum("km,nkj->nmj", shares, quads))
-    return total
+    at = (middles[:, None] + np.array(WITHIN) * markers.side / (count + 2)).ravel()
+    v, u = (axis.ravel() for axis in np.meshgrid(at, at, indexing="ij"))
+    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+    seen = sample(picture, shares @ quads)
+    return np.asarray(
+        seen.reshape(len(quads), count, len(WITHIN), count, len(WITHIN)).mean(axis=(2, 4)).reshape(len(quads), -1)
+    )
