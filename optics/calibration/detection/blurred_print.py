@@ -29,10 +29,10 @@ def sample(image: Image, at: Floats) -> Image:
     OpenCV samples images of one, three and four channels exactly, others only to 1/32 of a pixel.
     """
     found = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
-    x, y = np.ascontiguousarray(np.moveaxis(at, -1, 0), dtype=np.float32)
+    pixels = np.ascontiguousarray(at, dtype=np.float32)
     for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
         part = slice(start, start + 2**14)
-        found[part] = cv2.remap(image, x[part], y[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(image, pixels[part], None, cv2.INTER_LINEAR, found[part], borderMode=cv2.BORDER_REPLICATE)
     return found
 
 

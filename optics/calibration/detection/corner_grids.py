@@ -74,20 +74,21 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     count = len(points)
     distance, other = cKDTree(points.pixels).query(points.pixels, k=min(most + 1, count))
     distance, other = distance[:, 1:], other[:, 1:]
-    apart = points.pixels[other] - points.pixels[:, None]
-    towards = np.arctan2(apart[..., 1], apart[..., 0])
+    towards = (points.pixels[other] - points.pixels[:, None]) / np.maximum(distance, 1e-9)[..., None]
     first, second = points.axes[:, 0], points.axes[:, 1]
-    second = first + (second - first) % np.pi
-    directions = np.stack([first, second, first + np.pi, second + np.pi], axis=1)
-    off = _between(towards[:, None, :], directions[:, :, None])
-    row, side, rank = np.nonzero(off < max_angle)
-    theirs = _between((towards[row, rank] + np.pi)[:, None], directions[other[row, rank]])
+    angles = np.stack([first, first + (second - first) % np.pi], axis=1)
+    edges = np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    directions = np.concatenate([edges, -edges], axis=1)
+    # Cosines of the angles between the four edges and the lines to the other points, here and there.
+    here = directions @ towards.transpose(0, 2, 1)
+    row, side, rank = np.nonzero(here > np.cos(max_angle))
+    there = -(directions[other[row, rank]] @ towards[row, rank, :, None])[..., 0]
     # An edge of the first kind here is one of the second kind there.
-    theirs[(side[:, None] + np.arange(4)) % 2 == 0] = np.inf
-    cost, returning = np.full(off.shape, np.inf), np.zeros(off.shape, dtype=np.int64)
-    worst = np.maximum(off[row, side, rank], theirs.min(axis=1))
+    there[(side[:, None] + np.arange(4)) % 2 == 0] = -1.0
+    cost, returning = np.full(here.shape, np.inf), np.zeros(here.shape, dtype=np.int64)
+    worst = np.arccos(np.clip(np.minimum(here[row, side, rank], there.max(axis=1)), -1.0, 1.0))
     cost[row, side, rank] = np.where(worst < max_angle, distance[row, rank] * (1.0 + worst), np.inf)
-    returning[row, side, rank] = theirs.argmin(axis=1)
+    returning[row, side, rank] = there.argmax(axis=1)
     best = cost.argmin(axis=2)
     rows, sides = np.meshgrid(np.arange(count), np.arange(4), indexing="ij")
     linked = np.isfinite(cost[rows, sides, best])
@@ -95,11 +96,6 @@ def _links(points: SaddlePoints, most: int, max_angle: float) -> tuple[IntArray,
     back = returning[rows, sides, best]
     mutual = linked & (neighbour[neighbour, back] == rows) & (back[neighbour, back] == sides)
     return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), back.astype(np.int64)
-
-
-def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The angle between directions, rad, from 0 to pi."""
-    return np.asarray(np.abs((a - b + np.pi) % (2.0 * np.pi) - np.pi))
 
 
 def _straight(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, by_turns: bool) -> IntArray:
