@@ -16,6 +16,7 @@ from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Checkerbo
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
 
+BOTH: Any = None  # in place of a map of y: that of x holds both
 PX_PER_SQUARE = 40
 PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
 BLUR_STEP = 2.0**0.125
@@ -32,8 +33,14 @@ def sample(image: Image, at: Floats) -> Image:
     pixels = np.ascontiguousarray(at, dtype=np.float32)
     for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
         part = slice(start, start + 2**14)
-        cv2.remap(image, pixels[part], None, cv2.INTER_LINEAR, found[part], borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(image, pixels[part], BOTH, cv2.INTER_LINEAR, found[part], borderMode=cv2.BORDER_REPLICATE)
     return found
+
+
+def moved(points: Image, by: FloatArray) -> Image:
+    """Points (n, m, 2), each row of them moved by (n, 2): as complex numbers, which add several times as fast."""
+    shift = np.ascontiguousarray(by, dtype=np.float32).view(np.complex64)
+    return np.asarray((points.view(np.complex64)[..., 0] + shift).view(np.float32).reshape(points.shape))
 
 
 @dataclass(frozen=True)

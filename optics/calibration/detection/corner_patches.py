@@ -14,6 +14,8 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     blurred_print,
     in_print_px,
     local_print,
+    moved,
+    px_per_pitch,
     sample,
     sample_blurred,
 )
@@ -163,7 +165,7 @@ class Patches:
         on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
         side = half[:, None, None]
         to_px = np.concatenate([expected.cells * side, expected.bends * side**2], axis=2).astype(np.float32)
-        offsets = (to_px @ np.stack([u, v, u * u, u * v, v * v])).transpose(0, 2, 1)
+        offsets = np.stack([u, v, u * u, u * v, v * v], axis=1) @ to_px.transpose(0, 2, 1)
         return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px, half_cells)
 
     @property
@@ -195,7 +197,7 @@ class LinearModel:
         local, places = local_print(appearance.target, expected.places)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
-        at = places.astype(np.float32)[:, None] + patches.on_print
+        at = moved(patches.on_print, places)
         printed = sample_blurred(local, at, appearance.blur_px**2 * metric)
         value = printed.value
         xx, xy, yy = np.moveaxis(_second_by_px(squares_per_px).astype(np.float32) @ printed.second, 1, 0)
@@ -243,9 +245,10 @@ def _ghosts(
     target: Target, blurred: BlurredPrint, at: Image, squares_per_px: FloatArray, ghosts: GhostImages
 ) -> list[Image]:
     """The ghost images (n, m) of a print at places (n, m, 2) on it, those of each kind together."""
-    shifts = (ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)).astype(np.float32)
+    shifts = px_per_pitch(target) * ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
+    in_print = in_print_px(target, at)
     images = [
-        strength[:, None] * sample(blurred.value, in_print_px(target, at - shift[:, None]))
+        strength[:, None] * sample(blurred.value, moved(in_print, -shift))
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T.astype(np.float32), strict=True)
     ]
     kinds = range(max(ghosts.kind, default=-1) + 1)

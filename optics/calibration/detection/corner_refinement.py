@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
+from mirrorcam.optics.calibration.detection.blurred_print import Image, moved, sample
 from mirrorcam.optics.calibration.detection.corner_patches import (
     BLUR,
     CONTRAST,
@@ -157,7 +157,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     """
     samples = FEW_SAMPLES if appearance.rough else SAMPLES
     patches = Patches.around(expected, samples, half_cells(appearance.target))
-    seen = sample(picture, expected.pixels[:, None] + patches.offsets_px)
+    seen = sample(picture, moved(patches.offsets_px, expected.pixels))
     model = LinearModel.of(expected, patches, appearance, seen)
     count, near = len(expected.places), patches.near
     found = np.array(expected.pixels, dtype=np.float64)
@@ -171,7 +171,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         iterations = STRENGTH_ITERATIONS
     for iteration in range(iterations):
         if iteration:
-            seen = sample(picture, found[moving, None] + patches.offsets_px[moving])
+            seen = sample(picture, moved(patches.offsets_px[moving], found[moving]))
         fit = _Fit.of(seen, model.terms[moving], model.scale[moving], weights[moving])
         move = fit.shift_px
         length = np.linalg.norm(move, axis=1)

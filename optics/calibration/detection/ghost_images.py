@@ -163,15 +163,17 @@ def _gamma(grey: Grey, known: Sequence[_Ghosted], target: Target) -> float:
 
     The vertex of the parabola through the best of `GAMMAS` and its neighbours; `GAMMAS[0]` where there is no view.
     """
-    unexplained = np.zeros(len(GAMMAS))
-    for place, gamma in enumerate(GAMMAS):
+    unexplained: list[float] = []
+    for gamma in GAMMAS:
         light = in_light(grey, gamma)
-        unexplained[place] = sum(1.0 - np.mean(view.fitted(light, target)[1].explained) for view in known)
+        unexplained.append(sum(1.0 - float(np.mean(view.fitted(light, target)[1].explained)) for view in known))
+        if unexplained[-1] > min(unexplained):
+            break
     best = int(np.argmin(unexplained))
     if best in {0, len(GAMMAS) - 1}:
         return GAMMAS[best]
     before, here, after = unexplained[best - 1 : best + 2]
-    return GAMMAS[best] + 0.5 * (GAMMAS[1] - GAMMAS[0]) * float((before - after) / (before - 2.0 * here + after))
+    return GAMMAS[best] + 0.5 * (GAMMAS[1] - GAMMAS[0]) * (before - after) / (before - 2.0 * here + after)
 
 
 def _with_strengths(light: Image, views: Mapping[int, _Ghosted], target: Target) -> dict[int, _Ghosted]:

@@ -85,7 +85,7 @@ class _Fit:
     def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
         """That of a part which should be an image of a board, for poses (..., 4, 4) of the board."""
         places = part.seen_on(camera_from_board)
-        finite = np.isfinite(places).all(axis=(-2, -1))
+        finite = np.asarray(np.isfinite(places).all(axis=(-2, -1)))
         places = np.where(finite[..., None, None], places, 0.0)
         own = part.places @ _ALL_TURNS  # (4, n, 2)
         apart = places[..., None, :, :] - own
@@ -204,15 +204,15 @@ def _agreed(
     if len(pairs) < MIN_FRAMES:
         return None
     largest = sorted(pairs, key=lambda pair: -len(pair[1]))[:PROPOSING]
-    motions = np.array([motion for pose, part in largest for motion in _proposed(pose, part, nominal)])
-    if not len(motions):
+    proposed = np.array([motion for pose, part in largest for motion in _proposed(pose, part, nominal)])
+    if not len(proposed):
         return None
-    off = np.array([_Fit.of(other, motions @ at).off for at, other in pairs])
+    off = np.array([_Fit.of(other, proposed @ at).off for at, other in pairs])
     votes = (off < MAX_OFF).sum(axis=0)
     best = int(np.lexsort((np.minimum(off, MAX_OFF).sum(axis=0), -votes))[0])
-    rival = votes[~_same(motions, motions[best], pairs)].max(initial=0)
+    rival = votes[~_same(proposed, proposed[best], pairs)].max(initial=0)
     enough = votes[best] >= max(MIN_FRAMES, MIN_AGREEING * len(pairs))
-    return motions[best] if enough and rival <= MAX_RIVAL * votes[best] else None
+    return proposed[best] if enough and rival <= MAX_RIVAL * votes[best] else None
 
 
 def _same(motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]) -> NDArray[np.bool_]:
