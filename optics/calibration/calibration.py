@@ -28,6 +28,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
+from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.detection.moved_outlines import outlined
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
@@ -163,7 +164,7 @@ def calibrate(
             extend=extend,
             lens=lens,
             extremes=taken.extremes,
-            pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target),
+            pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target, workers),
             unknown=unknown_mirrors(layout, found),
             names=None if names is None else [of[n] for of, some in zip(names, chosen, strict=True) for n in some],
         )
@@ -235,6 +236,10 @@ def calibrate_corners(
     try:
         start = layout if lens is None else _with_lens(layout, lens)
         screened = screen(seen, base, start, corners_in_board_mm)
+        if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
+            seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
+            notes += (*screened.notes, *_not_kept(screened.seen, pictures))
+            screened = screen(seen, screened.base, start, corners_in_board_mm)
         select = partial(select_model, level=level, extend=extend, lens_stated=lens is not None)
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
@@ -272,28 +277,71 @@ def _fitted(
     pictures: Pictures | None,
 ) -> _Fitted:
     """Fit the corners of all frames that show any: first those with mirrors, then the others."""
-    numbers = [number for number, o in enumerate(screened.seen) if len(o)]
-    used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
-    observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
-    direct = observations.where(observations.frame >= len(numbers))
-    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
-    start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
+    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    camera = start.camera
     metrics: dict[str, Metric] = {}
     notes: tuple[str, ...] = ()
     if pictures is not None or camera.aperture_mm > 0.0:
-        first = first_fit(start, observations, corners_in_board_mm)
-        seen = as_estimated(layout, first)
-        if extremes is not None:
-            seen = outlined(seen, seen_edges(seen, extremes))[0]
+        first, seen = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
         if pictures is not None:
-            pupil = estimated_pupil(seen, pictures.placed(numbers, first.rig_from_board), pictures.target)
+            mirrored = [number for number in numbers if number < len(screened.seen)]
+            pupil = estimated_pupil(seen, pictures.placed(mirrored, first.rig_from_board), pictures.target)
             metrics, notes = pupil.metrics, (pupil.note,)
             seen = seen.replaced(camera=pupil.camera)
         kept, left_out = wholly_served(seen, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
     selection = select(start, observations, corners_in_board_mm)
-    return _Fitted(selection.widened_to(screened.widened), observations, tuple(used), metrics, notes)
+    return _Fitted(selection.widened_to(screened.widened), observations, numbers, metrics, notes)
+
+
+def _started(
+    screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray
+) -> tuple[tuple[int, ...], Observations, Estimate]:
+    """Numbers of the frames that show any corners, these, with frames numbered anew, and an estimate to start from."""
+    used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
+    observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
+    direct = observations.where(observations.frame >= sum(number < len(screened.seen) for number in used))
+    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
+    start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
+    return tuple(used), observations, start
+
+
+def _first_fit(
+    start: Estimate,
+    observations: Observations,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    extremes: Extremes | None,
+) -> tuple[Estimate, Layout]:
+    """A fit of the smallest model, and the layout as it is estimated by that, with outlines where frames show them."""
+    first = first_fit(start, observations, corners_in_board_mm)
+    layout = as_estimated(layout, first)
+    return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
+
+
+def _without_ghost_images(
+    screened: ScreenedFrames,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    extremes: Extremes | None,
+    pictures: Pictures,
+) -> list[Observations]:
+    """The corners of the frames with mirrors, refined with the ghost images of second-surface mirrors."""
+    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
+    poses = dict(zip(numbers, first.rig_from_board, strict=True))
+    return without_ghost_images(
+        screened.seen, pictures.frames, poses, layout, pictures.target, workers=pictures.workers
+    )
+
+
+def _not_kept(seen: list[Observations], pictures: Pictures) -> list[str]:
+    return [
+        f"frame {number}: not kept in memory, so that its corners in second-surface mirrors are not used"
+        for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
+        if len(rows) and picture is None
+    ]
 
 
 def _concluded(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mirrorcam.optics.base.jpeg import DamagedPicture
@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.targets import Target
 
-MOST_KEPT = 24  # arrays: more would not tell more of the pupil
+MOST_KEPT = 24  # arrays of an iterator, so that memory stays flat
 
 
 class TakenPictures:
@@ -27,13 +27,15 @@ class TakenPictures:
     extremes
         Extremes of the pictures through the mirrors so far.
     mirrored
-        The pictures through the mirrors so far: up to `MOST_KEPT`, and None for each damaged or further one.
+        The pictures through the mirrors so far; None for a damaged one, and for an array that only an iterator holds
+        once `MOST_KEPT` of them are kept.
     """
 
     def __init__(self, camera: Camera) -> None:
         self.damaged: list[DamagedPicture] = []
         self.extremes = Extremes()
         self.mirrored: list[Grey | Path | None] = []
+        self._arrays = 0
         self._camera = camera
         self._first: dict[bool, list[Grey]] = {True: [], False: []}
 
@@ -42,13 +44,15 @@ class TakenPictures:
 
         Raises InputError for a file of another size than the camera's.
         """
+        held = isinstance(pictures, Sequence)
         for picture in pictures:
             grey = self._grey(picture)
             yield grey
             # Once the next one is requested, this one was found to have the expected size.
             if mirrored:
-                at_hand = sum(kept is not None for kept in self.mirrored)
-                self.mirrored.append(picture if grey is not None and at_hand < MOST_KEPT else None)
+                room = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
+                self._arrays += not isinstance(picture, Path)
+                self.mirrored.append(picture if grey is not None and room else None)
             if grey is None:
                 continue
             if mirrored:

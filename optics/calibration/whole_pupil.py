@@ -31,21 +31,28 @@ MARGIN_PX = 9.0
 MIN_KEPT = 1.0 / 3.0
 """Part of a mirror's corners that must be left, or all of them are kept."""
 
+MOST_FRAMES = 24
+"""Frames that tell the pupil: more would not tell more of it."""
+
 PASSES = 2
 """Estimates of the pupil, each with what rays through the parts of the last one show."""
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """Pictures through the mirrors, in the order of their frames (None: not at hand), of a board."""
+    """Pictures through the mirrors, in the order of their frames (None: not at hand), of a board.
+
+    `workers` is the number of threads that look at them.
+    """
 
     frames: Sequence[Grey | Path | None]
     target: Target
+    workers: int = 1
 
     def placed(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
-        """The pictures at hand of the numbers, with the poses (n, 4, 4) of their boards."""
+        """Up to `MOST_FRAMES` pictures at hand of the numbers, with the poses (n, 4, 4) of their boards."""
         pairs = ((self.frames[number], pose) for number, pose in zip(numbers, rig_from_board, strict=False))
-        return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None]
+        return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None][:MOST_FRAMES]
 
 
 @dataclass(frozen=True)

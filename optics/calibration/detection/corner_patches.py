@@ -122,6 +122,9 @@ class Appearance:
         Ghost images beside every corner, if there are any.
     fit_strengths
         Whether the strength of each ghost image is estimated at each corner, instead of taken as given.
+    fit_encoding
+        Whether it is estimated, too, how much more ghost images show on white than on black. Where values of the
+        picture are proportional to light, they show as much on both.
     motion
         Whether the picture may be blurred along some direction.
     rough
@@ -132,6 +135,7 @@ class Appearance:
     blur_px: float
     ghosts: GhostImages | None = None
     fit_strengths: bool = False
+    fit_encoding: bool = False
     motion: bool = True
     rough: bool = False
 
@@ -207,6 +211,8 @@ class LinearModel:
             ghosts = _ghosts(local, blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
+        elif appearance.fit_encoding:
+            ghosts = [*ghosts, value * sum(ghosts)]
         right, down = np.moveaxis(squares_per_px.transpose(0, 2, 1).astype(np.float32) @ printed.first, 1, 0)
         # Light that fades to one side dims what is printed: of black it takes little. Subtracted from both alike, the
         # fading of a lens towards the rim would pull all corners inwards.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghost_images
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -51,12 +49,11 @@ def sub_images(grey: Grey, layout: Layout, target: Target, folder: Path | None =
     most = 2 * len(layout.mirrors)  # more boards than there are mirrors, as some may belong to none
     if isinstance(target, Checkerboard):
         kept = _kept(grey, target, most, folder, lambda: _as_grids(find_checkerboards(grey, target)))
-        return _checkerboards(grey, [grid for _, grid in kept.grids], layout, target)
+        return _checkerboards([grid for _, grid in kept.grids], layout, target)
     kept = _kept(grey, target, most, folder, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
     boards = _boards_of(kept.corners)
     assigned = assign(boards, layout, target)
-    refined = refine_with_ghost_images(grey, assigned, layout, target)
-    views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in refined]
+    views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
@@ -91,28 +88,23 @@ def _boards_of(views: Observations) -> list[tuple[Corners, ...]]:
     return [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
 
 
-def _checkerboards(grey: Grey, found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
+def _checkerboards(found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
     """What a frame shows of checkerboards: corners of those that a view alone can number, and all of them as grids."""
     grids = [grid for grid in found if len(spread_out(grid.corners))]
     numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
     boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
     assigned = assign(boards, layout, target)
     chosen = {id(corners): mirror for mirror, corners in assigned}
-    placed = []
+    views, seen_grids = [], []
     for grid, options in numbered:
-        # Where the board is, and so its ghost images, is the same for each numbering.
         corners = next((option for option in options if id(option) in chosen), options[0] if options else grid.corners)
         mirror = chosen.get(id(corners), likely_mirror(corners, layout))
-        if mirror is not None and options:
-            placed.append((grid, mirror, corners))
-    refined = refine_with_ghost_images(grey, [(mirror, corners) for _, mirror, corners in placed], layout, target)
-    views, seen_grids = [], []
-    for (grid, mirror, corners), (_, seen) in zip(placed, refined, strict=True):
+        if mirror is None or not options:
+            continue
         if id(corners) in chosen:
-            views.append(Observations.of_view(0, mirror, seen.ids, seen.pixels, seen.sigma_px))
-        if len(seen) >= MIN_CORNERS:
-            kept = grid.where(np.isin(corners.ids, seen.ids))
-            seen_grids.append((mirror, replace(kept, corners=replace(seen, ids=kept.corners.ids))))
+            views.append(Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px))
+        if len(grid) >= MIN_CORNERS:
+            seen_grids.append((mirror, grid))
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout), tuple(seen_grids))
 
 
