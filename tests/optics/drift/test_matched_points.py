@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
+from mirrorcam.optics.light_field.decoder import Decoder
 from tests.optics.drift.calibrated_device import device, turned
 from tests.optics.drift.textured_scenes import Sheet, Shot, fractal, photograph
 
@@ -30,6 +31,15 @@ def test_points_of_a_plane_are_found_in_all_views() -> None:
     px_mm = truth.camera.fx_px / depth_mm
     assert np.nanmedian(off_mm) * px_mm < 0.06
     assert np.nanquantile(off_mm, 0.99) * px_mm < 0.6
+
+
+def test_points_are_where_the_whole_pupil_is_served() -> None:
+    layout = device().calibrated
+    layout = layout.replaced(camera=layout.camera.replaced(aperture_mm=2.0, focus_mm=500.0))
+    found = PointMatcher(layout)
+    served = Decoder(layout, field="union").weights.reshape(found.inner.shape)
+    assert served[found.inner].min() == 1.0
+    assert found.inner.sum() > 0.6 * (served == 1.0).sum()
 
 
 def test_a_mirror_that_moved_by_pixels_is_followed(frames: list[Any]) -> None:
