@@ -48,7 +48,7 @@ def run(options: DriftOptions) -> int:
         output.refuse_others(*FILES)
         drift = find_drift_files(options.frames, layout, options.layout)
         with output.staged() as folder:
-            write_drift_files(layout, drift, [path.name for path in options.frames], folder)
+            write_drift_files(layout, drift, tilt, [path.name for path in options.frames], folder)
     _print(layout, drift)
     say("drift", drift_line(layout, drift))
     say("drift", bending_line(drift, tilt))

@@ -26,6 +26,8 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.workflow.output_folder import OutputFolder
 
 DRIFT = "drift.json"
+LEAST_MIRRORS = 3
+"""Two do not tell the turn of one mirror from one of the camera before both."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,8 @@ class WatchedSource:
 
 
 def tells_drift(layout: Layout) -> bool:
-    """Whether a layout states measured mirrors that pictures can be compared with: two or more, not as designed."""
-    return layout.kind != "nominal" and len(layout.mirrors) > 1
+    """Whether a layout states measured mirrors that pictures can be compared with: LEAST_MIRRORS, not as designed."""
+    return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
 
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
@@ -121,8 +123,6 @@ def drift_line(layout: Layout, drift: Drift) -> str:
     names = layout.mirror_names
     if drift.moved:
         each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
-        if len(names) == 2:
-            return f"mirrors {names[0]} and {names[1]} have turned against each other, {each[0].split(' by ')[1]}"
         who = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
         return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
     if drift.untold:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.figure_texts import count_text
+from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.drift.drift import Drift
 from mirrorcam.optics.drift.resolved_layout import resolved_layout
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.drift_check import DRIFT, drift_of_files, tells_drift, write_drift
+from mirrorcam.workflow.drift_check import DRIFT, LEAST_MIRRORS, drift_metrics, drift_of_files, tells_drift
 from mirrorcam.workflow.frame_checks import check_frames
+from mirrorcam.workflow.stiffness import MountTilt
 
 FILES = (DRIFT, "layout.json")
 
@@ -21,15 +24,17 @@ def find_drift_files(paths: Sequence[Path], layout: Layout, layout_path: Path) -
     Raises InputError for a layout that states no measured mirrors, and for files that are not of its camera.
     """
     if not tells_drift(layout):
-        what = "is a nominal layout" if layout.kind == "nominal" else "has one mirror"
-        raise InputError(f"{layout_path}: {what}, expected a calibrated one of two mirrors or more")
+        nominal = layout.kind == "nominal"
+        what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
+        raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")
     check_frames(paths, layout, layout_path)
     return drift_of_files(layout, paths)
 
 
-def write_drift_files(layout: Layout, drift: Drift, sources: Sequence[str], folder: Path) -> None:
-    """Write drift.json and, where a mirror moved, the re-solved layout.json."""
-    write_drift(layout, drift, folder / DRIFT)
+def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:
+    """Write drift.json, how far the mount bends among it, and, where a mirror moved, the re-solved layout.json."""
+    bending = {"mount_tilt_deg": Metric(value=tilt.deg, unit="deg")}
+    write_metrics(folder / DRIFT, drift_metrics(layout, drift) | bending)
     if drift.moved:
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
         resolved_layout(layout, drift, f"a scene in {sources[0][:80]}{more}").save(folder / "layout.json")

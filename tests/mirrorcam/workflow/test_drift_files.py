@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.drift_files import find_drift_files, write_drift_files
+from mirrorcam.workflow.stiffness import MountTilt
 from tests.mirrorcam.command_line import results
 from tests.optics.drift.calibrated_device import device, turn_error_deg, turned
 from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
@@ -22,8 +24,9 @@ def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
     write_image(tmp_path / "frame.png", photograph(truth, sheets, Shot(), random))
     moved = turned(device().calibrated, 4, np.array([0.04, 0.0, 0.03]))
     drift = find_drift_files([tmp_path / "frame.png"], moved, tmp_path / "layout.json")
-    write_drift_files(moved, drift, ["frame.png"], tmp_path / "out")
+    write_drift_files(moved, drift, MountTilt(0.03, "checks.json"), ["frame.png"], tmp_path / "out")
     assert results(tmp_path / "out") == ["drift.json", "layout.json"]
+    assert json.loads((tmp_path / "out" / "drift.json").read_text())["mount_tilt_deg"]["value"] == 0.03
     found = Layout.load(tmp_path / "out" / "layout.json")
     assert turn_error_deg(found, device().calibrated, 4) < 0.01
     assert found.provenance["resolved_by"] == "a scene in frame.png"
@@ -32,3 +35,8 @@ def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
 def test_a_nominal_layout_is_refused(default_layout: Layout) -> None:
     with pytest.raises(InputError, match=r"layout\.json: is a nominal layout, expected a calibrated one"):
         find_drift_files([Path("frame.png")], default_layout.replaced(kind="nominal"), Path("layout.json"))
+
+
+def test_two_mirrors_are_refused(small_layout: Layout) -> None:
+    with pytest.raises(InputError, match=r"layout\.json: has 2 mirrors, expected a calibrated one of 3 mirrors"):
+        find_drift_files([Path("frame.png")], small_layout.replaced(kind="calibrated"), Path("layout.json"))
