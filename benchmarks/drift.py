@@ -1,4 +1,4 @@
-"""Mirrors that moved, told from any scene: `python -m benchmarks.drift [--recordings N] [--workers N] [SET ...]`.
+"""Mirrors that moved, told from any scene: `python -m benchmarks.drift [--recordings N] [SET ...]`.
 
 Simulated recordings of a calibrated device of nine mirrors (960 x 540 px; the calibration is from noisy corners, so
 that its errors are real ones): five frames each of a random scene of nine textured sheets, at random depths, with
@@ -57,11 +57,13 @@ class Outcome:
     seconds: float
 
 
-def outcomes(layout: Layout, frames: list[Any], random: np.random.Generator) -> Iterator[Outcome]:
-    """Test frames against the layout as it is, and with a mirror turned by each of TURNS_DEG."""
+def outcomes(
+    layout: Layout, frames: list[Any], random: np.random.Generator, turns_deg: tuple[float, ...] = TURNS_DEG
+) -> Iterator[Outcome]:
+    """Test frames against the layout with a mirror turned by each of some angles; by 0: as it is."""
     index = int(random.integers(len(layout.mirrors)))
     axis = across(layout, index, 1.0, random)
-    for size in TURNS_DEG:
+    for size in turns_deg:
         against = turned(layout, index, size * axis) if size else layout
         start = time.perf_counter()
         matcher = PointMatcher(against)
@@ -84,7 +86,7 @@ def _outcome(found: Drift, index: int, turn_deg: Any, size: float, seconds: floa
     )
 
 
-def simulated(pictures: list[Picture], seed: int) -> list[Outcome]:
+def simulated(pictures: list[Picture], turns_deg: tuple[float, ...], seed: int) -> list[Outcome]:
     """One recording of the simulated device."""
     random, made = np.random.default_rng(seed), device()
     textures = [fractal(random, slope=slope) for slope in (0.8, 1.2, 1.6)] + pictures
@@ -102,7 +104,7 @@ def simulated(pictures: list[Picture], seed: int) -> list[Outcome]:
         )
         now = [Sheet(sheet.middle + number * step, sheet.axes, sheet.picture, sheet.texel_mm) for sheet in sheets]
         frames.append(photograph(made.truth, now, shot, random))
-    return list(outcomes(made.calibrated, frames, random))
+    return list(outcomes(made.calibrated, frames, random, turns_deg))
 
 
 def of_set(folder: Path) -> list[Outcome]:
@@ -132,7 +134,7 @@ def report(title: str, found: list[Outcome]) -> None:
     count = sum(each.turn_deg == 0.0 for each in found)
     print(f"{title}: {count} recordings, {np.median([each.seconds for each in found]):.2f} s a frame")
     print(f"{'turn deg':>10}{'alarms':>8}{'right only':>12}{'error deg: median':>20}{'largest':>10}{'NEES':>8}")
-    for size in TURNS_DEG:
+    for size in sorted({each.turn_deg for each in found}):
         some = [each for each in found if each.turn_deg == size]
         errors = [each.error_deg for each in some]
         only = "" if size == 0.0 else str(sum(each.only_right for each in some))
@@ -154,6 +156,7 @@ def main() -> None:
     parser.add_argument("sets", nargs="*", type=Path, metavar="SET")
     parser.add_argument("--recordings", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, metavar="SEED")
+    parser.add_argument("--unmoved", action="store_true", help="simulated recordings only as they are")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--pictures", type=Path, help="folder of pictures that serve as textures")
     given = parser.parse_args()
@@ -163,7 +166,8 @@ def main() -> None:
         device()
         with ProcessPoolExecutor(given.workers) as pool:
             seeds = range(given.first, given.first + given.recordings)
-            found = [each for some in pool.map(partial(simulated, pictures), seeds) for each in some]
+            turns = (0.0,) if given.unmoved else TURNS_DEG
+            found = [each for some in pool.map(partial(simulated, pictures, turns), seeds) for each in some]
         report("simulated", found)
     for folder in given.sets:
         report(folder.name, of_set(folder))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text
 from mirrorcam.optics.base.files import write_text
@@ -138,6 +139,7 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
     free = diagnostics.free_views
     return {
         "common": tables.common_table(diagnostics),
+        "tilt": figure_text(HARDWARE.mount.tilt_deg, 2),
         "weak": tables.weak_table(diagnostics) if diagnostics.weak else None,
         "projection": _projection(calibration, diagnostics, views),
         "depth": Card(depth_sigmas(diagnostics.depth, diagnostics.range_mm)) if known else None,

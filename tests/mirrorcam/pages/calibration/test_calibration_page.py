@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.figure_texts import sigma_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -43,6 +44,11 @@ def test_a_sound_calibration_is_good_to_use(calibration: Calibration) -> None:
     page = outline(report_html(calibration, command="mirrorcam calibrate"))
     assert "Good to use" in page.text
     assert "FAIL" not in page.text
+
+
+def test_how_far_the_mount_bends_stands_beside_the_motion_of_all_mirrors(calibration: Calibration) -> None:
+    page = outline(report_html(calibration, command="mirrorcam calibrate"))
+    assert f"gravity turn all mirrors together by {HARDWARE.mount.tilt_deg:g}° at most" in " ".join(page.text.split())
 
 
 def many_outliers(calibration: Calibration) -> Calibration:
