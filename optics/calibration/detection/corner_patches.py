@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,7 @@ class ExpectedCorners:
         """The corners of a boolean mask (n,)."""
         return ExpectedCorners(*(getattr(self, field.name)[mask] for field in fields(self)))
 
-    @property
+    @cached_property
     def squares_per_px(self) -> FloatArray:
         """Derivatives (n, 2, 2) of squares by pixels."""
         area = np.abs(np.linalg.det(self.cells))
@@ -163,14 +164,14 @@ class Patches:
 
     @classmethod
     def around(cls, expected: ExpectedCorners, samples: int = SAMPLES, half_cells: float = HALF_CELLS) -> Patches:
-        u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples, dtype=np.float32)] * 2))
+        u, v, near = _square(samples)
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
         half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
         on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
         side = half[:, None, None]
         to_px = np.concatenate([expected.cells * side, expected.bends * side**2], axis=2).astype(np.float32)
         offsets = np.stack([u, v, u * u, u * v, v * v], axis=1) @ to_px.transpose(0, 2, 1)
-        return cls(u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE)), on_print, offsets, side_px, half_cells)
+        return cls(u, v, near, on_print, offsets, side_px, half_cells)
 
     @property
     def noise_gain(self) -> FloatArray:
@@ -186,6 +187,13 @@ class Patches:
         far = np.clip(2.0 - apart, 0.0, None) ** 3 / 6.0
         share = np.where(apart < 1.0, 2.0 / 3.0 - apart**2 + apart**3 / 2.0, far)
         return np.asarray(2.0 * share.sum(axis=1) / share[:, 0] - 1.0)
+
+
+@lru_cache(maxsize=2)
+def _square(samples: int) -> tuple[Image, Image, Image]:
+    """Samples on a square from -1 to 1, and their weights."""
+    u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples, dtype=np.float32)] * 2))
+    return u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE))
 
 
 @dataclass(frozen=True)
