@@ -47,6 +47,8 @@ MISSED = 1.64
 """Turns of this many standard deviations beyond the threshold are told in 19 of 20 recordings."""
 LEAST_POINTS = 30
 """A mirror that shows fewer points is not tested."""
+MOST_SIGMA_PX = 0.2
+"""Matches of a frame that scatter more, however mirrors may have moved, are wrong."""
 UNTOLD_DEG = 90.0
 
 
@@ -141,9 +143,23 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
     small = placed({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
     wide = placed({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
-    told = SceneFit(layout, matches, calibrated + common + small + wide).solve()
+    prior = calibrated + common + small + wide
+    matches = _understood(layout, matches, prior)
+    shown = np.bincount(matches.view, minlength=len(mirrors))
+    if (shown >= LEAST_POINTS).sum() < 2:
+        return _nothing(layout, names, shown.tolist(), len(matches.frame))
+    told = SceneFit(layout, matches, prior).solve()
     information, gradient = _deflated(told)
     return _Test(layout, names, told, information, gradient, calibrated, small, common).run()
+
+
+def _understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
+    """The points of frames that some motion of the mirrors explains; of others, matches are wrong."""
+    kept = np.zeros(len(matches.point), dtype=bool)
+    for frame in np.unique(matches.frame):
+        rows = matches.frame[matches.point] == frame
+        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MOST_SIGMA_PX
+    return matches.where(kept)
 
 
 def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], points: int) -> Drift:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
 from mirrorcam.workflow.drift_check import DRIFT
 from tests.mirrorcam.command_line import results
+from tests.optics.drift.calibrated_device import device, turned
+from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
 from tests.optics.layouts import faceted_parabola
 from tests.optics.light_field.io.videos import pictures
 
@@ -95,3 +98,21 @@ def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> N
     request = DecodeRequest(folder / "layout.json", frames=(folder / "turned.jpg",))
     with pytest.raises(InputError, match=r"192x320 px as stored \(its EXIF data turns it\), expected 320x192 of"):
         decoded(request, folder / "out")
+
+
+def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    random, truth = np.random.default_rng(1), device().truth
+    sheets = scene(random, (250.0, 600.0), [fractal(random, slope=0.8)], truth.camera.fx_px)
+    write_image(tmp_path / "frame.png", photograph(truth, sheets, Shot(), random))
+    moved = turned(device().calibrated, 4, np.array([0.04, 0.0, 0.03]))
+    for name, layout in (("moved", moved), ("still", device().calibrated)):
+        layout.save(tmp_path / f"{name}.json")
+        request = DecodeRequest(tmp_path / f"{name}.json", frames=(tmp_path / "frame.png",), width_px=60)
+        assert decoded(request, tmp_path / name) == 0
+        figures = json.loads((tmp_path / name / DRIFT).read_text())
+        assert figures["mirrors_moved"]["value"] == (name == "moved")
+    said = capfd.readouterr().out
+    assert said.count("a mirror has moved since the calibration: 1-1 by 0.0") == 1
+    assert f"mirrorcam drift FRAMES --layout {tmp_path / 'moved.json'} re-solves what moved" in " ".join(said.split())
