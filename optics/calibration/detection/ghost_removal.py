@@ -33,9 +33,9 @@ from mirrorcam.optics.calibration.solver.observations import Corners, Observatio
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
-MOST_FRAMES = 6  # that tell the encoding and the strengths
+MOST_FRAMES = 4  # that tell the encoding and the strengths
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in all, the strengths are those of Fresnel's equations
-ROUNDS = 4  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
+ROUNDS = 2  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
 ROUNDS_FOR_GAMMA = 5
 FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
 GAIN = 0.7  # too large a power makes ghost images stronger on white by about half the logarithm of white / black
@@ -45,10 +45,11 @@ MOST_OFF = 1.15  # by which a coating may make a ghost image stronger or fainter
 
 @dataclass(frozen=True)
 class _Look:
-    """The power that encodes light, and a factor on the strength of each kind of ghost image; 0 for one not there."""
+    """The power that encodes light, the blur, and a factor on each kind of ghost image; 0 for one not there."""
 
     gamma: float
     factors: FloatArray
+    blur_px: float | None = None
 
 
 def without_ghost_images(
@@ -144,38 +145,33 @@ def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _
     if sum(len(view) for _, views in few for view in views) < MIN_CORNERS_FOR_STRENGTH:
         return _Look(1.0, there.astype(np.float64))
     while True:
-        shown = [(grey, [view.of_ghosts(there) for view in views]) for grey, views in few]
-        gamma = _gamma(shown, target)
+        gamma, shown = _gamma([(grey, [view.of_ghosts(there) for view in views]) for grey, views in few], target)
+        lights = [(in_light(grey, gamma), views) for grey, views in shown]
+        fits = [_blurred(view, light, target) for light, views in lights for view in views]
         factors = np.zeros(2)
-        factors[there] = _factors(shown, gamma, target)
+        factors[there] = np.nanmedian(np.concatenate([seen.ghost_strengths for _, seen in fits]), axis=0)
         hardly = there & (factors < LEAST_STRENGTH)
         there &= ~hardly
         if not hardly.any() or not there.any():
-            return _Look(gamma, _of_one_coating(factors * there))
+            blur_px = float(np.median([view.blur_px for view, _ in fits]))
+            return _Look(gamma, _of_one_coating(factors * there), blur_px)
 
 
-def _gamma(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> float:
-    """The power of light for which ghost images show as strong on white as on black."""
-    gamma, views = FIRST_GAMMA, [views for _, views in frames]
+def _gamma(
+    frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
+) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
+    """The power of light for which ghost images show as strong on white as on black, and views with their blur."""
+    gamma, shown = FIRST_GAMMA, list(frames)
     for _ in range(ROUNDS_FOR_GAMMA):
-        lights = [in_light(grey, gamma) for grey, _ in frames]
+        lights = [in_light(grey, gamma) for grey, _ in shown]
         fits = [
-            [view.fitted(light, target, fit_encoding=True) for view in of_frame]
-            for light, of_frame in zip(lights, views, strict=True)
+            [view.fitted(light, target, fit_encoding=True) for view in views]
+            for light, (_, views) in zip(lights, shown, strict=True)
         ]
-        views = [[view for view, _ in of_frame] for of_frame in fits]
+        shown = [(grey, [view for view, _ in of_frame]) for (grey, _), of_frame in zip(shown, fits, strict=True)]
         on_white = np.concatenate([seen.ghost_strengths[:, -1] for of_frame in fits for _, seen in of_frame])
         gamma = float(np.clip(gamma * np.exp(-GAIN * np.nanmedian(on_white)), 1.0, MAX_GAMMA))
-    return gamma
-
-
-def _factors(frames: Sequence[tuple[Grey, list[GhostedView]]], gamma: float, target: Target) -> FloatArray:
-    """The median factor (k,) on the strength of each kind of ghost image."""
-    factors = []
-    for grey, views in frames:
-        light = in_light(grey, gamma)
-        factors += [_blurred(view, light, target)[1].ghost_strengths for view in views]
-    return np.asarray(np.nanmedian(np.concatenate(factors), axis=0))
+    return gamma, shown
 
 
 def _of_one_coating(factors: FloatArray) -> FloatArray:
@@ -201,4 +197,5 @@ def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedVi
 def _refined(light: Image, view: GhostedView, look: _Look, target: Target) -> Corners:
     """The corners of a view, with the blur that some of them show."""
     view = view.times(look.factors)
-    return replace(view, blur_px=_blurred(view.few, light, target)[0].blur_px).corners(light, target)
+    start = view.few if look.blur_px is None else replace(view.few, blur_px=look.blur_px)
+    return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)

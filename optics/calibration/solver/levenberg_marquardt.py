@@ -18,6 +18,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names, residuals
+from mirrorcam.optics.calibration.solver.shared_errors import shared_covariance
 
 BoolArray = NDArray[np.bool_]
 
@@ -65,7 +66,7 @@ class Solution:
         Names (g,) of the free globals.
     covariance
         Covariance (g, g) of the free globals, with the board's poses and what else is of single frames marginalised:
-        scale^2 times the inverse of the reduced normal matrix.
+        scale^2 times the inverse of the reduced normal matrix, and what corners share (`shared_errors`).
     frame_terms
         How many numbers of single frames, besides the poses, the corners determine rather than their priors.
     """
@@ -135,7 +136,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
         scale = float(np.sqrt(np.sum(r[inliers] ** 2) / spare))
         if np.array_equal(_without_outliers(r, observations.view, inliers, scale), inliers):
             break
-    covariance = scale**2 * _inverse_information(estimate, kept, model)
+    covariance = scale**2 * _inverse_information(estimate, kept, model) + shared_covariance(estimate, kept, model)
     sigma_px = scale * float(np.median(kept.sigma_px))
     return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance, terms)
 
