@@ -35,8 +35,8 @@ SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to
 def find_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
-    Grids of saddle points are numbered by the markers between them. Where they are not, as on boards whose markers
-    nearly touch the corners, the search starts from markers instead.
+    Grids of saddle points are numbered by the markers between them. Where that shows fewer than half as many, as on
+    boards whose markers nearly touch the corners, boards are also grown from markers that are found one by one.
 
     Parameters
     ----------
@@ -62,7 +62,9 @@ def find_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most
         board = grow_board(picture, _on_print(numbered.places, target), pixels, target, mirrored=mirrored)
         if len(board) and not any(same_board(board, other) for other in found):
             found.append(board)
-    return sorted(found or _from_markers(grey, target, mirrored=mirrored), key=len, reverse=True)[:most]
+    if 2 * len(found) < most:
+        found = _from_markers(grey, target, found, mirrored=mirrored)
+    return sorted(found, key=len, reverse=True)[:most]
 
 
 def _on_print(places: IntArray, target: Charuco | AprilGrid) -> FloatArray:
@@ -84,13 +86,15 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
     return Markers(np.array(codes) > 0, np.array(white), target.marker_mm / target.square_mm, parity=1)
 
 
-def _from_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> list[Corners]:
-    """The boards in a picture, grown from markers that were found one by one."""
+def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
+    """The known boards in a picture, and those grown from markers, found one by one, that these do not show."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     places = marker_places(target)[ids]
     picture = np.asarray(grey, dtype=np.float32)
-    found: list[Corners] = []
+    found = list(known)
     taken = np.zeros(len(ids), dtype=bool)
+    for board in known:
+        taken |= _shown(board, places, quads, target)
     waiting = groups(places, quads)
     while waiting:
         members = waiting.pop(0)

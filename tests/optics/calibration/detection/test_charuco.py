@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.optics.calibration.detection import charuco
 from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, marker_places
 from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
@@ -39,6 +40,24 @@ def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) 
     truth = seen(GRID.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
     assert find_boards(picture, GRID, mirrored=not mirrored, most=4) == []
+
+
+def test_a_board_that_no_grid_shows_is_found_by_its_markers_beside_one_that_a_grid_shows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pose = posed(CHARUCO, np.array([20.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
+    picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
+    twice = np.hstack([picture, picture])
+    first, second = find_boards(twice, CHARUCO, mirrored=False, most=4)
+    whole = charuco.linked_grids
+    monkeypatch.setattr(
+        charuco, "linked_grids", lambda grey: [grid for grid in whole(grey) if grid[1][:, 0].max() < CAMERA.width_px]
+    )
+    found = find_boards(twice, CHARUCO, mirrored=False, most=4)
+    assert {len(board) for board in found} == {len(first), len(second)}
+    assert sorted(board.pixels[:, 0].min() > CAMERA.width_px for board in found) == [False, True]
+    # Where grids show at least half as many boards as there may be, markers are not looked for one by one.
+    assert len(find_boards(twice, CHARUCO, mirrored=False, most=2)) == 1
 
 
 def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
