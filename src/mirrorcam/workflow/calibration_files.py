@@ -13,7 +13,8 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
-from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
 from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner, pose_by_layout
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration

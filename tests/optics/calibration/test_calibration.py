@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.calibration import calibrate, calibrate_corners
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
@@ -275,22 +276,6 @@ def test_pictures_that_are_upside_down_are_refused_with_that_cause(small_set: Se
         calibrate(turned, [], small_set.nominal, BOARD)
 
 
-def test_a_frame_without_a_board_is_named_and_left_out(
-    small_set: Set, corners: tuple[list[Observations], list[Observations]]
-) -> None:
-    seen, base = corners
-    assert len(sub_images(np.full_like(small_set.frames[0], 60), small_set.nominal, BOARD).corners) == 0
-    found = calibrate_corners([Observations.none(), *seen[:5]], base, small_set.nominal, BOARD.corners_in_board_mm)
-    assert found.notes == ("frame 0: no board found, not used",)
-    assert len(found.rig_from_board) == 5 + len(base)
-
-
-def test_missing_base_frames_are_noted(small_set: Set, corners: tuple[list[Observations], list[Observations]]) -> None:
-    found = calibrate_corners(corners[0], [], small_set.nominal, BOARD.corners_in_board_mm)
-    assert any("no frame without mirrors" in note for note in found.notes)
-    assert angles_deg(found.layout, small_set.truth).max() < 0.2
-
-
 @pytest.mark.parametrize("base", [0, 1])
 def test_no_pictures_are_refused_in_one_line(small_set: Set, base: int) -> None:
     with pytest.raises(InputError, match="no pictures given"):
@@ -304,6 +289,7 @@ def test_an_unknown_level_is_refused_before_any_picture_is_searched(small_set: S
 
 def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:
     blank = np.full_like(small_set.frames[0], 60)
+    assert len(sub_images(blank, small_set.nominal, BOARD).corners) == 0
     with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):
         calibrate([blank, blank], small_set.base, small_set.nominal, BOARD)
     with pytest.raises(InputError, match="frame 0 is 100x50 px, the layout's camera 960x540"):
@@ -324,12 +310,3 @@ def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detecti
     assert found.diagnostics is not None
     assert found.diagnostics.level == "joint+sheet"
     assert any("look first-surface" in alarm for alarm in found.diagnostics.alarms)
-
-
-def test_one_frame_of_one_mirror_does_not_determine_a_camera(
-    small_set: Set, corners: tuple[list[Observations], list[Observations]]
-) -> None:
-    seen = corners[0][0]
-    alone = small_set.nominal.replaced(rows=1, cols=1, mirrors=small_set.nominal.mirrors[:1])
-    with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
-        calibrate_corners([seen.where(seen.view == 0)], [], alone, BOARD.corners_in_board_mm)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.corner_files import HEADER, CornerTable, load_corners, save_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from tests.optics.calibration.sound_calibration import BOARD, nominal_layout, sound_calibration

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

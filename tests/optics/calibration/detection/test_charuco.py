@@ -7,6 +7,7 @@ import pytest
 
 from mirrorcam.optics.calibration.detection import charuco
 from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, marker_places
+from mirrorcam.optics.calibration.detection.checkerboard import linked_grids
 from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
@@ -49,7 +50,7 @@ def test_a_board_that_no_grid_shows_is_found_by_its_markers_beside_one_that_a_gr
     picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
     twice = np.hstack([picture, picture])
     first, second = find_boards(twice, CHARUCO, mirrored=False, most=4)
-    whole = charuco.linked_grids
+    whole = linked_grids
     monkeypatch.setattr(
         charuco, "linked_grids", lambda grey: [grid for grid in whole(grey) if grid[1][:, 0].max() < CAMERA.width_px]
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.lens_additions import free_intrinsics, further_lenses, with_addition
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, fit_with, foreseen_gain, joint_model

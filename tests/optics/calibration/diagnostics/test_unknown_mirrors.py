@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.calibration.calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import grid_shown, unknown_mirrors

@@ -1,0 +1,271 @@
+"""Calibration of a mirror camera from detected corners and the nominal layout.
+
+1. Corners, views and frames that contradict the others are left out (`screening`).
+2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
+   (`initial_estimates`).
+3. In second-surface mirrors, corners are refined with their ghost images (`ghost_removal`), and screened again.
+4. The lens's pupil is estimated from the mirrors' edges, and corners that it sees only partly are left out
+   (`whole_pupil`).
+5. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
+   (`model_selection`).
+6. The uncertainty and the validity of the result are determined (`diagnostics`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.calibrated_layout import as_estimated
+from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
+from mirrorcam.optics.calibration.detection.moved_outlines import outlined
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
+from mirrorcam.optics.calibration.diagnostics.calibration_result import (
+    Calibration,
+    fit_metrics,
+    held_out_metrics,
+    spatial_rms_mm,
+    uncertainty,
+)
+from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
+from mirrorcam.optics.calibration.diagnostics.consistency import unseen_rows
+from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
+from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
+from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
+from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors
+from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+
+NO_UNKNOWN_MIRRORS = UnknownMirrors()
+
+
+def calibrate_corners(
+    seen: list[Observations],
+    base: list[Observations],
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    *,
+    level: str | None = None,
+    extend: bool = False,
+    lens: LensName | None = None,
+    extremes: Extremes | None = None,
+    pictures: Pictures | None = None,
+    unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
+    names: Sequence[str] | None = None,
+) -> Calibration:
+    """Calibrate a mirror camera from detected corners.
+
+    Parameters
+    ----------
+    seen, base
+        Observations of each frame with and without mirrors, each as frame 0.
+    layout
+        Nominal layout.
+    corners_in_board_mm
+        The board's corners (c, 3) as drawn.
+    level, extend, lens
+        Model to fit and lens of the camera, as in `calibrate`.
+    extremes
+        Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
+    pictures
+        The frames with mirrors; where given, the pupil of the lens is estimated from them.
+    unknown
+        Boards that belong to no mirror of the layout.
+    names
+        Names of all frames, `seen` first. Default: their numbers.
+
+    Raises
+    ------
+    InputError
+        Where the corners do not determine camera and mirrors.
+    """
+    if not seen:
+        raise InputError("no pictures given")
+    notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
+    try:
+        start = layout if lens is None else _with_lens(layout, lens)
+        screened = screen(seen, base, start, corners_in_board_mm)
+        if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
+            seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
+            notes += (*screened.notes, *_not_kept(screened.seen, pictures))
+            screened = screen(seen, screened.base, start, corners_in_board_mm)
+        select = partial(select_model, level=level, extend=extend, lens_stated=lens is not None)
+        fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
+        if names is None:
+            names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
+        pictures_used = tuple(names[number] for number in fitted.frames)
+        return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
+    except UndeterminedError as error:
+        raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
+    except ValidationError as error:
+        raise unknown.explained(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
+    except InputError as error:
+        raise unknown.explained(str(error)) from None
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """The selected model, the corners that it was fitted to, and what was found of the pupil.
+
+    `frames` are the numbers of the frames that show any, those with mirrors first.
+    """
+
+    selection: ModelSelection
+    observations: Observations
+    frames: tuple[int, ...]
+    metrics: dict[str, Metric]
+    notes: tuple[str, ...]
+
+
+def _fitted(
+    screened: ScreenedFrames,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    select: Callable[[Estimate, Observations, FloatArray], ModelSelection],
+    extremes: Extremes | None,
+    pictures: Pictures | None,
+) -> _Fitted:
+    """Fit the corners of all frames that show any: first those with mirrors, then the others."""
+    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    camera = start.camera
+    metrics: dict[str, Metric] = {}
+    notes: tuple[str, ...] = ()
+    if pictures is not None or camera.aperture_mm > 0.0:
+        first, seen = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
+        if pictures is not None:
+            mirrored = [number for number in numbers if number < len(screened.seen)]
+            pupil = estimated_pupil(seen, pictures.placed(mirrored, first.rig_from_board), pictures.target)
+            metrics, notes = pupil.metrics, (pupil.note,)
+            seen = seen.replaced(camera=pupil.camera)
+        kept, left_out = wholly_served(seen, observations)
+        observations, notes = observations.where(kept), (*notes, *left_out)
+        start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
+    selection = select(start, observations, corners_in_board_mm)
+    return _Fitted(selection.widened_to(screened.widened), observations, numbers, metrics, notes)
+
+
+def _started(
+    screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray
+) -> tuple[tuple[int, ...], Observations, Estimate]:
+    """Numbers of the frames that show any corners, these, with frames numbered anew, and an estimate to start from."""
+    used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
+    observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
+    direct = observations.where(observations.frame >= sum(number < len(screened.seen) for number in used))
+    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
+    start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
+    return tuple(used), observations, start
+
+
+def _first_fit(
+    start: Estimate,
+    observations: Observations,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    extremes: Extremes | None,
+) -> tuple[Estimate, Layout]:
+    """A fit of the smallest model, and the layout as it is estimated by that, with outlines where frames show them."""
+    first = first_fit(start, observations, corners_in_board_mm)
+    layout = as_estimated(layout, first)
+    return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
+
+
+def _without_ghost_images(
+    screened: ScreenedFrames,
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    extremes: Extremes | None,
+    pictures: Pictures,
+) -> list[Observations]:
+    """The corners of the frames with mirrors, refined with the ghost images of second-surface mirrors."""
+    numbers, observations, start = _started(screened, layout, corners_in_board_mm)
+    first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
+    poses = dict(zip(numbers, first.rig_from_board, strict=True))
+    return without_ghost_images(
+        screened.seen, pictures.frames, poses, layout, pictures.target, workers=pictures.workers
+    )
+
+
+def _not_kept(seen: list[Observations], pictures: Pictures) -> list[str]:
+    return [
+        f"frame {number}: not kept in memory, so that its corners in second-surface mirrors are not used"
+        for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
+        if len(rows) and picture is None
+    ]
+
+
+def _concluded(
+    fitted: _Fitted,
+    layout: Layout,
+    extremes: Extremes | None,
+    notes: tuple[str, ...],
+    unknown: UnknownMirrors,
+    pictures: tuple[str, ...],
+) -> Calibration:
+    """The calibrated layout with its diagnostics and metrics; raises InputError where the fit is implausible."""
+    selection, observations = fitted.selection, fitted.observations
+    mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
+    calibrated = _calibrated(selection, layout)
+    edges = [] if extremes is None else seen_edges(calibrated, extremes)
+    side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
+    what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
+    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
+    if edges:
+        calibrated, moved = outlined(calibrated, edges)
+        notes += moved
+    diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
+    selection = selection.widened_to(diagnostics.widened)
+    solution = selection.solution
+    notes += (*fitted.notes, *doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
+    metrics = fit_metrics(observations, solution)
+    spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
+    metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
+    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
+    metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
+    return Calibration.of(
+        solution,
+        observations,
+        calibrated,
+        metrics=metrics,
+        notes=notes,
+        diagnostics=diagnostics,
+        pictures=pictures,
+    )
+
+
+def _with_lens(layout: Layout, lens: LensName) -> Layout:
+    camera, _ = nearest_lens(layout.camera, lens, whole_picture(layout.camera))
+    return layout.replaced(camera=camera)
+
+
+def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
+    notes = [f"frame {number}: no board found, not used" for number, o in enumerate(seen) if not len(o)]
+    notes += [f"base frame {number}: no board found, not used" for number, o in enumerate(base) if not len(o)]
+    for number, o in enumerate(seen):
+        missing = [name for index, name in enumerate(layout.mirror_names) if index not in o.view]
+        if len(o) and missing:
+            notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
+    if not any(len(o) for o in base):
+        notes.append("no frame without mirrors: the intrinsics rest on the mirrored views alone")
+    return tuple(notes)
+
+
+def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
+    return as_estimated(layout, selection.solution.estimate).replaced(
+        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.level},
+        uncertainty=uncertainty(selection.solution),
+    )

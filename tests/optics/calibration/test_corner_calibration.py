@@ -1,0 +1,87 @@
+"""Calibration from corners: what is left out, refused, and refined once the mirrors are nearly known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.calibration import corner_calibration
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.whole_pupil import Pictures
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Target
+from tests.optics.calibration.sound_calibration import BOARD, board_poses, nominal_layout, true_layout
+from tests.optics.calibration.synthetic_corners import Views, views_of
+
+CORNERS_MM = BOARD.corners_in_board_mm
+
+
+@pytest.fixture(scope="module")
+def views() -> Views:
+    return views_of(true_layout(), BOARD, *board_poses(), noise_px=0.05)
+
+
+def worst_deg(a: Layout, b: Layout) -> float:
+    """The largest angle between a mirror of one layout and that of the other."""
+    crosses = np.cross([m.normal_in_rig for m in a.mirrors], [m.normal_in_rig for m in b.mirrors])
+    return float(np.degrees(np.linalg.norm(crosses, axis=1)).max())
+
+
+def test_a_frame_without_a_board_is_named_and_left_out(views: Views) -> None:
+    found = calibrate_corners([Observations.none(), *views.seen[:5]], views.base, nominal_layout(), CORNERS_MM)
+    assert "frame 0: no board found, not used" in found.notes
+    assert len(found.rig_from_board) == 5 + len(views.base)
+
+
+def test_missing_base_frames_are_noted(views: Views) -> None:
+    found = calibrate_corners(views.seen, [], nominal_layout(), CORNERS_MM)
+    assert any("no frame without mirrors" in note for note in found.notes)
+    assert worst_deg(found.layout, true_layout()) < 0.2
+
+
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(views: Views) -> None:
+    seen, nominal = views.seen[0], nominal_layout()
+    alone = nominal.replaced(rows=1, cols=1, mirrors=nominal.mirrors[:1])
+    with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
+        calibrate_corners([seen.where(seen.view == 0)], [], alone, CORNERS_MM)
+
+
+def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nominal, true = (layout.with_surface("second", 2.0) for layout in (nominal_layout(), true_layout()))
+    views = views_of(true, BOARD, *board_poses(), noise_px=0.05)
+    asked: list[tuple[Layout, Mapping[int, FloatArray]]] = []
+
+    def shifted(
+        seen: Sequence[Observations],
+        pictures: Sequence[object],
+        poses: Mapping[int, FloatArray],
+        layout: Layout,
+        target: Target,
+        *,
+        workers: int,
+    ) -> list[Observations]:
+        assert (len(seen), target, workers) == (len(pictures), BOARD, 3)
+        asked.append((layout, poses))
+        return [replace(rows, pixels=rows.pixels + np.array([0.0, 0.25])) for rows in seen]
+
+    monkeypatch.setattr(corner_calibration, "without_ghost_images", shifted)
+    blank = np.zeros((nominal.camera.height_px, nominal.camera.width_px), dtype=np.uint8)
+    pictures = Pictures([blank] * (len(views.seen) - 1) + [None], BOARD, workers=3)
+    found = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, level="joint", pictures=pictures)
+    ((layout, poses),) = asked
+    assert worst_deg(layout, true) < 0.2 * worst_deg(nominal, true)
+    assert set(range(len(views.seen))) <= set(poses)
+    plain = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, level="joint")
+    mirrored = found.observations.view >= 0
+    assert np.mean(found.observations.pixels[mirrored, 1]) - np.mean(
+        plain.observations.pixels[plain.observations.view >= 0, 1]
+    ) == pytest.approx(0.25, abs=0.05)
+    lost = f"frame {len(views.seen) - 1}: not kept in memory"
+    assert [note for note in found.notes if lost in note]
