@@ -11,9 +11,13 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.working_distance import working_range_mm
 
 GRID = 12  # samples across and down a sub-image
-DISTANCES_MM = (300.0, 1000.0)  # from the virtual centre, of layouts without a spec
+DISTANCES_MM = (300.0, 1000.0)
+"""From the virtual centre, of layouts that tell no working range."""
+BEYOND = 1.05
+"""Nearest points, in distances of the mirror along the ray."""
 STEPS = 8
 FREE = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
 """What is fitted beside the pose; the principal point would only be correlated with the rotation."""
@@ -35,7 +39,7 @@ class Pinhole:
 
 
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinhole:
-    """The camera nearest to what a mirror shows within its sub-image (n, 2), at the layout's depths.
+    """The camera nearest to what a mirror shows within its sub-image (n, 2), in the layout's working range.
 
     Of a flat first-surface mirror it is the base camera itself. Else pose, focal lengths and distortion are fitted by
     Gauss-Newton steps from there to points that appear on a grid: they describe this sub-image and nothing beyond it.
@@ -44,7 +48,9 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
     pixels = np.concatenate([outline_px, _grid(outline_px)])
     rays = layout.camera.unproject(pixels)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    images = np.concatenate([rays * mm for mm in (layout.spec.depths_mm if layout.spec else DISTANCES_MM)])
+    nearest = BEYOND * np.linalg.norm(apparent.cut(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
+    near, far = fitted_distances_mm(layout)
+    images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
     seen = layout.camera.project(mirror.image_of(apparent.reflect(images)))
     camera, turn, shift = layout.camera, np.eye(3), np.zeros(3)
     best = Pinhole(camera, turn, shift, _worst(camera, images, seen))
@@ -67,6 +73,11 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
         if error_px < best.error_px:
             best = Pinhole(camera, turn, shift, error_px)
     return best
+
+
+def fitted_distances_mm(layout: Layout) -> tuple[float, float]:
+    """The range of distances from the virtual centres over which cameras are fitted."""
+    return working_range_mm(layout) or DISTANCES_MM
 
 
 def _grid(outline_px: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports.colmap_cameras import rig_cameras
 from mirrorcam.optics.exports.held_lens import FORMATS
 from mirrorcam.optics.exports.kalibr import camchain_yaml
-from mirrorcam.optics.exports.nearest_pinhole import DISTANCES_MM
+from mirrorcam.optics.exports.nearest_pinhole import fitted_distances_mm
 from mirrorcam.optics.exports.nerfstudio_views import transforms_json
 from mirrorcam.optics.exports.opencv import opencv_yaml
 from mirrorcam.optics.exports.pose_cameras import calibration_toml, pictures_table, pose_cameras, stereo_params
@@ -109,7 +109,7 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
         found = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
         errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in found)
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
-    depths = " to ".join(f"{mm:g}" for mm in (layout.spec.depths_mm if layout.spec else DISTANCES_MM))
+    depths = " to ".join(f"{mm:.4g}" for mm in fitted_distances_mm(layout))
     return f"""# A mirror camera for other tools
 
 Layout {layout.identity}, camera {layout.camera.width_px} x {layout.camera.height_px} px.

@@ -29,9 +29,8 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
 from mirrorcam.optics.calibration.solver.residuals import global_names
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.working_distance import VOLUME
 
-VOLUME = (0.7, 1.0, 1.4)
-"""Distances at which the motion is fitted, relative to that of the map."""
 UNLIKE = 3.0
 """Views that differ by more than this many times the median view hardly count in the motion."""
 MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from mirrorcam.figures.difference_figure import difference_figure
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.values import InputError, Metric
@@ -15,6 +13,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.working_distance import working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
 
@@ -26,20 +25,13 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
     """
     layout, other = Layout.load(a), Layout.load(b)
     if distance_mm is None:
-        distance_mm = _working_distance_mm(layout)
+        distance_mm = working_distance_mm(layout)
     if distance_mm is None:
         raise InputError(f"{a}: no working distance in it, expected --distance-mm MM")
     try:
         return calibration_difference(layout, other, range_mm=distance_mm)
     except InputError as error:
         raise InputError(f"{a} and {b}: {error}") from None
-
-
-def _working_distance_mm(layout: Layout) -> float | None:
-    """Where the calibration's boards were, or the middle of the depths that the device was designed for."""
-    if "working_distance_mm" in layout.metrics:
-        return layout.metrics["working_distance_mm"].value
-    return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
 
 
 def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:

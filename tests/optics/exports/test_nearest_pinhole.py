@@ -7,11 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.exports import virtual_cameras
 from mirrorcam.optics.exports.virtual_cameras import flipped_pixels
+from mirrorcam.optics.exports.write_exports import readme
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from tests.optics.exports.conftest import Case, seen_through
+from tests.optics.exports.conftest import Case, seen_through, sideways_layout
 
 
 def acrylic(layout: Layout) -> Layout:
@@ -57,3 +59,28 @@ def test_other_mirrors_are_nearly_pinholes_and_their_error_is_stated(
         turn = view.camera_from_rig[:3, :3]
         assert np.linalg.det(turn) == pytest.approx(1.0, abs=1e-12)
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+
+
+def test_a_layout_without_a_design_is_fitted_where_its_board_was() -> None:
+    """Small mirrors, and a board much nearer than 300 mm."""
+    working = {"working_distance_mm": Metric(value=120.0, unit="mm")}
+    large = sideways_layout()
+    small = (
+        Mirror(
+            virtual_centre_in_rig_mm=0.2 * mirror.virtual_centre_in_rig_mm,
+            outline_in_rig_mm=0.2 * mirror.outline_in_rig_mm,
+        )
+        for mirror in large.mirrors
+    )
+    layout = acrylic(large.replaced(mirrors=tuple(small), kind="calibrated", metrics=working))
+    views, elsewhere = virtual_cameras(layout), virtual_cameras(layout.replaced(metrics={}))
+    for number, (view, other) in enumerate(zip(views, elsewhere, strict=True)):
+        apparent = layout.mirrors[number].apparent
+        points = seen_through(layout, number, count=300) - apparent.virtual_centre_in_rig_mm
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        points = apparent.virtual_centre_in_rig_mm + points * np.linspace(0.7 * 120.0, 1.4 * 120.0, 300)[:, None]
+        exact = flipped_pixels(layout.project(points, number), layout.camera, view.flip)
+        off = np.linalg.norm(view.project(points) - exact, axis=1).max()
+        assert off <= 1.02 * view.pinhole_error_px
+        assert off < 0.5 * np.linalg.norm(other.project(points) - exact, axis=1).max()
+    assert "at 84 to 168 mm from its virtual centre" in readme(layout, views)
