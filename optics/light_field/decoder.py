@@ -18,6 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.working_distance import working_distance_mm
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.pupil_sources import served_sources
@@ -32,6 +33,8 @@ OUTLINE_MARGIN_PX = 2.0
 WHOLE = 1.0 - 1.0 / 512.0
 """Share of the pupil from which a sample of 8 bits is as bright as it should be."""
 DEFAULT_REFERENCE_DEPTH_MM = 400.0
+BEYOND = 1.02
+"""Least default reference depth, in depths of the farthest mirror."""
 # cv2.remap takes no table or image side of 2**15 - 1 px or more.
 LONGEST_TABLE_SIDE = 2**15 - 2
 NOWHERE_PX = -2.0
@@ -50,8 +53,7 @@ class Decoder:
     layout
         Nominal, as-built or calibrated layout.
     reference_depth_mm
-        Depth of zero disparity, from the pupil along view z. Default: the harmonic mean of the depths that the layout
-        was designed for, or 400 mm.
+        Depth of zero disparity, from the pupil along view z. Default: `default_reference_depth_mm`.
     field
         `common` is the bounding box of what all views see at the reference depth, `union` of what any sees.
     width_px
@@ -183,16 +185,45 @@ def check_belongs(layout: Layout, identity: str, what: str) -> None:
 
 
 def default_reference_depth_mm(layout: Layout) -> float:
-    """The depth midway in disparity between those the layout was designed for: their harmonic mean."""
-    if layout.spec is None:
+    """The depth midway in disparity between those of the design, else that of what views show at the working distance.
+
+    The former is their harmonic mean, the latter lies beyond all mirrors.
+    """
+    if layout.spec is not None:
+        return harmonic_mean(layout.spec.depths_mm)
+    distance_mm = working_distance_mm(layout)
+    if distance_mm is None:
         return DEFAULT_REFERENCE_DEPTH_MM
-    return harmonic_mean(layout.spec.depths_mm)
+    depths_mm, nearest_mm = [], 0.0
+    for number in range(len(layout.mirrors)):
+        centre, window, _ = _seen_window(layout, number)
+        ray = window.mean(axis=0) - centre
+        depths_mm.append(float(centre[2] + distance_mm * ray[2] / np.linalg.norm(ray)))
+        nearest_mm = max(nearest_mm, BEYOND * float(window[:, 2].max()))
+    return max(float(np.median(depths_mm)), nearest_mm)
 
 
 def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polygon, float]:
     """Region of the plane at a depth that a mirror shows, and the area in px of the part of the sensor that shows it.
 
     The polygon is in view axes, (x, y) in mm from the pupil. What leaves the sensor is cut off.
+    """
+    name = f"mirror {layout.mirror_names[mirror_index]}"
+    centre, window, area_px = _seen_window(layout, mirror_index)
+    rays = window - centre
+    if (rays[:, 2] <= 0).any():
+        raise InputError(f"{name} does not look forward along the view axis")
+    if (window[:, 2] >= depth_mm).any():
+        nearest = window[:, 2].max()
+        raise InputError(f"the plane at {depth_mm:g} mm lies nearer than {name}, expected more than {nearest:.0f}")
+    points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
+    return Polygon(points[:, :2]), area_px
+
+
+def _seen_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, FloatArray, float]:
+    """Centre (3,) of a view, corners (n, 3) of the part of its mirror that the sensor sees, and that part's area in px.
+
+    Points are in view axes, in mm from the pupil.
     """
     mirror, camera = layout.mirrors[mirror_index].apparent, layout.camera
     shown = layout.mirrors[mirror_index].usable_normalized
@@ -210,15 +241,8 @@ def footprint(layout: Layout, mirror_index: int, depth_mm: float) -> tuple[Polyg
         raise InputError(f"{name} lies outside the image, expected each mirror to be seen")
     window = mirror.cut(seen) @ layout.view_from_rig.T
     centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
-    rays = window - centre
-    if (rays[:, 2] <= 0).any():
-        raise InputError(f"{name} does not look forward along the view axis")
-    if (window[:, 2] >= depth_mm).any():
-        nearest = window[:, 2].max()
-        raise InputError(f"the plane at {depth_mm:g} mm lies nearer than {name}, expected more than {nearest:.0f}")
-    points = centre + rays * ((depth_mm - centre[2]) / rays[:, 2:])
     pixels = camera.pixels_from_normalized(seen)
-    return Polygon(points[:, :2]), float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
+    return centre, window, float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
 
 
 def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
@@ -229,7 +253,9 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
     footprints, areas_px = zip(*(footprint(layout, index, reference_depth_mm) for index in indices), strict=True)
     area = shapely.intersection_all(footprints) if field == "common" else shapely.union_all(footprints)
     if area.area == 0:
-        raise InputError(f"the views share no field at depth {reference_depth_mm:g} mm, expected an overlap")
+        raise InputError(
+            f"the views share no field at depth {reference_depth_mm:g} mm, expected another --reference-depth-mm"
+        )
     left, top, right, bottom = area.bounds
     px_per_mm = float(np.median([np.sqrt(px / shown.area) for px, shown in zip(areas_px, footprints, strict=True)]))
     if width_px is not None:

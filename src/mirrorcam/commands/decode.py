@@ -55,7 +55,7 @@ class DecodeOptions(Value):
         WIDTH_PX.field(None, "width of every view; its height follows")
     )
     reference_depth_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(midway between the depths of the design)")
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(of the design, or of the calibration's board)")
     ] = DEPTH_MM.field(None, "depth of zero disparity, from the pupil")
     regular_grid_at_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="")] = DEPTH_MM.field(
         None,

@@ -26,7 +26,7 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.response import LINEAR
-from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, readable, spread, tells_drift
+from mirrorcam.workflow.drift_check import DRIFT, LEAST_MIRRORS, DriftReporter, readable, spread, tells_drift
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams
@@ -57,7 +57,7 @@ class DecodeRequest:
     width_px
         Width of every view; None: as sharp as the frame.
     reference_depth_mm
-        Depth of zero disparity, from the pupil; None: midway between those of the design.
+        Depth of zero disparity, from the pupil; None: midway between those of the design, or where the board was.
     regular_grid_at_mm
         Depth at which views are moved to an even grid; None: they stay in place.
     equalise
@@ -106,6 +106,9 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
     teller = None
     if tells_drift(layout):
         teller = DriftReporter(layout, request.layout, request.reference_depth_mm, output, reporter)
+    elif layout.kind != "nominal":
+        count = count_text(len(layout.mirrors), "mirror")
+        reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
     damaged = _decode_pictures(images, decoder, output, reporter) if images else 0
     if teller is not None and images:
         teller.tell(readable(spread(images)), DRIFT, "FRAMES")

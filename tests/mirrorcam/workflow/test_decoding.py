@@ -116,3 +116,11 @@ def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
     said = capfd.readouterr().out
     assert said.count("a mirror has moved since the calibration: 1-1 by 0.0") == 1
     assert f"mirrorcam drift FRAMES --layout {tmp_path / 'moved.json'} re-solves what moved" in " ".join(said.split())
+
+
+def test_that_two_mirrors_are_not_tested_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layout = Layout.load(folder / "layout.json")
+    layout.replaced(rows=1, cols=2, mirrors=layout.mirrors[3:5], spec=None).save(folder / "two.json")
+    assert decoded(DecodeRequest(folder / "two.json", frames=(folder / "a.png",)), folder / "out") == 0
+    assert "whether 2 mirrors moved is not tested: that takes 3 or more" in capsys.readouterr().out
+    assert not (folder / "out" / DRIFT).exists()

@@ -7,12 +7,18 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE
-from mirrorcam.optics.light_field.decoder import OUTLINE_MARGIN_PX, Decoder, Field, check_belongs
+from mirrorcam.optics.light_field.decoder import (
+    OUTLINE_MARGIN_PX,
+    Decoder,
+    Field,
+    check_belongs,
+    default_reference_depth_mm,
+)
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
@@ -328,7 +334,17 @@ def test_nothing_is_sampled_where_nothing_is_valid(crooked: Decoder) -> None:
 def test_the_grid_is_chosen_from_the_layout(parabola_layout: Layout) -> None:
     common, union = Decoder(parabola_layout), Decoder(parabola_layout, field="union")
     assert common.views.reference_depth_mm == pytest.approx(375.0)  # harmonic mean of 300 and 500
-    assert Decoder(parabola_layout.replaced(spec=None)).views.reference_depth_mm == 400.0
+    bare = parabola_layout.replaced(spec=None)
+    assert Decoder(bare).views.reference_depth_mm == 400.0
+    working, touching = (
+        bare.replaced(metrics={"working_distance_mm": Metric(value=distance_mm, unit="mm")})
+        for distance_mm in (300.0, 1.0)
+    )
+    middle = bare.camera.unproject(bare.outline_px(bare.central_index).mean(axis=0))
+    seen = bare.mirrors[bare.central_index].reflect(300.0 * middle / np.linalg.norm(middle)) @ bare.view_from_rig.T
+    assert Decoder(working).views.reference_depth_mm == pytest.approx(seen[2], rel=0.02)
+    reach = max((mirror.outline_in_rig_mm @ bare.view_from_rig.T)[:, 2].max() for mirror in bare.mirrors)
+    assert default_reference_depth_mm(touching) == pytest.approx(1.02 * reach, rel=0.02)
     assert common.views.focal_px == union.views.focal_px
     assert common.views.focal_px == pytest.approx(parabola_layout.camera.fx_px, rel=0.25)
     assert union.views.width_px > common.views.width_px
@@ -434,7 +450,9 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         InputError, match=r"^the common field would take 9000x\d+ px a view, more than the whole sensor$"
     ):
         Decoder(parabola_layout, width_px=9000)
-    with pytest.raises(InputError, match=r"^the views share no field at depth 120 mm, expected an overlap$"):
+    with pytest.raises(
+        InputError, match=r"^the views share no field at depth 120 mm, expected another --reference-depth-mm$"
+    ):
         Decoder(parabola_layout, reference_depth_mm=120.0)
     with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed, expected s to the right"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (2, 1, 0, 5, 4, 3, 8, 7, 6))))
