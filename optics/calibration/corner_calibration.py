@@ -224,6 +224,8 @@ def _concluded(
     side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
     what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
     mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
+    if selection.other_surface is not None:
+        mismatches = ()  # plates that are not as described change the scale, too
     if edges:
         calibrated, moved = outlined(calibrated, edges)
         notes += moved

@@ -60,10 +60,11 @@ class OtherSurface:
         if self.second:
             return (
                 f"the mirrors look second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout has "
-                "first-surface ones"
+                "first-surface ones; --surface second calibrates them so"
             )
         return (
-            f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface ones"
+            f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface "
+            "ones; --surface first calibrates them so"
         )
 
 

@@ -33,8 +33,9 @@ RELATIVE_GAIN = 1e-9
 of 0.008 sigma, and a further step would be a few hundredths of that."""
 ROUNDING_PX = 1e-10
 """Rounding of a residual: a cost of this size is zero."""
-SINGULAR = 1e-12
-"""Smallest eigenvalue of the scaled information that counts as determined; rounding errors are about 1e-15."""
+SINGULAR = 5e-14
+"""Smallest eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. That of
+what only the prior of a rational lens determines is 5e-13 with 15,000 corners, and less with more."""
 
 
 class UndeterminedError(Exception):

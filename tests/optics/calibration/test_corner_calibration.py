@@ -85,3 +85,21 @@ def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_
     ) == pytest.approx(0.25, abs=0.05)
     lost = f"frame {len(views.seen) - 1}: not kept in memory"
     assert [note for note in found.notes if lost in note]
+
+
+def test_a_rational_lens_that_five_numbers_describe_as_well_is_calibrated_where_the_layout_has_it() -> None:
+    rational = true_layout().camera.replaced(
+        lens_model="rational", distortion=[0.35, -0.13, 1e-4, -5e-4, 0.01, 0.45, -0.05, 0.02]
+    )
+    nominal = nominal_layout().replaced(
+        camera=nominal_layout().camera.replaced(lens_model="rational", distortion=rational.distortion)
+    )
+    noise_px = 0.0008
+    views = views_of(true_layout().replaced(camera=rational), BOARD, *board_poses(), noise_px=noise_px)
+    seen, base = (
+        [replace(rows, sigma_px=np.full(len(rows), noise_px)) for rows in frames] for frames in (views.seen, views.base)
+    )
+    found = calibrate_corners(seen, base, nominal, CORNERS_MM)
+    assert found.diagnostics is not None
+    assert (found.diagnostics.level, found.diagnostics.alarms) == ("joint", ())
+    assert found.layout.camera.fx_px == pytest.approx(rational.fx_px, abs=0.2)
