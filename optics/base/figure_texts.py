@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+MOST_FURTHER_DIGITS = 9
 TINY, UNLIKE = 1e-3, 100.0
 """Size of the largest, and largest ratio, of values beside each other that are written with the same decimals."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
@@ -27,12 +29,31 @@ WORDS = {
     **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
     **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
 }
+_FILE_FIRST = re.compile(r"\S*[._/\\]\w|[^:]*\.\w{2,4}(?: frames? \d+)?:")
+_FRAME = re.compile(r"(.*) frame (\d+)")
 NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
 def count_text(count: int, thing: str) -> str:
     """A count with its noun: "1 frame", "2 frames"."""
     return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
+def names_together(names: Iterable[str]) -> str:
+    """Names of pictures in one line, frames of one video together: "a.jpg, clip.mp4 frames 7, 9"."""
+    parts = []
+    for video, group in groupby((_FRAME.fullmatch(name) or name for name in names), key=_video):
+        members = list(group)
+        if video is None:
+            parts += [str(member) for member in members]
+        else:
+            numbers = [member[2] for member in members if isinstance(member, re.Match)]
+            parts.append(f"{video} frame{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}")
+    return ", ".join(parts)
+
+
+def _video(name: re.Match[str] | str) -> str | None:
+    return None if isinstance(name, str) else name[1]
 
 
 def number_word(count: int) -> str:
@@ -79,11 +100,30 @@ def unit_text(unit: str) -> str:
 
 
 def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
-    """The value of a metric, or another in its unit, with the unit; a share as a percentage."""
+    """The value of a metric, or another in its unit, with the unit; a share as a percentage.
+
+    A value just past its limit gets as many digits as it takes to differ from it.
+    """
     shown = metric.value if value is None else value
+    further = _digits_past_limit(metric, digits) - digits
     if metric.unit.startswith("of the "):
-        return f"{shown:.1%}"
-    return _with_unit(figure_text(shown, digits), metric.unit)
+        return f"{shown:.{1 + further}%}"
+    return _with_unit(figure_text(shown, digits + further), metric.unit)
+
+
+def _digits_past_limit(metric: Metric, digits: int) -> int:
+    """The digits in which a metric past its limit reads so; as given for all others."""
+    if metric.limit is None or metric.passed:
+        return digits
+    share = metric.unit.startswith("of the ")
+    for more in range(MOST_FURTHER_DIGITS):
+        texts = [
+            f"{value:.{1 + more}%}" if share else figure_text(value, digits + more)
+            for value in (metric.value, metric.limit)
+        ]
+        if texts[0] != texts[1]:
+            return digits + more
+    return digits
 
 
 def values_text(metrics: Sequence[Metric]) -> list[str]:
@@ -107,7 +147,8 @@ def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
     """The limit of a metric with its direction, or nothing where there is none."""
     if metric.limit is None:
         return ""
-    return f"{limit_sign(metric)} {value_text(metric, metric.limit) if with_unit else figure_text(metric.limit)}"
+    shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, _digits_past_limit(metric, 4))
+    return f"{limit_sign(metric)} {shown}"
 
 
 def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
@@ -134,8 +175,8 @@ def _words(name: str) -> str:
 
 
 def sentence_case(text: str) -> str:
-    """A text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+    """A text with a capital first letter; one that begins with the name of a file is left as it is."""
+    return text if _FILE_FIRST.match(text) else text[:1].upper() + text[1:]
 
 
 def share_of_limit(metric: Metric) -> float:

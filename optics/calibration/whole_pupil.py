@@ -112,13 +112,13 @@ def _unseen(camera: Camera) -> str:
 
 
 def _told(seen: SeenPupil, camera: Camera) -> str:
-    width = f"the pupil is {seen.aperture_mm:.2f} +- {seen.aperture_sigma_mm:.2f} mm wide"
+    width = f"the pupil is {seen.aperture_mm:.2f} ± {seen.aperture_sigma_mm:.2f} mm wide"
     edges = f"by the blur of {seen.borders} mirror edges"
     if seen.is_pinhole:
         return f"{width}, {edges}: a pinhole, and the distance in focus cannot be told"
     per_m, sigma_per_m = 1e3 * seen.nearness, 1e3 * seen.nearness_sigma
     if seen.shows_focus:
-        return f"{width} and in focus at {camera.focus_mm:.0f} mm ({per_m:.2f} +- {sigma_per_m:.2f} per metre), {edges}"
+        return f"{width} and in focus at {camera.focus_mm:.0f} mm ({per_m:.2f} ± {sigma_per_m:.2f} per metre), {edges}"
     return f"{width}, {edges}; they do not tell the distance in focus, which is the layout's {camera.focus_mm:g} mm"
 
 

@@ -32,6 +32,8 @@ from mirrorcam.optics.drift.mirror_motions import (
 from mirrorcam.optics.drift.scene_fit import SceneFit, SceneTells, parameter_names
 from mirrorcam.optics.geometry.layout import Layout
 
+LEAST_MIRRORS = 3
+"""Two do not tell the turn of one mirror from one of the camera before both."""
 RECORDINGS = 10_000
 """One false alarm in so many recordings where nothing moved, at most."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006
@@ -50,6 +52,11 @@ LEAST_POINTS = 30
 MOST_SIGMA_PX = 0.2
 """Matches of a frame that scatter more, however mirrors may have moved, are wrong."""
 UNTOLD_DEG = 90.0
+
+
+def tells_drift(layout: Layout) -> bool:
+    """Whether a layout states measured mirrors that pictures can be compared with: LEAST_MIRRORS, not as designed."""
+    return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ class NextPosePlanner:
             joint_model(camera.intrinsic_names, target),
             [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))],
             [
-                f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))} of the picture)"
+                f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
                 for index, name in enumerate(layout.mirror_names)
             ],
             _placements(layout, target),
@@ -278,8 +278,9 @@ def tilt_in_words(tilt_deg: tuple[float, float], what: str) -> str:
 
 
 def place_in_words(camera: Camera, pixel: FloatArray) -> str:
-    """Where a pixel (2,) is in the picture."""
+    """Where a pixel (2,) is in the picture: "upper left of the picture", "top of the picture"."""
     x, y = pixel / [camera.width_px, camera.height_px]
-    row = "upper" if y < 0.38 else "lower" if y > 0.62 else ""
+    row = -1 if y < 0.38 else 1 if y > 0.62 else 0
     column = "left" if x < 0.38 else "right" if x > 0.62 else ""
-    return f"{row} {column}".strip() or "middle"
+    place = ("upper ", "", "lower ")[row + 1] + column if column else ("top", "middle", "bottom")[row + 1]
+    return f"{place} of the picture"

@@ -46,6 +46,8 @@ class Calibration:
         Uncertainty of the result and tests of its model.
     pictures
         Name of the picture of each frame (f).
+    residual_scale
+        Standard deviation of residuals in those that the observations state; None where only residuals tell it.
     """
 
     layout: Layout
@@ -57,12 +59,13 @@ class Calibration:
     notes: tuple[str, ...]
     diagnostics: Diagnostics | None = None
     pictures: tuple[str, ...] = ()
+    residual_scale: float | None = None
 
     @property
     def corner_sigma_px(self) -> FloatArray:
         """Standard deviation (n,) of each corner, per axis, as the residuals of all of them scale it."""
-        if "residual_scale" in self.metrics:
-            return self.metrics["residual_scale"].value * self.observations.sigma_px
+        if self.residual_scale is not None:
+            return self.residual_scale * self.observations.sigma_px
         relative = self.observations.standardised(self.residuals_px)[self.inliers]
         return float(np.sqrt(np.mean(relative**2))) * self.observations.sigma_px
 
@@ -94,6 +97,7 @@ class Calibration:
             notes=notes,
             diagnostics=diagnostics,
             pictures=pictures,
+            residual_scale=solution.scale,
         )
 
     def with_damaged_pictures(self, damaged: Sequence[DamagedPicture]) -> Self:
@@ -156,7 +160,7 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
         "corners": Metric(value=len(used), unit="1"),
         "outliers": Metric(value=int((~solution.inliers).sum()), unit="1"),
         "sigma_px": Metric(value=solution.sigma_px, unit="px"),
-        "residual_scale": Metric(value=solution.scale, unit="1"),
+        **({"residual_scale": Metric(value=solution.scale, unit="1")} if observations.scattered else {}),
         "iterations": Metric(value=solution.iterations, unit="1"),
     }
     for view in np.unique(observations.view):

@@ -128,8 +128,8 @@ def scale_doubt(
     scale = common_scale(layout, virtual_centres, edges)
     fitting_mm, sigma_mm = side_mm / scale.factor, side_mm * scale.sigma / scale.factor**2
     message = (
-        f"the board's {what}s look like {fitting_mm:.4g} +- {sigma_mm:.2g} mm, board.toml says {what}_mm = "
-        f"{side_mm:g}: all lengths come out {scale.factor:.3f} (+-{scale.sigma:.3f}) times those of the nominal "
+        f"the board's {what}s look like {fitting_mm:.4g} ± {sigma_mm:.2g} mm, board.toml says {what}_mm = "
+        f"{side_mm:g}: all lengths come out {scale.factor:.3f} (±{scale.sigma:.3f}) times those of the nominal "
         f"layout; measure the print, correct {what}_mm and calibrate again"
     )
     if scale.beyond(ALARM_SIGMAS, REFUSED):

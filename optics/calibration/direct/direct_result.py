@@ -86,7 +86,7 @@ def direct_result(
     views, notes = _views(observations, len(board.corners_in_board_mm), pictures, names, layout.mirror_names)
     if shutter is not None and shutter.supported:
         sentence = (
-            f"a rolling shutter reads a frame in {shutter.readout:.2f} +- {shutter.sigma:.1g} of the time to the next: "
+            f"a rolling shutter reads a frame in {shutter.readout:.2f} ± {shutter.sigma:.1g} of the time to the next: "
             "moving corners were moved to where the middle row saw them"
         )
         notes = (sentence, *notes)

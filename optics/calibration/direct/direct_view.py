@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from pydantic import ValidationError
 
+from mirrorcam.optics.base.figure_texts import names_together
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -114,7 +115,7 @@ def calibrate_with_direct_view(
     if most is not None and len(pictures) > most:
         each = [[board.any for board in some if board.any is not None] for some in boards]
         used = most_telling(each, corners_mm, width_px=width, most=most)
-        notes = (f"{len(used)} of {len(pictures)} pictures used: {', '.join(names[number] for number in used)}",)
+        notes = (f"{len(used)} of {len(pictures)} pictures used: {names_together([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:

@@ -111,7 +111,7 @@ def _of_frame(observations: Observations, frame: int) -> Observations:
 
 def _name(camera: Camera, observations: Observations, mirror: int) -> str:
     middle = observations.pixels[observations.view == mirror].mean(axis=0)
-    return f"mirror 0-{mirror} ({place_in_words(camera, middle)} of the picture)"
+    return f"mirror 0-{mirror} ({place_in_words(camera, middle)})"
 
 
 def _placements(

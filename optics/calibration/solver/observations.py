@@ -152,6 +152,11 @@ class Observations:
         """The same rows with `frames` added to each frame number."""
         return replace(self, frame=self.frame + frames)
 
+    @property
+    def scattered(self) -> bool:
+        """Whether the rows state standard deviations of their own, in pixels, not all the default."""
+        return bool((self.sigma_px != 1.0).any())
+
     def standardised(self, residuals_px: FloatArray) -> FloatArray:
         """Residuals (n, 2) in standard deviations of their pixels."""
         return residuals_px / self.sigma_px[:, None]

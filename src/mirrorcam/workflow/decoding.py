@@ -16,6 +16,7 @@ from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, tells_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
@@ -26,7 +27,7 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.response import LINEAR
-from mirrorcam.workflow.drift_check import DRIFT, LEAST_MIRRORS, DriftReporter, readable, spread, tells_drift
+from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, readable, spread
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams

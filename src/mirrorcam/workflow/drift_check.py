@@ -26,8 +26,6 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.workflow.output_folder import OutputFolder
 
 DRIFT = "drift.json"
-LEAST_MIRRORS = 3
-"""Two do not tell the turn of one mirror from one of the camera before both."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +41,6 @@ class WatchedSource:
             if isinstance(item, Frame):
                 self.seen.add(item.pixels)
             yield item
-
-
-def tells_drift(layout: Layout) -> bool:
-    """Whether a layout states measured mirrors that pictures can be compared with: LEAST_MIRRORS, not as designed."""
-    return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
 
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:

@@ -8,10 +8,10 @@ from pathlib import Path
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.values import InputError, Metric
-from mirrorcam.optics.drift.drift import Drift
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, Drift, tells_drift
 from mirrorcam.optics.drift.resolved_layout import resolved_layout
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.drift_check import DRIFT, LEAST_MIRRORS, drift_metrics, drift_of_files, tells_drift
+from mirrorcam.workflow.drift_check import DRIFT, drift_metrics, drift_of_files
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.stiffness import MountTilt
 

@@ -77,7 +77,7 @@ def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_pa
     assert found.metrics["outliers"].value < 0.05 * found.metrics["corners"].value
     assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.5)
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.1
-    assert found.notes[0].startswith("30 of 60 pictures used: first_200_frames.mp4 frame ")
+    assert found.notes[0].startswith("30 of 60 pictures used: first_200_frames.mp4 frames ")
 
 
 @pytest.mark.slow

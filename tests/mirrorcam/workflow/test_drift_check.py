@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.drift.drift import UNTOLD_DEG, Drift, MirrorMove
+from mirrorcam.optics.drift.drift import UNTOLD_DEG, Drift, MirrorMove, tells_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.workflow.drift_check import (
@@ -18,7 +18,6 @@ from mirrorcam.workflow.drift_check import (
     drift_of_files,
     readable,
     spread,
-    tells_drift,
     write_drift,
 )
 

@@ -10,6 +10,7 @@ from mirrorcam.optics.base.figure_texts import (
     figures_alike,
     label_text,
     limit_text,
+    names_together,
     number_word,
     sentence_case,
     share_of_limit,
@@ -121,6 +122,39 @@ def test_counts_and_sentences() -> None:
     )
     assert (number_word(9), number_word(20)) == ("nine", "20")
     assert (sentence_case("direct RMS x"), sentence_case("")) == ("Direct RMS x", "")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *["photo_6.jpg: mirror 0-1 not found", "clip.mp4 frame 131: no board found", "a photo.jpg: damaged"],
+        *["frames/0.png: damaged", "two clips.mp4 frame 7: no board found"],
+    ],
+)
+def test_names_of_files_stay_as_they_are(text: str) -> None:
+    assert sentence_case(text) == text
+
+
+@pytest.mark.parametrize(
+    ("metric", "value", "limit"),
+    [
+        (Metric(value=0.0172, unit="of the corners", limit=0.0168), "1.72%", "≤ 1.68%"),
+        (Metric(value=0.01004, unit="of the corners", limit=0.01), "1.004%", "≤ 1.000%"),
+        (Metric(value=0.01001, unit="of the view", limit=0.0102, lower_is_better=False), "1.00%", "≥ 1.02%"),
+        (Metric(value=1.500049, unit="1", limit=1.5), "1.50005", "≤ 1.5"),
+    ],
+)
+def test_a_value_past_its_limit_reads_so(metric: Metric, value: str, limit: str) -> None:
+    assert (value_text(metric), limit_text(metric)) == (value, limit)
+
+
+def test_a_value_within_its_limit_needs_no_further_digits() -> None:
+    assert value_text(Metric(value=0.0168, unit="of the corners", limit=0.0172)) == "1.7%"
+
+
+def test_frames_of_one_video_are_named_together() -> None:
+    names = ["a.jpg", "clip.mp4 frame 7", "clip.mp4 frame 9", "b.mp4 frame 3", "b.jpg"]
+    assert names_together(names) == "a.jpg, clip.mp4 frames 7, 9, b.mp4 frame 3, b.jpg"
 
 
 @pytest.mark.parametrize(

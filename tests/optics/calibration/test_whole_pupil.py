@@ -78,9 +78,9 @@ def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layou
     ("seen", "expected", "words"),
     [
         (None, (1.8, 500.0), "do not show the blur of enough mirrors' edges to tell the pupil: 1.8 mm wide"),
-        (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 +- 0.07 mm wide, by the blur of 20 mirror edges"),
+        (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
         (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not tell the distance in focus"),
-        (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 +- 0.30 per metre)"),
+        (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
     ],
 )
 def test_what_frames_do_not_show_of_the_pupil_is_kept(

@@ -18,6 +18,7 @@ from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.drift.drift import tells_drift
 from mirrorcam.pages.calibration import calibration_tables as tables
 from mirrorcam.pages.calibration.drawings import (
     board_distances,
@@ -60,8 +61,8 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         state=STATE_CLASSES[verdict.state],
         verdict=STATES[verdict.state],
         reasons=verdict.reasons,
-        advice=_advice(verdict, diagnostics),
-        advice_title="What to do next" if verdict.advice else "Largest uncertainty",
+        advice=verdict.advice,
+        weakest=diagnostics.weak[0].words if diagnostics is not None and diagnostics.weak else None,
         tiles=_tiles(calibration),
         mirrors=count_text(len(calibration.layout.mirrors), "mirror"),
         camera=f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px",
@@ -86,20 +87,13 @@ def _tiles(calibration: Calibration) -> list[Tile]:
             tiles.append(Tile(f"{figure_text(worse, 3)} px", f"RMS reprojection error per axis, {what}"))
             break
     if diagnostics is not None:
-        tiles.append(Tile(diagnostics.level.replace("+", " + "), "selected model"))
+        tiles.append(Tile(diagnostics.level.replace("+", " +\N{NO-BREAK SPACE}"), "selected model"))
         normal = float(np.max(diagnostics.mirrors.normal_deg))
         tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
         depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
         if np.isfinite(depth):
             tiles.append(Tile(f"{figure_text(depth, 2)} mm", f"{SIGMA} of depth at {diagnostics.range_mm:.0f} mm"))
     return tiles
-
-
-def _advice(verdict: Verdict, diagnostics: Diagnostics | None) -> list[str]:
-    items = list(verdict.advice)
-    if diagnostics is not None and diagnostics.weak:
-        items.append(f"Weakest direction: {diagnostics.weak[0].words}")
-    return items
 
 
 def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
@@ -149,24 +143,30 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
         else {
             "parameters": free.parameters,
             "unexplained": figure_text(free.unexplained_px, 2),
-            "chance": tables.chance_text(free.chance),
+            "chance": tables.chance_words(free.chance),
         },
         "splits": tables.split_table(diagnostics) if diagnostics.splits else None,
-        "alarms": diagnostics.alarms,
+        "drift": tells_drift(calibration.layout),
+        "printed": calibration.layout.spec is not None,
     }
 
 
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
     """Maps of the standard deviation of projected points, in the rig and against the reference view."""
     maps = [one for one in diagnostics.projection if one.view != DIRECT]
+    direct = [one.in_rig_px for one in diagnostics.projection if one.view == DIRECT]
+    unshown = ""
+    if direct:
+        unshown = f" The direct view, not shown, has {np.median(direct):.2g} px over the whole picture."
     reference = next(view.called for view in views if view.view == diagnostics.reference)
     cards = []
-    for name, values, words in (
-        ("rig", [one.in_rig_px for one in maps], "of a point fixed in front of the camera"),
+    for name, values, words, further in (
+        ("rig", [one.in_rig_px for one in maps], "of a point fixed in front of the camera", unshown),
         (
             "reference",
             [one.against_reference_px for one in maps],
             f"of a point fixed where {reference} shows it, which determines depth",
+            "",
         ),
     ):
         most = float(np.max(np.concatenate(values)))
@@ -174,7 +174,7 @@ def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Seque
             Card(
                 projection_sigmas(calibration.layout, views, maps, values, most, name=f"sigma-{name}"),
                 f"{SIGMA} px {words}, {diagnostics.range_mm:.0f} mm away: medians; the strongest colour is "
-                f"{most:.2g} px.",
+                f"{most:.2g} px.{further}",
             )
         )
     return cards

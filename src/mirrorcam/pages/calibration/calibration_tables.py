@@ -177,3 +177,9 @@ def split_table(diagnostics: Diagnostics) -> Table:
 def chance_text(value: float) -> str:
     """A probability to three decimals."""
     return "< 0.001" if value < 1e-3 else f"{value:.3f}"
+
+
+def chance_words(value: float) -> str:
+    """A probability as in a sentence: "p < 0.001", "p = 0.120"."""
+    text = chance_text(value)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"

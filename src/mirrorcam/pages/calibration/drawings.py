@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from mirrorcam.optics.base.figure_texts import SIGMA
+from mirrorcam.optics.base.figure_texts import SIGMA, count_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty
@@ -139,22 +139,47 @@ def residual_histogram(calibration: Calibration) -> str:
 
 
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
-    """Draw the number of corners in cells of every view: darker where there are more, red where there are none."""
+    """Draw the number of corners in cells of every view: darker where there are more, red where there are none.
+
+    Cells are cut by the outline of their view. They cover what is below them, so that shades of views that overlap do
+    not add up.
+    """
     mirrors = [view for view in views if view.view != DIRECT]
     window = _window(layout, mirrors, WIDTH)
     most = max(int(view.cell_counts.max()) for view in mirrors)
     parts = []
     for view in mirrors:
+        outline, clip = points(window(view.outline_px)), f"coverage-{view.view}"
+        parts.append(f'<clipPath id="{clip}"><polygon points="{outline}"/></clipPath><g clip-path="url(#{clip})">')
+        parts.append(f'<polygon points="{outline}" class="ground"/>')
         for (left, top, right, bottom), count in zip(
             window(view.cells_px.reshape(-1, 2, 2)).reshape(-1, 4), view.cell_counts, strict=True
         ):
             place = f'x="{coordinate(left)}" y="{coordinate(top)}"'
             size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
-            shade = f'class="cell" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else 'class="cell none"'
+            shade = _corners_shade(int(count), most)
             parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
+        parts.append("</g>")
     parts.append(_outlines(mirrors, window))
     parts.append(_tags(mirrors, window, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
-    return drawing(WIDTH, window.height, "".join(parts), "Coverage of every view by corners")
+    parts.append(_corners_legend(most, window.height + 10))
+    return drawing(WIDTH, window.height + 30, "".join(parts), "Coverage of every view by corners")
+
+
+def _corners_shade(count: int, most: int, style: str = "cell") -> str:
+    return f'class="{style}" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else f'class="{style} none"'
+
+
+def _corners_legend(most: int, top: float) -> str:
+    """Swatches of cells: without a corner, with one, and up to the most."""
+    parts, x = [], 2.0
+    for count in sorted({0, 1, (most + 1) // 2, most}):
+        parts.append(f'<rect x="{coordinate(x)}" y="{coordinate(top)}" width="24" height="14" ')
+        parts.append(f"{_corners_shade(count, most, 'key')}/>")
+        words = "no corner in the cell" if count == 0 else count_text(count, "corner")
+        parts.append(text(x + 31, top + 12, words, anchor="start", style="tick"))
+        x += 60 + 7.5 * len(words)
+    return "".join(parts)
 
 
 def board_turns(calibration: Calibration) -> str:

@@ -276,4 +276,19 @@ def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
     page = report_html(replace(calibration, notes=("frame 3: no <board> & nothing",)), command="a <b>")
     assert "Frame 3: no &lt;board&gt; &amp; nothing." in page
     assert "a &lt;b&gt;" in page
+    assert "photo_6.jpg: mirror" in report_html(replace(calibration, notes=("photo_6.jpg: mirror 0-1",)), command="")
+
+
+def test_two_mirrors_of_no_device_are_not_told_of_mounts_or_drift(calibration: Calibration) -> None:
+    """Nor are alarms said twice; what is least certain is no advice."""
+    assert calibration.diagnostics is not None
+    alarmed = replace(calibration.diagnostics, alarms=("halves differ",))
+    foreign = calibration.layout.replaced(kind="nominal", spec=None)
+    page = report_html(replace(calibration, layout=foreign, diagnostics=alarmed), command="")
+    assert "printed mount" not in page
+    assert "mirrorcam drift" not in page
+    assert page.count("Halves differ") == 1
+    advice, uncertainty = page.split("What to do next")[1].split("Largest uncertainty")
+    assert calibration.diagnostics.weak[0].words not in advice.lower()
+    assert calibration.diagnostics.weak[0].words[1:] in uncertainty
     assert "Notes: what was not found, not used, or not determined" in page

@@ -99,7 +99,7 @@ def test_the_scale_is_noted_then_an_alarm_then_refused(fold_90_layout: Layout) -
     assert notes == ()
     assert alarms[0].startswith("the board's squares look like 21.0")
     assert "board.toml says square_mm = 20: all lengths come out 0.9" in alarms[0]
-    with pytest.raises(InputError, match=r"squares look like 16\.\d+ \+- \S+ mm, board.toml says square_mm = 20"):
+    with pytest.raises(InputError, match=r"squares look like 16\.\d+ ± \S+ mm, board.toml says square_mm = 20"):
         scale_doubt(fold_90_layout, 1.2 * centres, [], 20.0)
 
 

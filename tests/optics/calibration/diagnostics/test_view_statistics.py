@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.view_statistics import board_normals, cell_means, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -72,7 +71,7 @@ def test_cells_of_noise_are_seldom_systematic_and_shifted_ones_are(calibration: 
     unlike = replace(
         calibration,
         observations=replace(calibration.observations, sigma_px=sigmas_px),
-        metrics=calibration.metrics | {"residual_scale": Metric(value=1.0, unit="1")},
+        residual_scale=1.0,
     )
     noise = sigmas_px[:, None] * random.normal(0.0, 1.0, (40, *calibration.residuals_px.shape))
     found = [cell_means(replace(unlike, residuals_px=residuals), 0).systematic.mean() for residuals in noise]
