@@ -107,6 +107,12 @@ def _unknown(arguments: Sequence[str], commands: Commands) -> str:
     return f"Unrecognized options: {tried[0]}" + (f", did you mean {meant[0]}?" if meant else "")
 
 
+def _choices(found: re.Match[str]) -> str:
+    """What may be chosen, which tyro prints as a tuple, without the None of an option that was not given."""
+    names = [name.strip().strip("'\"") for name in found[1].split(",")]
+    return f", expected one of {', '.join(sorted(name for name in names if name not in ('', 'None')))}"
+
+
 def _reason(box: str) -> str:
     """The first paragraph of a box that tyro printed, without its frame, its title and texts of help."""
     paragraph: list[str] = []
@@ -118,4 +124,5 @@ def _reason(box: str) -> str:
             break
     reason = " ".join(paragraph).rstrip(".")
     reason = re.sub(r" \(applied to [^)]*\)", "", reason)
+    reason = re.sub(r"\. Expected one of \(([^()]*)\)", _choices, reason)
     return re.sub(r"no type matching (?:\{None\}\|)?(\S+) could be instantiated from", r"expected \1, not", reason)

@@ -22,6 +22,11 @@ from tests.mirrorcam.command_line import assert_refused_here
         ("depth a.npz --naer-mm 3", "Unrecognized options: --naer-mm, did you mean --near-mm?"),
         ("export a.npz --too ply", "Unrecognized options: --too, did you mean --to?"),
         ("sweep --scale-mm 80", "Unrecognized options: --scale-mm, did you mean --scales-mm?"),
+        (
+            "calibrate a.png --board b --layout l --lens pinhole",
+            "'--lens', expected one of brown_conrady, fisheye, rational, spline, thin_prism (see",
+        ),
+        ("decode a.png --layout b --to png", "'--to', expected one of hci, stanford, zarr (see"),
         ("design --rows 3 4 5", "Unrecognized options: 4, 5"),
         ("desing", "Unrecognized options: desing, did you mean design?"),
         ("export a.npz", "Missing from mirrorcam export: --to {colmap,"),
