@@ -52,6 +52,8 @@ LEAST_POINTS = 30
 MOST_SIGMA_PX = 0.2
 """Matches of a frame that scatter more, however mirrors may have moved, are wrong."""
 UNTOLD_DEG = 90.0
+LEAST_LEFT = 0.25
+"""Part of the clear corners of a frame that other views show, where it is of the layout's mirrors."""
 
 
 def tells_drift(layout: Layout) -> bool:
@@ -93,6 +95,11 @@ class MirrorMove:
     moved: bool
 
     @property
+    def tested(self) -> bool:
+        """Whether the pictures show enough of it that its other figures mean something."""
+        return self.tells_deg < UNTOLD_DEG
+
+    @property
     def size_deg(self) -> float:
         """The turn's angle."""
         return float(np.linalg.norm(self.turn_deg))
@@ -118,6 +125,9 @@ class Drift:
         Numbers of frames, and of the points matched in them.
     sigma_px
         Standard deviation of a match, per axis.
+    unlike
+        Whether most frames have clear detail that this layout's mirrors would not show so: few corners are found in
+        other views, or none at places that a motion of mirrors explains.
     """
 
     mirrors: tuple[MirrorMove, ...]
@@ -129,6 +139,7 @@ class Drift:
     frames: int
     points: int
     sigma_px: float
+    unlike: bool = False
 
     @property
     def moved(self) -> tuple[MirrorMove, ...]:
@@ -146,7 +157,7 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     names, mirrors = parameter_names(layout), layout.mirrors
     shown = np.bincount(matches.view, minlength=len(mirrors))
     if (shown >= LEAST_POINTS).sum() < 2:
-        return _nothing(layout, names, shown.tolist(), len(matches.frame))
+        return _nothing(layout, names, shown.tolist(), matches)
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
     small = placed({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
     wide = placed({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
@@ -154,7 +165,7 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     matches = _understood(layout, matches, prior)
     shown = np.bincount(matches.view, minlength=len(mirrors))
     if (shown >= LEAST_POINTS).sum() < 2:
-        return _nothing(layout, names, shown.tolist(), len(matches.frame))
+        return _nothing(layout, names, shown.tolist(), matches)
     told = SceneFit(layout, matches, prior).solve()
     information, gradient = _deflated(told)
     return _Test(layout, names, told, information, gradient, calibrated, small, common).run()
@@ -169,10 +180,10 @@ def _understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> Ma
     return matches.where(kept)
 
 
-def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], points: int) -> Drift:
+def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: MatchedPoints) -> Drift:
     """What too few points tell."""
     mirrors = tuple(
-        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNTOLD_DEG, count, False) for k, count in enumerate(shown)
+        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNTOLD_DEG, count, moved=False) for k, count in enumerate(shown)
     )
     return Drift(
         mirrors=mirrors,
@@ -182,9 +193,17 @@ def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], points: i
         common_turn_deg=np.zeros(3),
         common_turn_sigma_deg=np.full(3, COMMON_DEG),
         frames=0,
-        points=points,
+        points=len(matches.frame),
         sigma_px=0.0,
+        unlike=_unlike(matches),
     )
+
+
+def _unlike(matches: MatchedPoints) -> bool:
+    """Whether few of the clear corners of most frames are left where a motion of mirrors explains them."""
+    left = np.bincount(matches.frame, minlength=len(matches.clear))
+    strange = (matches.clear >= LEAST_POINTS) & (left < LEAST_LEFT * matches.clear)
+    return bool(2 * strange.sum() > len(strange))
 
 
 def _deflated(told: SceneTells) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ several pixels is followed all the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import cv2
@@ -37,6 +37,8 @@ RETURNS_PX = 0.5
 """A corner that is followed there and back and ends farther from where it began was not followed."""
 ALIKE_PX, FLAT_GREY = 15.0, 4.0
 """Brightness and contrast are equalised over this scale; less contrast than this is noise, and stays low."""
+CLEAR_GREY = 8.0
+"""Contrast around a corner, RMS, beyond which it is no noise."""
 CELLS = 5
 """Cells along either side of the reference view; errors of points in one cell may be alike, in all frames."""
 
@@ -57,6 +59,8 @@ class MatchedPoints:
         Frames (p,) of the points, from 0.
     cell
         Cells (p,) of the reference view that they are in.
+    clear
+        Corners (f,) with contrast in the reference view of each frame, matched or not.
     """
 
     point: IntArray
@@ -64,6 +68,7 @@ class MatchedPoints:
     pixels: FloatArray
     frame: IntArray
     cell: IntArray
+    clear: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
     def joined(cls, parts: list[Self]) -> Self:
@@ -75,6 +80,7 @@ class MatchedPoints:
             pixels=np.concatenate([part.pixels for part in parts]),
             frame=np.concatenate([np.full(len(part.frame), k) for k, part in enumerate(parts)]),
             cell=np.concatenate([part.cell for part in parts]),
+            clear=np.concatenate([part.clear for part in parts]),
         )
 
     def where(self, kept: NDArray[np.bool_]) -> Self:
@@ -83,7 +89,7 @@ class MatchedPoints:
         rows = kept & seen[self.point]
         numbers = np.cumsum(seen) - 1
         return type(self)(
-            numbers[self.point[rows]], self.view[rows], self.pixels[rows], self.frame[seen], self.cell[seen]
+            numbers[self.point[rows]], self.view[rows], self.pixels[rows], self.frame[seen], self.cell[seen], self.clear
         )
 
 
@@ -120,7 +126,7 @@ class PointMatcher:
                 if view != self.reference:
                     seen[view] = _followed(images[self.reference], image, start)
             seen = self._aligned(grey, start, seen)
-        return self._on_sensor(seen, start)
+        return replace(self._on_sensor(seen, start), clear=np.array([_clear(grey[self.reference], start)]))
 
     def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, followed: FloatArray) -> FloatArray:
         """Where views (views, n, 2) see the patches around corners (n, 2), allowing for slanted surfaces.
@@ -214,6 +220,15 @@ def _even(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     rest = values - cv2.GaussianBlur(values, (0, 0), ALIKE_PX)
     contrast = np.sqrt(cv2.GaussianBlur(rest**2, (0, 0), ALIKE_PX)) + np.float32(FLAT_GREY)
     return np.clip(128.0 + 45.0 * rest / contrast, 0.0, 255.0).round().astype(np.uint8)
+
+
+def _clear(image: NDArray[np.uint8], corners: FloatArray) -> int:
+    """How many corners (n, 2) differ from their surroundings by more than noise."""
+    values: Any = np.float32(image)
+    window = (WINDOW_PX, WINDOW_PX)
+    variance = cv2.blur(values**2, window) - cv2.blur(values, window) ** 2
+    u, v = np.clip(corners.round().astype(np.int64), 0, np.array(image.shape[::-1]) - 1).T
+    return int((variance[v, u] > CLEAR_GREY**2).sum())
 
 
 def _followed(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from mirrorcam.optics.base.figure_texts import SIGMA
 from mirrorcam.optics.base.values import Value
 
 if TYPE_CHECKING:
-    from mirrorcam.optics.drift.drift import Drift
+    from mirrorcam.optics.drift.drift import Drift, MirrorMove
     from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -62,13 +62,23 @@ def _print(layout: Layout, drift: Drift) -> None:
     rows = [
         (
             f"mirror {layout.mirror_names[mirror.index]}",
-            f"{mirror.size_deg:.4f}",
-            f"{mirror.turn_sigma_deg:.4f}",
-            f"{mirror.shift_mm:+.3f}",
-            f"{mirror.statistic:.2f}",
-            f"{mirror.tells_deg:.3f}",
+            *_figures(mirror),
             str(mirror.points),
         )
         for mirror in drift.mirrors
     ]
     print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "tells from °", "points"], rows)
+    say("drift", "of threshold: over 1, the mirror has moved; tells from: a turn of this size would show")
+
+
+def _figures(mirror: MirrorMove) -> tuple[str, ...]:
+    """Turn and its sigma, shift, statistic and what is told, as far as pictures tell."""
+    if not mirror.tested:
+        return ("-",) * 5
+    return (
+        f"{mirror.size_deg:.4f}",
+        f"{mirror.turn_sigma_deg:.4f}",
+        f"{mirror.shift_mm:+.3f}",
+        f"{mirror.statistic:.2f}",
+        f"{mirror.tells_deg:.3f}",
+    )

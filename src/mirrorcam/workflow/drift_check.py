@@ -118,6 +118,11 @@ def drift_line(layout: Layout, drift: Drift) -> str:
         each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
         who = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
         return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
+    if drift.untold and drift.unlike:
+        return (
+            "the pictures have detail, but do not show what this layout's mirrors would: corners are not found in "
+            "other views, or where no motion of mirrors explains them; of another device, or of a repeating pattern?"
+        )
     if drift.untold:
         worst = max(drift.untold, key=lambda mirror: mirror.tells_deg)
         which = (

@@ -28,7 +28,22 @@ def test_a_moved_mirror_is_printed_and_solved(tmp_path: Path, capfd: pytest.Capt
     assert results(tmp_path / "out") == ["drift.json", "layout.json"]
     again = ["drift", str(tmp_path / "frame.png"), "--layout", str(tmp_path / "out" / "layout.json")]
     main([*again, "--out", str(tmp_path / "again")])
-    assert "moved since" not in capfd.readouterr().out
+    said = capfd.readouterr().out
+    assert "moved since" not in said
+    assert "of threshold: over 1, the mirror has moved" in said
+
+
+def test_figures_that_pictures_do_not_tell_are_left_out(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    layout = device().calibrated
+    layout.save(tmp_path / "layout.json")
+    write_image(tmp_path / "grey.png", np.full((layout.camera.height_px, layout.camera.width_px, 3), 120, np.uint8))
+    arguments = ["drift", str(tmp_path / "grey.png"), "--layout", str(tmp_path / "layout.json")]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
+    said = capfd.readouterr().out
+    assert "90.000" not in said
+    assert "not enough texture to tell" in said
+    row = next(line for line in said.splitlines() if "mirror 0-0" in line and "points" not in line)
+    assert row.count(" -") == 5
 
 
 def test_a_layout_that_is_not_calibrated_is_refused(

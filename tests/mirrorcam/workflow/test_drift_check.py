@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,13 @@ def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) 
     assert line.startswith("not enough texture to tell whether")
     assert "400 points matched in mirror 0-0 tell turns from 0.3° on; expected a scene with detail" in line
     assert "tell nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNTOLD_DEG))
+
+
+def test_pictures_of_another_device_are_told_from_plain_ones(default_layout: Layout) -> None:
+    drift = replace(drift_of(default_layout, tells_deg=UNTOLD_DEG), unlike=True)
+    line = drift_line(default_layout, drift)
+    assert "do not show what this layout's mirrors would" in line
+    assert line.endswith("of another device, or of a repeating pattern?")
 
 
 def test_figures_are_written_with_their_limits(default_layout: Layout, tmp_path: Path) -> None:

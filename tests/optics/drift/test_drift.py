@@ -50,6 +50,19 @@ def test_without_texture_nothing_is_told(frames: list[Any]) -> None:
     assert not drift.moved
     assert len(drift.untold) == len(layout.mirrors)
     assert all(mirror.tells_deg > WANTED_DEG for mirror in drift.mirrors)
+    assert not any(mirror.tested for mirror in drift.mirrors)
+    noise = np.random.default_rng(0).normal(120.0, 3.0, frames[0].shape).astype(np.uint8)
+    assert not drift.unlike
+    assert not drift_in(layout, [noise]).unlike
+
+
+def test_detail_that_other_views_do_not_show_is_of_another_device(frames: list[Any]) -> None:
+    layout = device().calibrated
+    assert not drift_in(layout, frames[:1]).unlike
+    drift = drift_in(layout, [np.roll(frames[0], 150, axis=1)])
+    assert drift.unlike
+    assert not drift.moved
+    assert drift.untold
 
 
 def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
