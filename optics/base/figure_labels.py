@@ -135,7 +135,7 @@ CALIBRATIONS: Mapping[str, str] = {
     "common_shift_sigma_mm": "shift of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",
     "mirror_to_mirror_normal_sigma_deg": "mirror normals to each other, largest \N{GREEK SMALL LETTER SIGMA}",
     "mirror_to_mirror_distance_sigma_mm": "mirror distances to each other, largest \N{GREEK SMALL LETTER SIGMA}",
-    "projection_sigma_px": "projected point, \N{GREEK SMALL LETTER SIGMA}, RMS over the whole of all views",
+    "projection_sigma_px": "projected point, \N{GREEK SMALL LETTER SIGMA}, RMS over all views",
     "projection_against_reference_sigma_px": (
         "projected point against the reference view, \N{GREEK SMALL LETTER SIGMA}, RMS over the other views"
     ),

@@ -33,6 +33,8 @@ from mirrorcam.optics.geometry.working_distance import VOLUME
 
 UNLIKE = 3.0
 """Views that differ by more than this many times the median view hardly count in the motion."""
+NOISE_RATIO = 2.5
+"""Ratio of difference and sigma in the worst view that noise alone exceeds in one comparison of a hundred, or fewer."""
 MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 
 
@@ -115,18 +117,29 @@ class CalibrationDifference:
             figures["sigma_mm"] = (_rms([each.sigma_mm for each in views]), "mm")
         if sigma > 0.0:
             figures["ratio"] = (rms / sigma, "1")
-        return {name: Metric(value=value, unit=unit) for name, (value, unit) in figures.items()}
+        return {name: Metric(value=_beyond_rounding(value), unit=unit) for name, (value, unit) in figures.items()}
+
+    @property
+    def worst(self) -> tuple[ViewDifference, float] | None:
+        """The view whose difference is largest in its predicted sigma, and that ratio; None without a covariance."""
+        ratios = [(each, figures["ratio"].value) for each in self.views if "ratio" in (figures := self.figures([each]))]
+        return max(ratios, key=lambda pair: pair[1], default=None)
 
     @property
     def motion(self) -> dict[str, Metric]:
         """Size of the motion that was taken out, and its components."""
         figures = {}
         for name, unit, vector in (("turn_deg", "deg", self.turn_deg), ("shift_mm", "mm", self.shift_mm)):
-            figures[f"motion_{name}"] = Metric(value=np.linalg.norm(vector), unit=unit)
+            figures[f"motion_{name}"] = Metric(value=_beyond_rounding(float(np.linalg.norm(vector))), unit=unit)
             stem = name.removesuffix(f"_{unit}")
             for axis, value in zip("xyz", vector.tolist(), strict=True):
-                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=value, unit=unit)
+                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=_beyond_rounding(value), unit=unit)
         return figures
+
+
+def _beyond_rounding(value: float) -> float:
+    """A figure; 0 where it is smaller than what rounding leaves of equal layouts."""
+    return value if abs(value) > ROUNDING_PX else 0.0
 
 
 def _rms(parts: Sequence[FloatArray]) -> float:

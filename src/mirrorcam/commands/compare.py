@@ -61,6 +61,21 @@ def run(options: CompareOptions) -> int:
     return 0
 
 
+def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
+    """Whether the difference is more than noise, by its worst view."""
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_name
+
+    if difference.figures(difference.views)["max_px"].value == 0.0:
+        return "the calibrations do not differ"
+    if difference.worst is None:
+        return "whether the difference is more than noise is open: no covariance predicts it"
+    view, ratio = difference.worst
+    verdict = "more than noise:" if ratio > NOISE_RATIO else "within noise: at most"
+    times = f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:.0f}"
+    place = f"in {view_name(layout, view.view)} (limit {NOISE_RATIO:g})"
+    return f"the difference is {verdict} {times} times the predicted {SIGMA}, {place}"
+
+
 def _print(difference: CalibrationDifference, layout: Layout) -> None:
     """Print a row of figures for each view, one for all, and the motion."""
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import view_name
@@ -71,5 +86,6 @@ def _print(difference: CalibrationDifference, layout: Layout) -> None:
     columns = [figures_alike([figures[name].value for figures in rows.values()], digits=3) for name in names]
     print_table(["", *(COLUMNS[name] for name in names)], list(zip(rows, *columns, strict=True)))
     turn, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
+    say("compare", _verdict(difference, layout))
     at = f"points {difference.range_mm:.0f} mm from each view"
     say("compare", f"{at}; the rig is placed otherwise by {turn}° and {shift} mm, which is taken out")

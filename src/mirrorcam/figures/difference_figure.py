@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
@@ -28,6 +29,8 @@ SLIMMEST = 0.3, 1.5
 """Least and greatest height of a panel, relative to its width."""
 MARGIN = 0.02
 """Space around the views of a panel, relative to their extent."""
+LABEL_SHARE = 0.4
+"""Width of a label, relative to that of its view."""
 LONGEST_ARROW = 0.9
 """Length, in cells, of the arrow of the largest difference."""
 
@@ -49,11 +52,11 @@ def difference_figure(difference: CalibrationDifference, layout: Layout, path: P
     for (unit, views), axes in zip(rows, panels, strict=True):
         highest = max(float(np.max(_values(view, unit, what))) for view in difference.views for what in KINDS)
         shown = _map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
-        _arrows(axes[0], views)
-        axes[0].set_title(f"difference, {unit}")
+        longest_px = _arrows(axes[0], views)
+        axes[0].set_title(f"difference, {unit} (RMS of each view; longest arrow: {longest_px:.2g} px)")
         if columns == 2:
             _map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
-            axes[1].set_title(f"predicted {SIGMA}{_of_whom(difference)}, {unit}")
+            axes[1].set_title(f"predicted {SIGMA}{_of_whom(difference)}, {unit} (RMS of each view)")
         figure.colorbar(shown, ax=axes, label=unit, fraction=0.03, pad=0.01)
     turn, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
     removed = f"a motion of the rig by {turn:.2g}° and {shift:.2g} mm is taken out"
@@ -106,7 +109,7 @@ def _map(
         outline = outline_px(layout, view.view)
         shown.set_clip_path(axes.add_patch(Polygon(outline, facecolor="none", edgecolor="0.3", linewidth=0.8)))
         rms = float(np.sqrt(np.mean(value**2)))
-        x, y = outline.mean(axis=0)[0], outline[:, 1].min()
+        x, y = _label_place(outline)
         axes.annotate(
             f"{view_name(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
             (x, y),
@@ -120,11 +123,21 @@ def _map(
     return shown
 
 
-def _arrows(axes: Axes, views: list[ViewDifference]) -> None:
-    """Draw the direction of the difference in every cell, of one magnification over all views."""
+def _label_place(outline: FloatArray) -> tuple[float, float]:
+    """Top middle (x, y) of a label within an outline (n, 2), also where that is slanted."""
+    polygon = shapely.Polygon(outline)
+    left, top, right, bottom = polygon.bounds
+    middle, half = polygon.centroid.x, LABEL_SHARE * (right - left) / 2.0
+    columns = [shapely.LineString([(x, top), (x, bottom)]) for x in (middle - half, middle, middle + half)]
+    return middle, max(polygon.intersection(column).bounds[1] for column in columns)
+
+
+def _arrows(axes: Axes, views: list[ViewDifference]) -> float:
+    """Draw the difference in every cell, of one magnification over all views; returns the longest in px."""
     pixels, arrows = (np.concatenate([getattr(view, name) for view in views]) for name in ("pixels", "difference_px"))
     longest = float(np.linalg.norm(arrows, axis=1).max())
     gain = LONGEST_ARROW * min(min(_cell_px(view)) for view in views) / max(longest, 1e-12)
     axes.quiver(
         *pixels.T, *(gain * arrows.T), angles="xy", scale_units="xy", scale=1, width=0.0018, color="white", pivot="mid"
     )
+    return longest
