@@ -39,25 +39,33 @@ class Steps:
         The number of columns (n,) that each pair says.
     highest
         The higher marker's number (n,) of each.
+    follows
+        1 (n,) where the lower marker lies among inner corners, so that another row of squares follows, or 0.
     """
 
     columns: IntArray
     highest: IntArray
+    follows: IntArray
 
     @classmethod
     def together(cls, parts: Sequence[Steps]) -> Steps:
         """Those of several pictures."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("columns", "highest")))
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("columns", "highest", "follows"))
+        )
 
     @property
-    def likely(self) -> tuple[int, IntArray]:
-        """The number of columns that more than a half of the pairs say, and the higher numbers in these; 0 for none."""
+    def likely(self) -> tuple[int, Steps]:
+        """The number of columns that more than a half of the pairs say, and these pairs; 0 for none."""
         if len(self.columns):
             numbers, counts = np.unique(self.columns, return_counts=True)
             if 2 * counts.max() > len(self.columns):
                 columns = int(numbers[counts.argmax()])
-                return columns, self.highest[self.columns == columns]
-        return 0, self.highest[:0]
+                return columns, self._where(self.columns == columns)
+        return 0, self._where(self.columns < 0)
+
+    def _where(self, kept: NDArray[np.bool_]) -> Steps:
+        return Steps(self.columns[kept], self.highest[kept], self.follows[kept])
 
 
 def marker_steps(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> Steps:
@@ -66,12 +74,14 @@ def marker_steps(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     Markers are read in grids of corners or, where these show few, as OpenCV finds them one by one.
     """
     pairs = _in_grids(grey, target, mirrored=mirrored)
-    if len(pairs) < FEW:
+    in_grids = len(pairs)
+    if in_grids < FEW:
         pairs += _one_by_one(grey, target, mirrored=mirrored)
     upper, lower = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     columns = upper - lower if isinstance(target, AprilGrid) else lower - upper
+    follows = (np.arange(len(pairs)) < in_grids).astype(np.int64) * (not isinstance(target, AprilGrid))
     possible = columns > 1
-    return Steps(columns[possible], np.maximum(upper, lower)[possible])
+    return Steps(columns[possible], np.maximum(upper, lower)[possible], follows[possible])
 
 
 def _in_grids(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> list[tuple[int, int]]:

@@ -13,7 +13,6 @@ import numpy as np
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
 from mirrorcam.optics.calibration.detection.marker_steps import Steps, marker_steps
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
-from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
@@ -92,10 +91,10 @@ def _other_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mir
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     least = MIN_STEPS * len(pictures)
-    columns, highest = _steps(pictures, target, mirrored=mirrored)
-    if len(highest) < least:
+    columns, steps = _steps(pictures, target, mirrored=mirrored)
+    if len(steps.highest) < least:
         return None if found else _unreadable_markers(pictures, target, mirrored=mirrored)
-    rows = (highest if tags else 2 * highest + 1) // columns + 1  # at least
+    rows = (steps.highest if tags else 2 * steps.highest + 1) // columns + 1 + steps.follows  # at least
     if columns != target.cols:
         said = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {_size(target)} {cells}"
         exchanged = columns == target.rows and rows.max() <= target.cols
@@ -107,7 +106,7 @@ def _other_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mir
 
 def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> str | None:
     least = MIN_STEPS * len(pictures)
-    if len(_steps(pictures, target, mirrored=not mirrored)[1]) >= least:
+    if len(_steps(pictures, target, mirrored=not mirrored)[1].highest) >= least:
         return (
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
             "selfie camera; switch that off, or flip them left to right"
@@ -117,7 +116,7 @@ def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *
             if _capacity(name) < target.rows * target.cols // 2:
                 continue
             other = target.replaced(dictionary=name)
-            if len(_steps(pictures, other, mirrored=mirrored)[1]) >= least:
+            if len(_steps(pictures, other, mirrored=mirrored)[1].highest) >= least:
                 return f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}"
     return None
 
@@ -127,7 +126,7 @@ def _capacity(dictionary: str) -> int:
     return int(dictionary.rsplit("_", 1)[1])
 
 
-def _steps(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, IntArray]:
+def _steps(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, Steps]:
     return Steps.together([marker_steps(picture, target, mirrored=mirrored) for picture in pictures]).likely
 
 

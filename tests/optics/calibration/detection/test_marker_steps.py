@@ -22,20 +22,25 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     picture = render(CAMERA, one_mirror() if mirrored else None, board, pose, noise_grey=2.0)
     # Of the target, only what its markers are like counts.
     target = GRID.replaced(cols=3, rows=8) if isinstance(board, Sheet) else board.replaced(cols=12, rows=4)
-    likely, highest = marker_steps(picture, target, mirrored=mirrored).likely
+    likely, steps = marker_steps(picture, target, mirrored=mirrored).likely
+    highest = steps.highest
     assert likely == columns
+    # The last row of squares lies beyond the inner corners.
+    rows = (2 * highest + 1) // columns + 1 + steps.follows
+    assert rows.max() <= (8 if isinstance(board, Sheet) else board.rows)
     # Corners of markers hide some of a ChArUco board's own.
     assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
     last = 23 if isinstance(board, Sheet) else board.cols * board.rows // 2 - 1
     assert columns <= highest.min() <= highest.max() <= last
-    assert len(marker_steps(picture, target, mirrored=not mirrored).likely[1]) < 3
+    assert len(marker_steps(picture, target, mirrored=not mirrored).likely[1].highest) < 3
 
 
 def test_what_no_half_of_the_pairs_says_is_not_likely() -> None:
-    steps = Steps(np.array([4, 4, 7, 9]), np.arange(4))
+    steps = Steps(np.array([4, 4, 7, 9]), np.arange(4), np.zeros(4, np.int64))
     assert steps.likely[0] == 0
-    more = Steps.together([steps, Steps(np.array([4]), np.array([9]))])
+    more = Steps.together([steps, Steps(np.array([4]), np.array([9]), np.array([1]))])
     assert more.likely[0] == 4
-    assert more.likely[1].tolist() == [0, 1, 9]
+    assert more.likely[1].highest.tolist() == [0, 1, 9]
+    assert more.likely[1].follows.tolist() == [0, 0, 1]
     blank = np.full((200, 300), 80, dtype=np.uint8)
     assert marker_steps(blank, ODD, mirrored=False).likely[0] == 0

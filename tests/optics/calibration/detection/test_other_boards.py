@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA as LARGER
 from tests.optics.calibration.detection.one_mirror import one_mirror
@@ -175,3 +177,13 @@ def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     shown = pictures(MARKED.replaced(dictionary="DICT_5X5_100"), mirrored=mirrored)
     said = other_board(shown, MARKED, mirrored=mirrored, found=False)
     assert said == "the pictures show markers of DICT_5X5_100, board.toml says dictionary DICT_4X4_250"
+
+
+def test_one_row_less_than_another_renderer_printed_is_told(foreign_sets: Path) -> None:
+    """Its frames show so many markers that those of the last row, beside the inner corners, are not sought."""
+    target = load_board(foreign_sets / "a_ch" / "board.toml")
+    shown = [read_image(path, grey=True) for path in sorted((foreign_sets / "a_ch" / "frames").iterdir())[:2]]
+    found = other_board(shown, target.replaced(rows=target.rows - 1), mirrored=True, found=True)
+    assert found is not None
+    assert "a ChArUco board of more rows of squares" in found
+    assert other_board(shown, target, mirrored=True, found=True) is None
