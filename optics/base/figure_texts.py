@@ -29,7 +29,7 @@ WORDS = {
     **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
     **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
 }
-_FILE_FIRST = re.compile(r"\S*[._/\\]\w|[^:]*\.\w{2,4}(?: frames? \d+)?:")
+_FILE_FIRST = re.compile(r"\S*[._/\\]\w|(?:[^\s:]+ ){1,3}[^\s:]*\.\w{2,4}(?: frames? \d+)?:")
 _FRAME = re.compile(r"(.*) frame (\d+)")
 NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
@@ -105,13 +105,13 @@ def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> s
     A value just past its limit gets as many digits as it takes to differ from it.
     """
     shown = metric.value if value is None else value
-    further = _digits_past_limit(metric, digits) - digits
+    further = digits_past_limit(metric, digits) - digits
     if metric.unit.startswith("of the "):
         return f"{shown:.{1 + further}%}"
     return _with_unit(figure_text(shown, digits + further), metric.unit)
 
 
-def _digits_past_limit(metric: Metric, digits: int) -> int:
+def digits_past_limit(metric: Metric, digits: int) -> int:
     """The digits in which a metric past its limit reads so; as given for all others."""
     if metric.limit is None or metric.passed:
         return digits
@@ -147,7 +147,7 @@ def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
     """The limit of a metric with its direction, or nothing where there is none."""
     if metric.limit is None:
         return ""
-    shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, _digits_past_limit(metric, 4))
+    shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, digits_past_limit(metric, 4))
     return f"{limit_sign(metric)} {shown}"
 
 

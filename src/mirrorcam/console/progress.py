@@ -17,7 +17,14 @@ from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.optics.base import interruption
-from mirrorcam.optics.base.figure_texts import figure_text, figures_alike, label_text, limit_text, unit_text
+from mirrorcam.optics.base.figure_texts import (
+    digits_past_limit,
+    figure_text,
+    figures_alike,
+    label_text,
+    limit_text,
+    unit_text,
+)
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 
@@ -112,6 +119,8 @@ def print_metrics(
     def add(name: str, indent: str) -> None:
         unit = every[name].unit
         cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
+        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # just past its limit, and shown so
+            cells[-1] = figure_text(every[name].value, digits)
         row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:
             row.append(limit_text(every[name], with_unit=False))

@@ -65,6 +65,11 @@ def test_metrics_beside_each_other_with_limits(log: StringIO) -> None:
     assert lines[2] == ["efficiency", "0.4", "≥", "0.5", "FAIL"]
 
 
+def test_a_figure_just_past_its_limit_is_printed_so(log: StringIO) -> None:
+    progress.print_metrics({"measured": {"grid_error": Metric(value=0.110004, unit="1", limit=0.11)}})
+    assert log.getvalue().splitlines()[1].split() == ["grid", "error", "0.110004", "≤", "0.11", "FAIL"]
+
+
 def test_groups_of_figures_and_what_is_in_none(log: StringIO) -> None:
     near = Metric(value=1e5, unit="mm or more")
     progress.print_metrics(

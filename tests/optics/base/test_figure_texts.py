@@ -133,6 +133,7 @@ def test_counts_and_sentences() -> None:
 )
 def test_names_of_files_stay_as_they_are(text: str) -> None:
     assert sentence_case(text) == text
+    assert sentence_case("the board is not as stated in board.toml: correct it")[:3] == "The"
 
 
 @pytest.mark.parametrize(
