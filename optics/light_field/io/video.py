@@ -66,7 +66,9 @@ class Video:
         except FileNotFoundError:
             raise InputError(f"{self.path}: no such file") from None
         except IsADirectoryError:
-            raise InputError(f"{self.path}: is a folder, expected a video or pictures") from None
+            raise InputError(
+                f"{self.path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)"
+            ) from None
         except av.FFmpegError as error:
             raise InputError(
                 f"{self.path}: not a video that can be opened, or cut off before its index: {error.strerror}"

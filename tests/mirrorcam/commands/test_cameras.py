@@ -39,3 +39,11 @@ def test_a_picture_of_another_camera_is_refused(
     out = tmp_path / "cameras"
     assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "small.png"), "--out", str(out)]) == 2
     assert "small.png" in capsys.readouterr().err
+
+
+def test_a_video_is_refused_with_what_is_taken(
+    layout_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"")
+    assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "clip.mp4"), "--out", str(tmp_path)]) == 2
+    assert "clip.mp4: no picture, expected PNG or JPEG frames or folders of them" in capsys.readouterr().err

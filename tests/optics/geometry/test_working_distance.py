@@ -17,7 +17,8 @@ def test_boards_come_before_the_design_and_the_range_holds_both(parabola_layout:
         layout.replaced(metrics={"working_distance_mm": Metric(value=100.0, unit="mm")})
         for layout in (bare, parabola_layout)
     )
-    assert working_distance_mm(bare) is working_range_mm(bare) is None
+    assert working_distance_mm(bare) is None
+    assert working_range_mm(bare) is None
     assert working_range_mm(parabola_layout) == (low, high)
     assert working_distance_mm(plain) == working_distance_mm(calibrated) == 100.0
     assert working_range_mm(plain) == pytest.approx((70.0, 140.0))

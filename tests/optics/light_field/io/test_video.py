@@ -146,7 +146,7 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
     for name, reason in {
         "music.mp3": "has no pictures, expected a video",
         "nowhere.mp4": "no such file",
-        "": "is a folder, expected a video or pictures",
+        "": "is a folder, expected a video or pictures by their names",
         "empty.mp4": "not a video that can be opened, or cut off before its index",
         "words.mp4": "not a video that can be opened",
         "sound.wav": "has no pictures, expected a video",
