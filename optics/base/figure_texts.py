@@ -13,6 +13,7 @@ from mirrorcam.optics.base.values import Metric
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 MOST_FURTHER_DIGITS = 9
+ROUNDING = 1e-9
 TINY, UNLIKE = 1e-3, 100.0
 """Size of the largest, and largest ratio, of values beside each other that are written with the same decimals."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
@@ -82,7 +83,9 @@ def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
 
 
 def sigma_text(sigma: float) -> str:
-    """A standard deviation in two significant digits, also where the second is a zero: 0.0020."""
+    """A standard deviation in two significant digits, also where that is a zero: 0.0020; a rounding error is 0."""
+    if abs(sigma) < ROUNDING:
+        return "0"
     decimals = sigma_decimals(sigma)
     return figure_text(sigma, 2) if decimals is None else f"{sigma:.{decimals}f}"
 

@@ -82,7 +82,7 @@ def test_names_in_words(name: str, text: str) -> None:
     ("sigma", "text"),
     [
         *[(0.002, "0.0020"), (0.0021, "0.0021"), (0.00996, "0.010"), (0.3, "0.30"), (1.234, "1.2"), (12.34, "12")],
-        *[(123.4, "123"), (0.0, "0"), (7e-6, "7.0e-6"), (float("inf"), "inf")],
+        *[(123.4, "123"), (0.0, "0"), (7e-6, "7.0e-6"), (3e-12, "0"), (float("inf"), "inf")],
     ],
 )
 def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:

@@ -15,6 +15,7 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     NOISE_PX,
     NextPose,
     NextPosePlanner,
+    place_in_words,
     pose_by_layout,
     poses_of,
 )
@@ -166,3 +167,16 @@ def test_mirrors_beside_the_sensor_are_refused() -> None:
     away = CAMERA.replaced(cx_px=5000.0)
     with pytest.raises(InputError, match="in no pose"):
         NextPosePlanner.designed(LAYOUT.replaced(camera=away), BOARD)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "words"),
+    [
+        *[(0.1, 0.1, "upper left"), (0.9, 0.9, "lower right"), (0.9, 0.5, "right"), (0.5, 0.1, "top")],
+        *[(0.5, 0.9, "bottom"), (0.5, 0.5, "middle")],
+    ],
+)
+def test_places_in_the_picture(x: float, y: float, words: str) -> None:
+    camera = LAYOUT.camera
+    pixel = np.array([x * camera.width_px, y * camera.height_px])
+    assert place_in_words(camera, pixel) == f"{words} of the picture"

@@ -55,6 +55,9 @@ def test_figures_are_those_of_the_scene(result: Calibration) -> None:
     assert metrics["board_shift_in_plane_rms_mm"].value == metrics["board_warp_rms_mm"].value == 0.0
     assert metrics["camera_turned_px"].value == pytest.approx(2e-3 * result.layout.camera.fx_px)
     assert "sheet_mm" not in metrics
+    # Corners of direct views state no noise of their own, so that residuals are relative to nothing.
+    assert "residual_scale" not in metrics
+    np.testing.assert_allclose(result.corner_sigma_px, metrics["sigma_px"].value)
 
 
 def test_what_was_not_found_is_noted(result: Calibration) -> None:
