@@ -57,6 +57,14 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
     return found
 
 
+def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mirrors: int) -> str:
+    """A clause for an error where a picture shows more boards than so many mirrors can, one after the other too."""
+    count, number = max((len(some), -number) for number, some in enumerate(boards))
+    if count <= 1 + mirrors**2:
+        return ""
+    return f"; {names[-number]} shows {count} boards, expected more than --mirrors {mirrors}"
+
+
 def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:
     """ChArUco boards and AprilGrids, whose markers tell whether they are seen in a mirror."""
     direct, image = (

@@ -34,7 +34,14 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     fit_with,
 )
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
-from mirrorcam.optics.calibration.direct.direct_boards import INVERTED, boards_in, confirmed, negative, start_of
+from mirrorcam.optics.calibration.direct.direct_boards import (
+    INVERTED,
+    boards_in,
+    confirmed,
+    more_mirrors,
+    negative,
+    start_of,
+)
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
 from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
@@ -123,7 +130,7 @@ def calibrate_with_direct_view(
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
         other = other_board(pictures, target, mirrored=None, found=True, fits=False)
-        raise InputError(other or str(error)) from None
+        raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)
     shown = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
@@ -157,7 +164,8 @@ def calibrate_with_direct_view(
             selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
         )
     except UndeterminedError as error:
-        raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
+        more = more_mirrors(boards, names, mirrors)
+        raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
     except ValidationError as error:
         # What parts of another board are taken for leads to no possible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)

@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.direct.direct_boards import boards_in, confirmed, negative, start_of
+from mirrorcam.optics.calibration.direct.direct_boards import boards_in, confirmed, more_mirrors, negative, start_of
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.direct.two_mirrors import CAMERA, POSES, corner_of_two_mirrors, lying, picture_of
@@ -36,6 +36,14 @@ def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None
     np.testing.assert_allclose(centres[0], centres[1], atol=10.0)
     truth = np.array([mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors])
     np.testing.assert_allclose(centres[0], truth, atol=27.0)
+
+
+def test_more_boards_than_the_stated_mirrors_show_are_said(pictures: list[Grey]) -> None:
+    boards = boards_in(pictures[:2], EVEN, most=2, progress=no_progress)
+    first = [len(some) for some in boards].index(max(len(some) for some in boards))
+    said = f"; {'ab'[first]} shows {len(boards[first])} boards, expected more than --mirrors 1"
+    assert more_mirrors(boards, ["a", "b"], 1) == said
+    assert more_mirrors(boards, ["a", "b"], 2) == ""
 
 
 def test_markers_tell_images_from_the_board_itself() -> None:
