@@ -50,9 +50,9 @@ class TakenPictures:
             yield grey
             # Once the next one is requested, this one was found to have the expected size.
             if mirrored:
-                room = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
+                keep = held or isinstance(picture, Path) or self._arrays < MOST_KEPT
                 self._arrays += not isinstance(picture, Path)
-                self.mirrored.append(picture if grey is not None and room else None)
+                self.mirrored.append(picture if grey is not None and keep else None)
             if grey is None:
                 continue
             if mirrored:
