@@ -47,7 +47,7 @@ LAYERS = {
         *("plan", "splitting", "mirrors", "holder", "parts", "assembly"),
         *("write", "checks", "documents", ""),
     ),
-    "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop"),
+    "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop", "depth_scenes"),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "commands", ""),
 }
 # Neighbours that do without each other, whatever their order above.

@@ -123,18 +123,31 @@ def mesh(
     faces: NDArray[np.int64],
     bsdf: dict[str, Any],
     normals_in_rig: FloatArray | None = None,
+    texture_places: FloatArray | None = None,
 ) -> Any:
-    """Make a shape of the current variant of triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones."""
+    """Make a shape of the current variant of triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones.
+
+    `texture_places` (n, 2) are those of the vertices in a texture, in its sides.
+    """
     import mitsuba as mi
 
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
     smooth = normals_in_rig is not None
-    shape = mi.Mesh(name, len(vertices_in_rig), len(faces), props=properties, has_vertex_normals=smooth)
+    shape = mi.Mesh(
+        name,
+        len(vertices_in_rig),
+        len(faces),
+        props=properties,
+        has_vertex_normals=smooth,
+        has_vertex_texcoords=texture_places is not None,
+    )
     buffers = mi.traverse(shape)
     buffers["vertex_positions"] = np.float32(vertices_in_rig).ravel()
     if normals_in_rig is not None:
         buffers["vertex_normals"] = np.float32(normals_in_rig).ravel()
+    if texture_places is not None:
+        buffers["vertex_texcoords"] = np.float32(texture_places).ravel()
     buffers["faces"] = np.uint32(faces).ravel()
     buffers.update()
     return shape

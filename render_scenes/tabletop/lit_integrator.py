@@ -39,6 +39,7 @@ def render_lit(
     spp: int,
     seed: int,
     by_mirrors: bool,
+    most_indirect: float = np.inf,
 ) -> NDArray[np.float32]:
     """Render a scene in colour; the same arguments give the same bits. Needs a compiled variant in colour.
 
@@ -60,6 +61,9 @@ def render_lit(
         Seed of the sample pattern.
     by_mirrors
         What the camera sees without a mirror is black.
+    most_indirect
+        Upper bound of what an area light adds to a sample by way of a surface that scatters. A bound leaves out the
+        brightest glints on other surfaces, whose noise would need thousands of samples.
 
     Returns
     -------
@@ -74,7 +78,8 @@ def render_lit(
     opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(by_mirrors))]
     columns, samples, key, first = opaque
     side = mi.Float(1.0 / subpixels)
-    dr.make_opaque(opaque, side)
+    bound = mi.Float(most_indirect)
+    dr.make_opaque(opaque, side, bound)
     square: Any = dr.arange(mi.UInt32, width * height)
     left, top = mi.Float(square % columns), mi.Float(square // columns)
     count = _NUMBERS - 2 if is_pinhole else _NUMBERS
@@ -85,7 +90,8 @@ def render_lit(
         numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
         u, v = (0.5, 0.5) if is_pinhole else numbers[7:]
         ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side, u, v)
-        found = _radiance(scene, mi.Ray3f(ray), numbers[2:7], first, (square, key ^ (taken * mi.UInt32(0x9E3779B9))))
+        own_key = square, key ^ (taken * mi.UInt32(0x9E3779B9))
+        found = _radiance(scene, mi.Ray3f(ray), numbers[2:7], first, own_key, bound)
         return total + found, taken + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)
@@ -101,7 +107,7 @@ def _unit(bits: Any) -> Any:
     return mi.Float(bits >> 8) * 2.0**-24
 
 
-def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any]) -> Any:
+def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any], most_indirect: Any) -> Any:
     """Colour along rays.
 
     `numbers` are the five random numbers of the first diffuse surface; `key` generates those of later ones. Surfaces
@@ -137,7 +143,8 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
             value = bsdf.eval(context, hit, hit.to_local(direction.d), matte)
             lit = matte & (direction.pdf > 0.0) & dr.any(value > 0.0)
             lit &= ~scene.ray_test(way, lit)
-            colour += dr.select(lit, throughput * value * weight, 0.0)
+            added = dr.select(lit, throughput * value * weight, 0.0)
+            colour += dr.select(scattered > 0, dr.minimum(added, most_indirect), added)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(to_x, to_y), active)
         throughput *= weight
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)

@@ -92,7 +92,7 @@ class TabletopScene:
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
         """Render the radiance (v, u, 3) in a pinhole at a view's position, of what lies beyond a depth."""
-        through = _pinhole(views, t, s, start_depth_mm)
+        through = pinhole(views, t, s, start_depth_mm)
         return self._render(
             through,
             (views.width_px, views.height_px),
@@ -138,7 +138,7 @@ def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[F
     return centre + direction * ((start_depth_mm - centre @ forward) / (direction @ forward))[..., None], direction
 
 
-def _pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
+def pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
     """`pinhole_rays` for points of the view in Mitsuba's pixels, in Dr.Jit."""
     import drjit as dr
     import mitsuba as mi

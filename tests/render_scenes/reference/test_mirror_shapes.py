@@ -14,11 +14,12 @@ from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
-from mirrorcam.render_scenes.variant import SCALAR
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
 from tests.render_scenes.corners import TARGET, errors_by_mirror, photographed, tilted_board, windows
 
 FAST = RenderSettings(renderer="fast", sensor=SENSORS["ideal"])
@@ -177,3 +178,16 @@ def test_the_scalar_variant_traces_plates_alike(plates: Layout, pose: FloatArray
         pictures.append(scene.render(spp=2, seed=1, crop=(x + width // 2, y + height // 2, 36, 10)))
     assert np.ptp(pictures[0]) > 0.5
     np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)
+
+
+def test_a_mesh_carries_the_places_of_its_corners_in_a_texture() -> None:
+    use_variant(SCALAR)
+    import mitsuba as mi
+
+    corners = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    places = np.array([[0.5, 1.0], [2.5, 1.0], [0.5, 3.0]])
+    grey = {"type": "diffuse"}
+    shape = mesh("sheet", corners, np.array([[0, 1, 2]]), grey, texture_places=places)
+    scene = mi.load_dict({"type": "scene", "shape": shape})
+    hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(1.0, 0.5, 9.0), mi.Vector3f(0.0, 0.0, -1.0)))
+    np.testing.assert_allclose(np.array(hit.uv).ravel(), [1.0, 1.5], atol=1e-6)

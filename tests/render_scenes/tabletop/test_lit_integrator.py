@@ -108,6 +108,18 @@ def test_what_stands_before_a_lamp_throws_a_shadow() -> None:
     assert rendered({"lamp": lamp(12.0, 3.0, 5.0), "floor": floor, "lid": lid}).max() == 0.0
 
 
+def test_a_bound_leaves_out_what_comes_by_way_of_another_surface_only() -> None:
+    floor = {"type": "rectangle", "to_world": scaled(50.0), "bsdf": matte(PAINT)}
+    ball = {"type": "sphere", "center": [0.0, 0.0, 2.0], "radius": 2.0, "bsdf": matte(PAINT)}
+    alone = {"lamp": lamp(12.0, 3.0, 5.0), "floor": floor}
+    assert np.array_equal(rendered(alone), rendered(alone, most_indirect=0.0))
+    both = alone | {"ball": ball}
+    free, high, none = (rendered(both, most_indirect=bound) for bound in (np.inf, 1e6, 0.0))
+    assert np.array_equal(free, high)
+    assert (none <= free).all()
+    assert none.mean() < 0.995 * free.mean()
+
+
 def test_glass_under_an_even_sky_cannot_be_seen() -> None:
     ball = {"type": "sphere", "radius": 5.0, "bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}}
     light = rendered(sky() | {"ball": ball}, spp=16)

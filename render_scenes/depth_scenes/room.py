@@ -1,0 +1,246 @@
+"""A room of surfaces and lamps in Mitsuba, its pictures by pinholes, and the true depth of their pixels.
+
+A room is described in its own frame (x right, y away, z up, mm) and rendered in the frame of its central view, which is
+also the rig of its light field (x right, y down, z forward).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.light_field.light_field import Views
+from mirrorcam.render_scenes.depth_scenes.patterns import Pattern
+from mirrorcam.render_scenes.depth_scenes.surfaces import Surface
+from mirrorcam.render_scenes.reference.mirror_shapes import mesh
+from mirrorcam.render_scenes.tabletop.lit_integrator import RayThrough, render_lit
+from mirrorcam.render_scenes.tabletop.tabletop_scene import pinhole, pinhole_rays
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+Colour = tuple[float, float, float]
+Kind = Literal["matte", "glossy", "satin", "metal", "mirror"]
+
+VIEWS = 9
+"""Views down and across of the whole grid, as in the 4D Light Field Benchmark."""
+STEP_MM, FOCUS_MM = 10.0, 4000.0
+FOCAL_IN_WIDTHS = 100.0 / 35.0  # focal length and sensor of the benchmark's cameras
+SOFTNESS_PX = 0.4  # sigma of the Gaussian that a pixel averages over
+PLASTIC_INDEX = 1.5
+MOST_INDIRECT = 1.0  # linear grey that light by way of another surface may add to a sample
+EDGE_PX = 0.1
+"""Least step of disparity, per step of the whole grid, at an edge of depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finish:
+    """How a surface reflects: `pattern` repeats every `tile_mm`; metals and mirrors have one `colour`."""
+
+    kind: Kind = "matte"
+    pattern: Pattern | None = None
+    tile_mm: float = 1000.0
+    colour: Colour = (0.5, 0.5, 0.5)
+    roughness: float = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """A thing in a room."""
+
+    name: str
+    surface: Surface
+    finish: Finish
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A rectangle that shines from `at` towards `to`, of half sides `half_mm`, with a radiance."""
+
+    at: Colour
+    to: Colour
+    half_mm: tuple[float, float]
+    radiance: Colour
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A scene: what stands in it, its light, and where the central view is.
+
+    Attributes
+    ----------
+    items, lamps
+        What is seen, and what lights it.
+    sky
+        Radiance of what lies beyond all surfaces.
+    eye_mm
+        Height of the central view above the origin of the room.
+    pitch_deg
+        How far it looks down.
+    exposure
+        Factor from radiance to linear grey, 1 for white.
+    """
+
+    items: tuple[Item, ...]
+    lamps: tuple[Lamp, ...]
+    sky: Colour
+    eye_mm: float
+    pitch_deg: float
+    exposure: float = 1.0
+
+    @property
+    def view_from_room(self) -> FloatArray:
+        """Pose (4, 4) of the room in the frame of the central view."""
+        pitch = np.radians(self.pitch_deg)
+        rotation = np.array(
+            [[1.0, 0.0, 0.0], [0.0, -np.sin(pitch), -np.cos(pitch)], [0.0, np.cos(pitch), -np.sin(pitch)]]
+        )
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ [0.0, 0.0, self.eye_mm]
+        return pose
+
+
+def depth_views(count: int, size_px: int) -> Views:
+    """`count` x `count` views of `size_px` x `size_px` pixels that reach as far as the whole grid of VIEWS."""
+    if count < 2 or (VIEWS - 1) % (count - 1) or count % 2 == 0:
+        raise InputError(f"{count} views, expected 3, 5 or {VIEWS}: every so-many-th of {VIEWS}, the central one too")
+    offsets = (np.arange(count) - count // 2) * (STEP_MM * (VIEWS - 1) / (count - 1))
+    return Views(
+        positions_mm=np.stack([*np.meshgrid(offsets, offsets), np.zeros((count, count))], axis=-1),
+        focal_px=FOCAL_IN_WIDTHS * size_px,
+        centre_px=np.full(2, (size_px - 1) / 2.0),
+        width_px=size_px,
+        height_px=size_px,
+        reference_depth_mm=FOCUS_MM,
+        reference_view_in_rig_mm=np.zeros(3),
+        view_from_rig=np.eye(3),
+        layout_identity="",
+    )
+
+
+class RoomScene:
+    """A room as a scene of Mitsuba. Raises InputError where no backend compiles."""
+
+    def __init__(self, room: Room):
+        self.variant = use_variant(colour=True)
+        if self.variant == SCALAR:
+            raise InputError("a scene in colour needs a GPU or an LLVM that compiles: pip install karellen-llvm-core")
+        import mitsuba as mi
+
+        self.room = room
+        pose = room.view_from_room
+        shapes = {f"item_{number}": _shape(item, pose) for number, item in enumerate(room.items)}
+        lamps = {f"lamp_{number}": _lamp(lamp, pose) for number, lamp in enumerate(room.lamps)}
+        sky = {"type": "constant", "radiance": {"type": "rgb", "value": list(room.sky)}}
+        self._scene = mi.load_dict({"type": "scene", "sky": sky, **lamps, **shapes})
+
+    def picture(self, views: Views, t: int, s: int, *, spp: int) -> NDArray[np.uint8]:
+        """What a view sees (v, u, 3), sRGB of 8 bits. The random numbers are those of its place in the whole grid."""
+        use_variant(self.variant)
+        row, column = (round(offset) for offset in views.positions_mm[t, s, 1::-1] / STEP_MM)
+        light = render_lit(
+            self._scene,
+            _softened(pinhole(views, t, s, 1.0)),
+            is_pinhole=True,
+            size=(views.width_px, views.height_px),
+            subpixels=1,
+            spp=spp,
+            seed=100 * (row + VIEWS) + column + VIEWS,
+            by_mirrors=False,
+            most_indirect=MOST_INDIRECT / self.room.exposure,
+        )
+        return srgb(light * np.float32(self.room.exposure))
+
+    def depth_mm(self, views: Views, t: int, s: int) -> NDArray[np.float32]:
+        """Depth (v, u) of the first surface at each pixel centre of a view; infinite where there is none."""
+        use_variant(self.variant)
+        import mitsuba as mi
+
+        start, direction = pinhole_rays(views, t, s, 1.0)
+        rays = mi.Ray3f(*(mi.Point3f(np.float32(vectors.reshape(-1, 3).T)) for vectors in (start, direction)))
+        way = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+        return (1.0 + way.reshape(start.shape[:2]) * direction[..., 2]).astype(np.float32)
+
+    def edges(self, views: Views) -> NDArray[np.bool_]:
+        """Where a pixel (v, u) of the central view shows surfaces whose disparities differ by more than EDGE_PX."""
+        fine = depth_views(views.rows, 3 * views.width_px)
+        # Disparity per step of the whole grid, in px of `views`.
+        depth = self.depth_mm(fine, views.rows // 2, views.cols // 2).astype(np.float64)
+        disparity = (views.focal_px * STEP_MM * (1.0 / depth - 1.0 / FOCUS_MM)).astype(np.float32)
+        kernel = np.ones((5, 5), np.uint8)  # fine pixels: what the Gaussian of a pixel reaches
+        spread = cv2.dilate(disparity, kernel) - cv2.erode(disparity, kernel)
+        return np.asarray(spread[1::3, 1::3] > EDGE_PX)
+
+
+def srgb(light: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Linear grey, 0 to 1, as sRGB of 8 bits (IEC 61966-2-1)."""
+    clipped = np.clip(light.astype(np.float64), 0.0, 1.0)
+    curved = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
+    return np.rint(255.0 * curved).astype(np.uint8)
+
+
+def _softened(through: RayThrough) -> RayThrough:
+    """Rays distributed about the middle of a pixel as a Gaussian, in place of evenly over its square."""
+    import drjit as dr
+
+    spread = float(SOFTNESS_PX * np.sqrt(2.0))
+
+    def spread_out(place: Any) -> Any:
+        corner = dr.floor(place)
+        part = dr.clip(place - corner, 1e-4, 1.0 - 1e-4)
+        return corner + 0.5 + spread * dr.erfinv(2.0 * part - 1.0)
+
+    def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
+        return through(spread_out(x), spread_out(y), u, v)
+
+    return ray_through
+
+
+def _shape(item: Item, view_from_room: FloatArray) -> Any:
+    surface, finish = item.surface, item.finish
+    normals = None if surface.normals is None else surface.normals @ view_from_room[:3, :3].T
+    return mesh(
+        item.name,
+        transform(view_from_room, surface.points),
+        surface.faces,
+        _bsdf(finish),
+        normals,
+        surface.place_mm / finish.tile_mm,
+    )
+
+
+def _bsdf(finish: Finish) -> dict[str, Any]:
+    import mitsuba as mi
+
+    colour: dict[str, Any] = {"type": "rgb", "value": list(finish.colour)}
+    if finish.pattern is not None:
+        colour = {"type": "bitmap", "bitmap": mi.Bitmap(finish.pattern), "raw": True, "wrap_mode": "repeat"}
+    plastic = {"int_ior": PLASTIC_INDEX, "ext_ior": 1.0, "diffuse_reflectance": colour}
+    metal = {"material": "none", "specular_reflectance": colour}
+    inner = {
+        "matte": {"type": "diffuse", "reflectance": colour},
+        "glossy": {"type": "plastic", **plastic},
+        "satin": {"type": "roughplastic", "alpha": finish.roughness, **plastic},
+        "metal": {"type": "roughconductor", "alpha": finish.roughness, **metal},
+        "mirror": {"type": "conductor", **metal},
+    }[finish.kind]
+    return {"type": "twosided", "bsdf": inner}
+
+
+def _lamp(lamp: Lamp, view_from_room: FloatArray) -> dict[str, Any]:
+    import mitsuba as mi
+
+    at, to = transform(view_from_room, np.array([lamp.at, lamp.to]))
+    way = to - at
+    up = np.eye(3)[np.abs(way).argmin()]
+    look = mi.ScalarTransform4f().look_at(origin=at.tolist(), target=to.tolist(), up=up.tolist())
+    return {
+        "type": "rectangle",
+        "to_world": look @ mi.ScalarTransform4f().scale([*lamp.half_mm, 1.0]),
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(lamp.radiance)}},
+    }

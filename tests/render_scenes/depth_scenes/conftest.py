@@ -1,0 +1,26 @@
+"""What the tests of scenes share: each scene, built once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+
+from mirrorcam.render_scenes.depth_scenes.room import Room, RoomScene
+from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+
+@pytest.fixture(scope="session")
+def room() -> Callable[[str], Room]:
+    """The rooms by name, of seed 1."""
+    return cache(lambda name: SCENES[name](1))
+
+
+@pytest.fixture(scope="session")
+def scene(room: Callable[[str], Room]) -> Callable[[str], RoomScene]:
+    """The rooms in Mitsuba."""
+    if use_variant(colour=True) == SCALAR:
+        pytest.skip("nothing compiles in colour")
+    return cache(lambda name: RoomScene(room(name)))

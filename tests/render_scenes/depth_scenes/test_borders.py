@@ -1,0 +1,18 @@
+"""`borders`: near things are cut by every side of the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mirrorcam.render_scenes.depth_scenes.room import FOCUS_MM, RoomScene, depth_views
+
+
+def test_every_side_cuts_something_near_and_something_else(scene: Callable[[str], RoomScene]) -> None:
+    views = depth_views(9, 128)
+    depth = scene("borders").depth_mm(views, 4, 4)
+    for side in (depth[0], depth[-1], depth[:, 0], depth[:, -1]):
+        assert np.mean(side < 0.85 * FOCUS_MM) > 0.3
+    for side in (depth[0], depth[:, 0]):
+        assert np.mean(side > 1.2 * FOCUS_MM) > 0.1

@@ -1,0 +1,12 @@
+"""`gloss`: every kind of finish, and a mirror that shows something else than its surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import get_args
+
+from mirrorcam.render_scenes.depth_scenes.room import Kind, Room
+
+
+def test_every_kind_of_finish_is_there(room: Callable[[str], Room]) -> None:
+    assert {item.finish.kind for item in room("gloss").items} == set(get_args(Kind))

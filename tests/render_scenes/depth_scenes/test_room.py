@@ -1,0 +1,94 @@
+"""Rooms: true depth against closed forms, pictures that agree with it, the same bytes for the same request."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.render_scenes.depth_scenes.patterns import stone
+from mirrorcam.render_scenes.depth_scenes.room import (
+    FOCUS_MM,
+    STEP_MM,
+    Finish,
+    Item,
+    Lamp,
+    Room,
+    RoomScene,
+    depth_views,
+    srgb,
+)
+from mirrorcam.render_scenes.depth_scenes.surfaces import block, sheet
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
+
+SIZE_PX = 48
+
+
+@pytest.fixture(scope="module")
+def plain() -> RoomScene:
+    """A floor and a wall, with a box before it, seen from 600 mm above and 5 deg downward."""
+    if use_variant(colour=True) == SCALAR:
+        pytest.skip("nothing compiles in colour")
+    cloth = Finish(pattern=stone(0, (0.5, 0.4, 0.4), contrast=0.4), tile_mm=4000.0)
+    items = (
+        Item("floor", sheet((-5000.0, 1000.0, 0.0), (1e4, 0.0, 0.0), (0.0, 1e4, 0.0)), cloth),
+        Item("wall", sheet((-5000.0, 7000.0, 0.0), (1e4, 0.0, 0.0), (0.0, 0.0, 5000.0)), cloth),
+        Item("box", block((500.0, 500.0, 900.0), (0.0, 4250.0, 0.0)), cloth),
+    )
+    lamp = Lamp((0.0, 2000.0, 3000.0), (0.0, 4000.0, 0.0), (400.0, 400.0), (30.0, 30.0, 30.0))
+    return RoomScene(Room(items, (lamp,), (0.3, 0.3, 0.3), eye_mm=600.0, pitch_deg=5.0))
+
+
+def test_depth_is_that_of_the_planes(plain: RoomScene) -> None:
+    views = depth_views(3, SIZE_PX)
+    found = plain.depth_mm(views, 1, 1)
+    pitch = np.radians(5.0)
+    column, row = np.meshgrid(*(np.arange(SIZE_PX) - (SIZE_PX - 1) / 2.0,) * 2)
+    x, down = column / views.focal_px, row / views.focal_px
+    # Per mm of depth, a ray gains this much away from the camera and this much height.
+    away, up = np.cos(pitch) - down * np.sin(pitch), -np.sin(pitch) - down * np.cos(pitch)
+    floor = np.where(up < 0.0, 600.0 / np.maximum(-up, 1e-9), np.inf)
+    front = 4000.0 / away
+    is_box = (np.abs(x * front) < 250.0) & (600.0 + up * front < 900.0) & (600.0 + up * front > 0.0)
+    top = np.where(np.abs(up) > 0, 300.0 / up, np.inf)
+    is_top = (up > 0) & (np.abs(x * top) < 250.0) & (top * away > 4000.0) & (top * away < 4500.0)
+    expected = np.where(is_box, front, np.where(is_top, top, np.minimum(floor, 7000.0 / away)))
+    np.testing.assert_allclose(found, expected, rtol=2e-6)
+
+
+def test_views_reach_as_far_however_many(plain: RoomScene) -> None:
+    for count in (3, 5, 9):
+        views = depth_views(count, SIZE_PX)
+        assert views.rows == views.cols == count
+        assert views.positions_mm[0, -1].tolist() == [4.0 * STEP_MM, -4.0 * STEP_MM, 0.0]
+        assert views.disparity_px_from_depth(np.array(FOCUS_MM), "s") == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 7])
+def test_views_that_are_no_part_of_the_grid_are_refused(count: int) -> None:
+    with pytest.raises(InputError, match=f"{count} views, expected 3, 5 or 9"):
+        depth_views(count, SIZE_PX)
+
+
+def test_a_view_is_the_same_in_every_grid_and_differs_from_its_neighbours(plain: RoomScene) -> None:
+    three, five = depth_views(3, SIZE_PX), depth_views(5, SIZE_PX)
+    one = plain.picture(three, 0, 1, spp=4)
+    assert one.shape == (SIZE_PX, SIZE_PX, 3)
+    assert np.array_equal(one, plain.picture(five, 0, 2, spp=4))
+    assert not np.array_equal(one, plain.picture(five, 1, 2, spp=4))
+
+
+def test_edges_are_round_the_box_only(plain: RoomScene) -> None:
+    views = depth_views(3, SIZE_PX)
+    depth, edges = plain.depth_mm(views, 1, 1), plain.edges(views)
+    jump = np.abs(np.diff(1.0 / depth, axis=1)).argmax(axis=1)
+    row = SIZE_PX // 2
+    assert edges[row, jump[row]] or edges[row, jump[row] + 1]
+    assert not edges[row, :5].any()
+    assert not edges[-1].any()
+    assert edges.mean() < 0.1
+
+
+def test_srgb_has_its_known_values() -> None:
+    light = np.array([-1.0, 0.0, 0.001, 0.2140, 1.0, 3.0], np.float32)
+    assert srgb(light).tolist() == [0, 0, 3, 127, 255, 255]
