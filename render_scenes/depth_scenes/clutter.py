@@ -6,16 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
+from mirrorcam.render_scenes.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
 from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
 from mirrorcam.render_scenes.depth_scenes.surfaces import Surface, ball, block, joined, sheet, tube, turned
-from mirrorcam.render_scenes.tabletop.textures import texture
+from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
 
 _FRONT_MM, _DEPTH_MM, _BOARD_MM = 3000.0, 320.0, 16.0
 _UPRIGHTS = (-600.0, -190.0, 230.0)
 _SHELVES = (0.0, 250.0, 500.0, 780.0, 1060.0, 1320.0)
 _JAR = ((0.0, 0.0), (48.0, 0.0), (55.0, 20.0), (55.0, 110.0), (38.0, 135.0), (42.0, 150.0), (0.0, 150.0))
-# What stands in each compartment, from the top row, left and right.
+_PRINTS: tuple[TextureName, ...] = ("cover", "page", "poster", "label")
+# What stands in each compartment, from the top row, left and right; boxes behind slats and in crates.
 _FILLING = (("books", "crate"), ("boxes", "books"), ("slats", "jars"), ("books", "boxes"), ("boxes", "slats"))
 
 
@@ -76,25 +77,71 @@ def _wires(random: np.random.Generator) -> Iterator[Surface]:
 
 def _contents(random: np.random.Generator) -> dict[str, list[Surface]]:
     """Surfaces by the material that they have."""
-    found: dict[str, list[Surface]] = {name: [] for name in ("cover", "page", "poster", "label", "slats", "jars")}
-    prints = ("cover", "poster", "label", "page")
+    found: dict[str, list[Surface]] = {name: [] for name in (*_PRINTS, "slats", "jars")}
     for row, kinds in zip(range(len(_SHELVES) - 1)[::-1], _FILLING, strict=True):
         low, high = _SHELVES[row] + _BOARD_MM, _SHELVES[row + 1]
         for kind, left, right in zip(kinds, _UPRIGHTS, _UPRIGHTS[1:], strict=False):
-            if kind == "slats":
-                found["slats"] += _slats(left, right, low, high)
-            elif kind == "crate":
-                found["slats"] += _crate(left, right, low)
             if kind in ("slats", "crate"):
-                kind = "boxes"
+                found["slats"] += _slats(left, right, low, high) if kind == "slats" else _crate(left, right, low)
             if kind == "jars":
-                found["jars"] += [
-                    turned(_JAR, (x, _FRONT_MM + 120.0, low)) for x in np.arange(left + 75.0, right, 115.0)
-                ]
-                continue
-            for surface in (_books if kind == "books" else _boxes)(random, left, right, low, high):
-                found[prints[random.integers(4)]].append(surface)
+                places = np.arange(left + 75.0, right, 115.0)
+                found["jars"] += [turned(_JAR, (x, _FRONT_MM + 120.0, low)) for x in places]
+            else:
+                for surface in (_books if kind == "books" else _boxes)(random, left, right, low, high):
+                    found[_PRINTS[random.integers(len(_PRINTS))]].append(surface)
     return found
+
+
+def _filled(random: np.random.Generator, seeds: Iterator[int], contents: dict[str, list[Surface]]) -> Iterator[Item]:
+    """The shelf with its contents, and wires before it."""
+    pine = planks(next(seeds), (0.46, 0.33, 0.20), boards=5)
+    yield Item("shelf", _shelf(), Finish(pattern=pine, tile_mm=700.0))
+    yield Item(
+        "back",
+        sheet((_UPRIGHTS[0], _FRONT_MM + _DEPTH_MM, 0.0), (410.0, 0.0, 0.0), (0.0, 0.0, 1320.0)),
+        Finish(pattern=pine, tile_mm=900.0),
+    )
+    for name in _PRINTS:
+        pattern = repeated(texture(name, (1024, 1024), next(seeds)))
+        yield Item(name, joined(contents[name]), Finish(pattern=pattern, tile_mm=330.0))
+    yield Item(
+        "slats",
+        joined(contents["slats"]),
+        Finish(pattern=planks(next(seeds), (0.40, 0.30, 0.20), boards=9), tile_mm=300.0),
+    )
+    yield Item("jars", joined(contents["jars"]), Finish("satin", stone(next(seeds), (0.38, 0.40, 0.34)), 300.0))
+    yield Item(
+        "wires", joined(list(_wires(random))), Finish("matte", plaster(next(seeds), (0.10, 0.10, 0.11), 0.3), 100.0)
+    )
+
+
+def _room(seeds: Iterator[int]) -> Iterator[Item]:
+    up = (0.0, 0.0, 3600.0)
+    yield Item(
+        "floor",
+        sheet((-3500.0, 1500.0, 0.0), (7000.0, 0.0, 0.0), (0.0, 7500.0, 0.0)),
+        Finish(pattern=stone(next(seeds), (0.32, 0.31, 0.30), contrast=0.1), tile_mm=1500.0),
+    )
+    yield Item(
+        "end wall",
+        sheet((-3000.0, 6600.0, 0.0), (6500.0, 700.0, 0.0), up),
+        Finish(pattern=bricks(next(seeds), (0.36, 0.30, 0.26), courses=14), tile_mm=1900.0),
+    )
+    yield Item(
+        "side wall",
+        sheet((900.0, 2500.0, 0.0), (180.0, 5200.0, 0.0), up),
+        Finish(pattern=plaster(next(seeds), (0.40, 0.40, 0.42), 0.07), tile_mm=1500.0),
+    )
+    yield Item(
+        "chest",
+        block((420.0, 420.0, 480.0), (560.0, 4300.0, 0.0), 30.0),
+        Finish(pattern=weave(next(seeds), (0.22, 0.30, 0.36)), tile_mm=500.0),
+    )
+    yield Item(
+        "ball",
+        ball(120.0, (470.0, 3500.0, 120.0)),
+        Finish("satin", plaster(next(seeds), (0.5, 0.42, 0.16), 0.15), 400.0),
+    )
 
 
 def clutter(seed: int) -> Room:
@@ -102,58 +149,7 @@ def clutter(seed: int) -> Room:
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
     contents = _contents(random)
-
-    def printed(name: str) -> Pattern:
-        return repeated(texture(name, (1024, 1024), next(seeds)))  # type: ignore[arg-type]
-
-    pine = planks(next(seeds), (0.46, 0.33, 0.20), boards=5)
-    up = (0.0, 0.0, 3600.0)
-    items = (
-        Item("shelf", _shelf(), Finish(pattern=pine, tile_mm=700.0)),
-        Item(
-            "back",
-            sheet((_UPRIGHTS[0], _FRONT_MM + _DEPTH_MM, 0.0), (410.0, 0.0, 0.0), (0.0, 0.0, 1320.0)),
-            Finish(pattern=pine, tile_mm=900.0),
-        ),
-        *(
-            Item(name, joined(contents[name]), Finish(pattern=printed(name), tile_mm=330.0))
-            for name in ("cover", "page", "poster", "label")
-        ),
-        Item(
-            "slats",
-            joined(contents["slats"]),
-            Finish(pattern=planks(next(seeds), (0.40, 0.30, 0.20), boards=9), tile_mm=300.0),
-        ),
-        Item("jars", joined(contents["jars"]), Finish("satin", stone(next(seeds), (0.38, 0.40, 0.34)), 300.0)),
-        Item(
-            "wires", joined(list(_wires(random))), Finish("matte", plaster(next(seeds), (0.10, 0.10, 0.11), 0.3), 100.0)
-        ),
-        Item(
-            "floor",
-            sheet((-3500.0, 1500.0, 0.0), (7000.0, 0.0, 0.0), (0.0, 7500.0, 0.0)),
-            Finish(pattern=stone(next(seeds), (0.32, 0.31, 0.30), contrast=0.1), tile_mm=1500.0),
-        ),
-        Item(
-            "end wall",
-            sheet((-3000.0, 6600.0, 0.0), (6500.0, 700.0, 0.0), up),
-            Finish(pattern=bricks(next(seeds), (0.36, 0.30, 0.26), courses=14), tile_mm=1900.0),
-        ),
-        Item(
-            "side wall",
-            sheet((900.0, 2500.0, 0.0), (180.0, 5200.0, 0.0), up),
-            Finish(pattern=plaster(next(seeds), (0.40, 0.40, 0.42), 0.07), tile_mm=1500.0),
-        ),
-        Item(
-            "chest",
-            block((420.0, 420.0, 480.0), (560.0, 4300.0, 0.0), 30.0),
-            Finish(pattern=weave(next(seeds), (0.22, 0.30, 0.36)), tile_mm=500.0),
-        ),
-        Item(
-            "ball",
-            ball(120.0, (470.0, 3500.0, 120.0)),
-            Finish("satin", plaster(next(seeds), (0.5, 0.42, 0.16), 0.15), 400.0),
-        ),
-    )
+    items = (*_filled(random, seeds, contents), *_room(seeds))
     lamps = (
         Lamp((-700.0, 1300.0, 2300.0), (-100.0, 3100.0, 600.0), (350.0, 350.0), (24.0, 22.0, 19.0)),
         Lamp((600.0, 4800.0, 3000.0), (500.0, 6000.0, 300.0), (350.0, 350.0), (20.0, 20.5, 22.0)),

@@ -2,130 +2,104 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
+from mirrorcam.render_scenes.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
 from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
 from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, tube, turned
 from mirrorcam.render_scenes.tabletop.textures import texture
 
-_VASE = (
-    (0.0, 0.0),
-    (75.0, 0.0),
-    (95.0, 40.0),
-    (135.0, 160.0),
-    (90.0, 300.0),
-    (45.0, 380.0),
-    (70.0, 430.0),
-    (0.0, 400.0),
-)
-_KETTLE = (
-    (0.0, 0.0),
-    (130.0, 0.0),
-    (150.0, 50.0),
-    (135.0, 150.0),
-    (60.0, 200.0),
-    (30.0, 215.0),
-    (30.0, 240.0),
-    (0.0, 250.0),
-)
-_BOWL = (
-    (0.0, 0.0),
-    (60.0, 0.0),
-    (70.0, 15.0),
-    (130.0, 60.0),
-    (165.0, 120.0),
-    (158.0, 120.0),
-    (110.0, 60.0),
-    (0.0, 30.0),
-)
-_POT = (
-    (0.0, 0.0),
-    (90.0, 0.0),
-    (120.0, 200.0),
-    (135.0, 205.0),
-    (135.0, 245.0),
-    (115.0, 245.0),
-    (100.0, 200.0),
-    (0.0, 190.0),
-)
-_CAN = ((0.0, 0.0), (60.0, 0.0), (62.0, 6.0), (62.0, 174.0), (60.0, 180.0), (0.0, 180.0))
+# Radii and heights of what is turned.
+# fmt: off
+_VASE = ((0, 0), (75, 0), (95, 40), (135, 160), (90, 300), (45, 380), (70, 430), (0, 400))
+_KETTLE = ((0, 0), (130, 0), (150, 50), (135, 150), (60, 200), (30, 215), (30, 240), (0, 250))
+_BOWL = ((0, 0), (60, 0), (70, 15), (130, 60), (165, 120), (158, 120), (110, 60), (0, 30))
+_POT = ((0, 0), (90, 0), (120, 200), (135, 205), (135, 245), (115, 245), (100, 200), (0, 190))
+_CAN = ((0, 0), (60, 0), (62, 6), (62, 174), (60, 180), (0, 180))
+# fmt: on
+
+
+def _room(seeds: Iterator[int], wood: Pattern, poster: Pattern) -> Iterator[Item]:
+    yield Item(
+        "table",
+        sheet((-1500.0, 1800.0, 0.0), (3000.0, 0.0, 0.0), (0.0, 3600.0, 0.0)),
+        Finish("glossy", wood, 900.0),
+    )
+    yield Item(
+        "floor",
+        sheet((-4000.0, -1500.0, -750.0), (8000.0, 0.0, 0.0), (0.0, 9500.0, 0.0)),
+        Finish("satin", stone(next(seeds), (0.3, 0.29, 0.27)), 1500.0),
+    )
+    yield Item(
+        "wall",
+        sheet((-3000.0, 7000.0, -750.0), (6500.0, 500.0, 0.0), (0.0, 0.0, 3800.0)),
+        Finish("matte", plaster(next(seeds), (0.42, 0.40, 0.36), 0.1), 1500.0),
+    )
+    yield Item(
+        "poster",
+        sheet((-250.0, 7100.0, 300.0), (900.0, 65.0, 0.0), (0.0, 0.0, 900.0)),
+        Finish("glossy", poster, 1000.0),
+    )
+    yield Item(
+        "brick pillar",
+        block((520.0, 400.0, 3000.0), (-1020.0, 6400.0, -750.0), 12.0),
+        Finish("matte", bricks(next(seeds), (0.4, 0.22, 0.15)), 900.0),
+    )
+
+
+def _things(random: np.random.Generator, seeds: Iterator[int], label: Pattern) -> Iterator[Item]:
+    def place(x: float, y: float) -> tuple[float, float, float]:
+        return x + random.uniform(-20.0, 20.0), y + random.uniform(-20.0, 20.0), 0.0
+
+    handle = np.linspace(0.0, np.pi, 24)[:, None]
+    kettle, marble = place(215.0, 3000.0), place(-60.0, 2930.0)
+    arc = np.add(kettle, (0.0, 0.0, 170.0)) + np.cos(handle) * [120.0, 40.0, 0.0] + np.sin(handle) * [0.0, 0.0, 150.0]
+    yield Item("vase", turned(_VASE, place(-330.0, 3250.0)), Finish("mirror", colour=(0.88, 0.86, 0.82)))
+    yield Item("kettle", turned(_KETTLE, kettle), Finish("metal", colour=(0.85, 0.50, 0.34), roughness=0.18))
+    yield Item("handle", tube(arc, 7.0, 12), Finish("satin", colour=(0.04, 0.04, 0.05)))
+    yield Item(
+        "marble",
+        ball(95.0, (marble[0], marble[1], 95.0)),
+        Finish("glossy", stone(next(seeds), (0.55, 0.5, 0.46)), 300.0),
+    )
+    yield Item(
+        "bowl", turned(_BOWL, place(430.0, 3700.0)), Finish("glossy", stone(next(seeds), (0.16, 0.28, 0.42)), 400.0)
+    )
+    yield Item(
+        "pot",
+        turned(_POT, place(-30.0, 3900.0)),
+        Finish("matte", plaster(next(seeds), (0.45, 0.24, 0.15), 0.15), 400.0),
+    )
+    yield Item("can", turned(_CAN, place(80.0, 3300.0)), Finish("satin", label, 390.0, roughness=0.1))
+    yield Item(
+        "box",
+        block((260.0, 180.0, 340.0), place(-420.0, 4100.0), 28.0),
+        Finish("satin", weave(next(seeds), (0.42, 0.16, 0.14)), 330.0),
+    )
+    yield Item(
+        "tray",
+        block((360.0, 260.0, 16.0), place(-360.0, 2900.0), -16.0),
+        Finish("metal", colour=(0.72, 0.72, 0.74), roughness=0.3),
+    )
+    yield Item(
+        "tin",
+        block((170.0, 170.0, 260.0), place(330.0, 4350.0), 40.0),
+        Finish("metal", colour=(0.75, 0.72, 0.66), roughness=0.22),
+    )
 
 
 def gloss(seed: int) -> Room:
     """The table; textures and small shifts by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
-
-    def place(x: float, y: float) -> tuple[float, float, float]:
-        return x + random.uniform(-20.0, 20.0), y + random.uniform(-20.0, 20.0), 0.0
-
     wood = planks(next(seeds), (0.34, 0.20, 0.11), boards=7)
     poster = repeated(texture("poster", (1024, 1024), next(seeds)))
     label = repeated(texture("label", (1024, 1024), next(seeds)))
-    handle = np.linspace(0.0, np.pi, 24)[:, None]
-    kettle, marble = place(215.0, 3000.0), place(-60.0, 2930.0)
-    arc = (
-        np.array(kettle) + [0.0, 0.0, 170.0] + np.cos(handle) * [120.0, 40.0, 0.0] + np.sin(handle) * [0.0, 0.0, 150.0]
-    )
     items = (
-        Item(
-            "table",
-            sheet((-1500.0, 1800.0, 0.0), (3000.0, 0.0, 0.0), (0.0, 3600.0, 0.0)),
-            Finish("glossy", wood, 900.0),
-        ),
-        Item(
-            "floor",
-            sheet((-4000.0, -1500.0, -750.0), (8000.0, 0.0, 0.0), (0.0, 9500.0, 0.0)),
-            Finish("satin", stone(next(seeds), (0.3, 0.29, 0.27)), 1500.0),
-        ),
-        Item(
-            "wall",
-            sheet((-3000.0, 7000.0, -750.0), (6500.0, 500.0, 0.0), (0.0, 0.0, 3800.0)),
-            Finish("matte", plaster(next(seeds), (0.42, 0.40, 0.36), 0.1), 1500.0),
-        ),
-        Item(
-            "poster",
-            sheet((-250.0, 7100.0, 300.0), (900.0, 65.0, 0.0), (0.0, 0.0, 900.0)),
-            Finish("glossy", poster, 1000.0),
-        ),
-        Item(
-            "brick pillar",
-            block((520.0, 400.0, 3000.0), (-1020.0, 6400.0, -750.0), 12.0),
-            Finish("matte", bricks(next(seeds), (0.4, 0.22, 0.15)), 900.0),
-        ),
-        Item("vase", turned(_VASE, place(-330.0, 3250.0)), Finish("mirror", colour=(0.88, 0.86, 0.82))),
-        Item("kettle", turned(_KETTLE, kettle), Finish("metal", colour=(0.85, 0.50, 0.34), roughness=0.18)),
-        Item("handle", tube(arc, 7.0, 12), Finish("satin", colour=(0.04, 0.04, 0.05))),
-        Item(
-            "marble",
-            ball(95.0, (marble[0], marble[1], 95.0)),
-            Finish("glossy", stone(next(seeds), (0.55, 0.5, 0.46)), 300.0),
-        ),
-        Item(
-            "bowl", turned(_BOWL, place(430.0, 3700.0)), Finish("glossy", stone(next(seeds), (0.16, 0.28, 0.42)), 400.0)
-        ),
-        Item(
-            "pot",
-            turned(_POT, place(-30.0, 3900.0)),
-            Finish("matte", plaster(next(seeds), (0.45, 0.24, 0.15), 0.15), 400.0),
-        ),
-        Item("can", turned(_CAN, place(80.0, 3300.0)), Finish("satin", label, 390.0, roughness=0.1)),
-        Item(
-            "box",
-            block((260.0, 180.0, 340.0), place(-420.0, 4100.0), 28.0),
-            Finish("satin", weave(next(seeds), (0.42, 0.16, 0.14)), 330.0),
-        ),
-        Item(
-            "tray",
-            block((360.0, 260.0, 16.0), place(-360.0, 2900.0), -16.0),
-            Finish("metal", colour=(0.72, 0.72, 0.74), roughness=0.3),
-        ),
-        Item(
-            "tin",
-            block((170.0, 170.0, 260.0), place(330.0, 4350.0), 40.0),
-            Finish("metal", colour=(0.75, 0.72, 0.66), roughness=0.22),
-        ),
+        *_room(seeds, wood, poster),
+        *_things(random, seeds, label),
         Item(
             "room behind",
             sheet((-4000.0, -1500.0, -750.0), (8000.0, 0.0, 0.0), (0.0, 0.0, 4200.0)),
