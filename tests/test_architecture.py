@@ -22,17 +22,22 @@ FOLDERS = {
 }
 OPTICS = {"numpy", "scipy", "cv2", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
-# `render_scenes` import comes with the extras of these names, distributed and pyarrow with `cluster` and `parquet`;
+# `render_scenes` import comes with the extras of these names, distributed and pyarrow with `cluster` and `parquet`,
+# rosbags and its backports.zstd with `robot`, rerun with `view`;
 # everything else is in the base installation.
 MAY_IMPORT = {
     # Videos and animations are read and written, and streams of light fields, where these are made; all imported late.
     # The template kit of HTML pages is in `base`: pages of `cad` and of `mirrorcam` are made with it.
-    "mirrorcam.optics": OPTICS | {"av", "zarr", "numcodecs", "PIL", "h5py", "jinja2", "markupsafe"},
+    "mirrorcam.optics": OPTICS
+    | {"av", "zarr", "numcodecs", "PIL", "h5py", "jinja2", "markupsafe"}
+    # Zstandard is `compression.zstd` of the standard library from Python 3.14 on, and in backports before.
+    | {"rosbags", "backports", "compression"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
-    "mirrorcam": OPTICS | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock"},
+    "mirrorcam": OPTICS
+    | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun"},
 }
 # Inside each package, from the ground up: a folder may import those before it, never those after it. The package's own
 # modules, beside the folders, stand where its name stands.
@@ -67,6 +72,7 @@ APART = {
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
     *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "numcodecs", "PIL", "h5py", "jinja2"),
+    *("rosbags", "rerun"),
 )
 
 KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}

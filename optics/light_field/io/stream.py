@@ -15,7 +15,7 @@ Decoded = tuple[Frame, LightField] | Lost
 
 
 class Source(Protocol):
-    """Source of frames: `Video`, `CaptureDevice`."""
+    """Source of frames: `Video`, `LiveCamera`."""
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """The frames after a number, in order."""
@@ -35,14 +35,14 @@ def record(
     source: Source,
     recording: Recording,
     *,
-    on_frame: Callable[[int, LightField | None], None] | None = None,
+    on_frame: Callable[[int, Decoded], None] | None = None,
     limit: int | None = None,
 ) -> None:
     """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
 
-    `on_frame` gets the number of frames done, and the light field of the last unless that was lost. Decoding has its
-    own thread too: OpenCV, the video's decoder and the writing of files release Python's lock while they work. The
-    recording is neither finished nor closed here.
+    `on_frame` gets the number of frames done, and the last of them. Decoding has its own thread too: OpenCV, the
+    video's decoder and the writing of files release Python's lock while they work. The recording is neither finished
+    nor closed here.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)
     more = None if limit is None else max(0, limit - done)
@@ -53,4 +53,4 @@ def record(
             recording.add(*item)
         done += 1
         if on_frame is not None:
-            on_frame(done, None if isinstance(item, Lost) else item[1])
+            on_frame(done, item)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 import tyro
 from pydantic import Field, model_validator
 
+from mirrorcam.commands.light_fields import check_range
 from mirrorcam.commands.option_texts import FORCE_TEXT
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
@@ -33,9 +34,12 @@ class DecodeOptions(Value):
         ),
     )
     force: bool = Field(default=False, description=f"{FORCE_TEXT}; recordings are never replaced")
-    device: Annotated[int | None, tyro.conf.arg(metavar="NUMBER", help_behavior_hint="")] = DEVICES.field(
-        None,
-        "number of a camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr",
+    device: Annotated[str | None, tyro.conf.arg(metavar="NUMBER|ADDRESS", help_behavior_hint="")] = Field(
+        default=None,
+        description=(
+            "camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr or stream.zarr: its number, "
+            f"{DEVICES}, /dev/videoN, or an address that FFmpeg reads, such as rtsp://HOST/PATH or udp://HOST:PORT"
+        ),
     )
     limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = FRAMES.field(
         None, "maximum number of frames to decode of a video or a camera"
@@ -69,10 +73,31 @@ class DecodeOptions(Value):
         ),
     )
 
+    mcap: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = Field(
+        default=None,
+        description=(
+            "ROS 2 bag to write instead of a recording in --out, .mcap: images and camera_info of all views, depth, "
+            "point cloud and /tf_static; of one video or camera"
+        ),
+    )
+    mcap_compression: Literal["none", "zstd"] = Field(default="none", description="compression of the chunks of a bag")
+    depth: bool = Field(default=True, description="measure depth for --mcap, which takes most of the time")
+    near_mm: Annotated[
+        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth)")
+    ] = DEPTH_MM.field(None, "nearest depth that is searched for --mcap, from the pupil")
+    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth)")] = (
+        DEPTH_MM.field(None, "farthest depth that is searched")
+    )
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         if bool(self.frames) == (self.device is not None):
-            raise ValueError("expected frames, videos, or --device NUMBER")
+            raise ValueError("expected frames, videos, or --device NUMBER or ADDRESS")
+        if self.device is not None and self.device.isdigit() and not DEVICES.least <= int(self.device) <= DEVICES.most:
+            raise ValueError(f"--device {self.device}: expected a number from {DEVICES}, or an address")
+        if self.mcap is not None and self.to != "zarr":
+            raise ValueError(f"--mcap and --to {self.to}: expected one of them")
+        check_range(self.near_mm, self.far_mm)
         names = [frame.stem for frame in self.frames]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -95,5 +120,10 @@ def run(options: DecodeOptions) -> int:
         reference_depth_mm=options.reference_depth_mm,
         regular_grid_at_mm=options.regular_grid_at_mm,
         equalise=options.equalise,
+        mcap=options.mcap,
+        mcap_compression=options.mcap_compression,
+        depth=options.depth,
+        near_mm=options.near_mm,
+        far_mm=options.far_mm,
     )
     return 1 if decode_files(request, options.out, TERMINAL, force=options.force) else 0

@@ -25,20 +25,20 @@ class ExportOptions(GeometryOptions):
 
     light_field: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LIGHTFIELD")] = Field(
         description=(
-            ".npz or .zarr of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a folder "
-            "in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio"
+            ".npz, .zarr or .mcap of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a "
+            "folder in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio"
         ),
     )
     to: FormatName = Field(
         description=(
             "format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, tiles: "
-            "one .png; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: transforms.json; ply: points in "
-            "mm, in rig"
+            "one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: "
+            "transforms.json; ply: points in mm, in rig"
         )
     )
     out: Path = Field(default=Path("output/exported"), description="folder for NAME with the ending of the format")
     force: bool = FORCE
-    frame: int = Bounds(0, 10**9).field(0, "frame of a recording in Zarr, counted from 0")
+    frame: int = Bounds(0, 10**9).field(0, "frame of a recording, counted from 0")
     depth: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(that of an HCI scene; else measured for ply)")
     ] = Field(

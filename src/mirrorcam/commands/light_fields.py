@@ -71,8 +71,8 @@ class LightFieldsOptions(GeometryOptions):
     ] = Field(
         min_length=1,
         description=(
-            "light fields: .npz or .zarr of mirrorcam decode, a file or folder in a format of mirrorcam export, or, "
-            "with --layout, frames of the camera (PNG or JPEG)"
+            "light fields: .npz, .zarr or .mcap of mirrorcam decode, a file or folder in a format of mirrorcam export, "
+            "or, with --layout, frames of the camera (PNG or JPEG)"
         ),
     )
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
+
+import numpy as np
 
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.figure_texts import count_text
@@ -19,18 +21,22 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.drift.drift import LEAST_MIRRORS, tells_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.io.bag_writer import Compression
+from mirrorcam.optics.light_field.io.camera_addresses import camera, shown
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.frames import CaptureDevice, Frame
+from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.response import LINEAR
+from mirrorcam.workflow.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, readable, spread
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
-from mirrorcam.workflow.stream_recording import StreamFormat, StreamRecorder, refuse_streams
+from mirrorcam.workflow.stream_recording import Stream, StreamFormat, StreamRecorder, refuse_streams
 
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
@@ -48,7 +54,7 @@ class DecodeRequest:
     frames
         Pictures and videos of the camera.
     device
-        Number of a camera of this machine, which is recorded until it is interrupted.
+        Number or address of a camera, which is recorded until it is interrupted.
     limit
         Largest number of frames of a video or camera that are decoded.
     to
@@ -63,11 +69,19 @@ class DecodeRequest:
         Depth at which views are moved to an even grid; None: they stay in place.
     equalise
         Pictures or videos in which the brightness of the views is measured, or one equalisation.json.
+    mcap
+        ROS 2 bag that the video or the camera becomes, in place of light fields in a folder.
+    mcap_compression
+        How chunks of the bag are compressed.
+    depth
+        Whether depth is measured for the bag.
+    near_mm, far_mm
+        Depths between which it is searched, as of `DepthEstimator`.
     """
 
     layout: Path
     frames: tuple[Path, ...] = ()
-    device: int | None = None
+    device: str | None = None
     limit: int | None = None
     to: StreamFormat = "zarr"
     field: Literal["common", "union"] = "common"
@@ -75,6 +89,11 @@ class DecodeRequest:
     reference_depth_mm: float | None = None
     regular_grid_at_mm: float | None = None
     equalise: tuple[Path, ...] = ()
+    mcap: Path | None = None
+    mcap_compression: Compression = "none"
+    depth: bool = True
+    near_mm: float | None = None
+    far_mm: float | None = None
 
 
 def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILENT, *, force: bool = False) -> int:
@@ -84,7 +103,7 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
     picture or frame is left out and reported; returns their number. Raises InputError for an input that is missing, or
     not of the layout's camera, where no picture is left, and, without `force`, where a file of others is in the way.
     """
-    with output_folder(folder, "decode", force=force) as output:
+    with output_folder(folder if request.mcap is None else request.mcap.parent, "decode", force=force) as output:
         return _decode_files(request, output, reporter)
 
 
@@ -97,7 +116,10 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         output.refuse_others(DRIFT)
     if request.equalise and _equalisation_file(request) is None:
         output.refuse_others(EQUALISATION)
-    refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
+    if request.mcap is None:
+        refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
+    else:
+        refuse_bag(request.mcap, request.frames, output)
     decoder = _decoder(request, layout)
     if layout.kind == "nominal":
         reporter.note(
@@ -120,23 +142,40 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         if decoder.equalisation.exponent != LINEAR:
             curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
             reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
-    recorder = StreamRecorder(decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter, teller)
-    return damaged + _record(request, layout, recorder, bool(images))
+    return damaged + _record(request, decoder, output, reporter, teller)
 
 
-def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder, decoded: bool) -> int:
+def _record(
+    request: DecodeRequest, decoder: Decoder, output: OutputFolder, reporter: Reporter, teller: DriftReporter | None
+) -> int:
     """Decode the streams; one without a frame that can be used counts as one lost, and is an error where all are so."""
-    lost, nothing = 0, None
-    for source, name, origin in _streams(request, layout):
+    lost, nothing, decoded = 0, None, any(map(is_picture, request.frames))
+    record: Callable[[Stream, str, dict[str, Any]], int]
+    if request.mcap is None:
+        record = StreamRecorder(
+            decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter, teller
+        ).record
+    else:
+        estimator = _estimator(decoder, request) if request.depth else None
+        path, compression = request.mcap, request.mcap_compression
+        record = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, teller).record
+    for source, name, origin in _streams(request, decoder, reporter):
         try:
-            lost += recorder.record(source, name, origin)
+            lost += record(source, name, origin)
             decoded = True
         except NothingDecoded as error:
             lost, nothing = lost + 1, error
-            recorder.reporter.note("decode", f"{error}; skipped")
+            reporter.note("decode", f"{error}; skipped")
     if nothing is not None and not decoded:
         raise nothing
     return lost
+
+
+def _estimator(decoder: Decoder, request: DecodeRequest) -> DepthEstimator:
+    """The estimator of the depth of all frames."""
+    samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
+    light_field = LightField.of(decoder.views, samples, decoder.weights)
+    return DepthEstimator(light_field, near_mm=request.near_mm, far_mm=request.far_mm)
 
 
 def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter) -> int:
@@ -209,12 +248,16 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
                 yield decoder.decode(frame.pixels)
 
 
-def _streams(request: DecodeRequest, layout: Layout) -> Iterator[tuple[Video | CaptureDevice, str, dict[str, Any]]]:
+def _streams(
+    request: DecodeRequest, decoder: Decoder, reporter: Reporter
+) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
     """Each video and the camera, with a name and what the recording says of where it is from."""
     for path in request.frames:
         if not is_picture(path):
             video = Video(path)
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
-        device = CaptureDevice(request.device, layout.camera.width_px, layout.camera.height_px)
-        yield device, f"device{request.device}", {"device": request.device, "started": datetime.now(UTC).isoformat()}
+        size = decoder.camera.width_px, decoder.camera.height_px
+        device = camera(request.device, *size, tell=lambda line: reporter.note("decode", line))
+        name = f"device{request.device}" if request.device.isdigit() else "stream"
+        yield device, name, {"device": shown(request.device), "started": datetime.now(UTC).isoformat()}

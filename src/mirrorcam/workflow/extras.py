@@ -11,6 +11,8 @@ MODULES = {
     "render": ("mitsuba", "drjit", "OpenEXR"),
     "cluster": ("dask", "distributed"),
     "parquet": ("pyarrow",),
+    "robot": ("rosbags",),
+    "view": ("rerun",),
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal
@@ -15,17 +15,18 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
-from mirrorcam.optics.light_field.io.frames import CaptureDevice
+from mirrorcam.optics.light_field.io.frames import Lost
+from mirrorcam.optics.light_field.io.live_camera import LiveCamera
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
-from mirrorcam.optics.light_field.io.stream import record
+from mirrorcam.optics.light_field.io.stream import Decoded, record
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
-from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, WatchedSource
 from mirrorcam.workflow.output_folder import OutputFolder
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
+Stream = Video | LiveCamera
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class StreamRecorder:
     reporter: Reporter
     teller: DriftReporter | None = None
 
-    def record(self, source: Video | CaptureDevice, name: str, origin: dict[str, Any]) -> int:
+    def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
 
         Returns the number of frames that it states and that could not be used. Raises InputError for a stream without a
@@ -66,7 +67,7 @@ class StreamRecorder:
             return len(recording.entries.lost)
         if recording.entries.last >= 0:
             self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
-        expected = self._expected(source)
+        expected = expected_frames(source, self.limit)
         watched = WatchedSource(source)
         try:
             self._decode(watched, name, recording, picture, expected)
@@ -76,17 +77,19 @@ class StreamRecorder:
                 recording.close()
                 self.reporter.note("decode", f"{kept} kept, the same command resumes")
             else:
+                for line in losses(source, len(recording.entries.numbers), recording.entries.lost, None):
+                    self.reporter.note("decode", f"{name}: {line}")
                 recording.finish()
                 self.reporter.note("decode", f"{path} written: {kept}")
                 self._tell(watched, name, "FRAMES")
             raise
-        for line in losses(recording, expected):
+        entries = recording.entries
+        for line in losses(source, len(entries.numbers), entries.lost, expected):
             self.reporter.note("decode", f"{name}: {line}")
         recording.finish()
-        kept = count_text(len(recording.entries.numbers), "frame")
+        kept = count_text(len(entries.numbers), "frame")
         self.reporter.note("decode", f"{path} written: {kept}; the first in {self.output.path / picture}")
-        self._tell(watched, name, str(source.path) if isinstance(source, Video) else "FRAMES")
-        entries = recording.entries
+        self._tell(watched, name, sources_text(source))
         return len(entries.lost) + max((expected or 0) - len(entries.numbers) - len(entries.lost), 0)
 
     def _tell(self, watched: WatchedSource, name: str, sources: str) -> None:
@@ -94,22 +97,17 @@ class StreamRecorder:
         if self.teller is not None:
             self.teller.tell(watched.seen.kept, f"{name}_{DRIFT}", sources)
 
-    def _expected(self, source: Video | CaptureDevice) -> int | None:
-        """Number of frames that a stream should give; None where it is not known."""
-        count = source.count if isinstance(source, Video) else None
-        return self.limit if count is None or (self.limit or count) < count else count
-
     def _decode(
         self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
         shown = bool(recording.entries.numbers)
         with self.reporter.work("decode", name, "frames") as advance:
 
-            def on_frame(done: int, light_field: LightField | None) -> None:
+            def on_frame(done: int, item: Decoded) -> None:
                 nonlocal shown
-                if light_field is not None and not shown:
+                if not isinstance(item, Lost) and not shown:
                     with self.output.staged(complete=False) as folder:
-                        write_image(folder / picture, tiles(light_field))
+                        write_image(folder / picture, tiles(item[1]))
                     shown = True
                 advance(done, max(done, expected or 0))
 
@@ -134,15 +132,33 @@ def _sink(to: StreamFormat) -> tuple[Sink, str]:
     return Folders(write_hci if to == "hci" else write_stanford), ""
 
 
-def losses(recording: Recording, expected: int | None) -> list[str]:
-    """Report frames that could not be used, a line for each reason, and whether the file ends before it should."""
-    entries = recording.entries
-    seen = len(entries.numbers) + len(entries.lost)
+def expected_frames(source: Stream, limit: int | None) -> int | None:
+    """Number of frames that a stream should give; None where it is not known."""
+    count = source.count if isinstance(source, Video) else None
+    return limit if count is None or (limit or count) < count else count
+
+
+def sources_text(source: Stream) -> str:
+    """What `mirrorcam drift` would be given of a stream."""
+    return str(source.path) if isinstance(source, Video) else "FRAMES"
+
+
+def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | None) -> list[str]:
+    """Report frames that could not be used, a line for each reason, and whether the file ends before it should.
+
+    Of a camera, how many frames were left out because they came too fast.
+    """
+    seen = kept + len(lost)
     lines = []
-    for reason in dict.fromkeys(entries.lost.values()):
-        numbers = sorted(number for number, why in entries.lost.items() if why == reason)
+    for reason in dict.fromkeys(lost.values()):
+        numbers = sorted(number for number, why in lost.items() if why == reason)
         lines.append(f"skipped {len(numbers)} of {seen} frames, each {reason}: {spans(numbers)}")
-    if expected is not None and seen < expected:
+    if isinstance(source, LiveCamera):
+        if source.dropped:
+            lines.append(f"left out {source.dropped} of {seen + source.dropped} frames, which came faster than decoded")
+        if source.outages:
+            lines.append(f"the camera was gone {count_text(source.outages, 'time')}")
+    elif expected is not None and seen < expected:
         lines.append(f"ends after {seen} of {expected} frames; the file is cut off")
     return lines
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.workflow.stream_recording import losses, spans
 
 
@@ -19,10 +20,21 @@ def test_runs_of_numbers_are_joined(numbers: list[int], text: str) -> None:
 
 def test_losses_are_grouped_by_reason() -> None:
     lost = {5: "is damaged", 7: "depends on a damaged one", 6: "depends on a damaged one"}
-    recording: Any = SimpleNamespace(entries=SimpleNamespace(numbers=[0, 1, 2, 3, 4], lost=lost))
-    assert losses(recording, 8) == [
+    video: Any = SimpleNamespace()
+    assert losses(video, 5, lost, 8) == [
         "skipped 1 of 8 frames, each is damaged: 5",
         "skipped 2 of 8 frames, each depends on a damaged one: 6 to 7",
     ]
-    assert losses(recording, 10)[-1] == "ends after 8 of 10 frames; the file is cut off"
-    assert losses(recording, None) == losses(recording, 8)
+    assert losses(video, 5, lost, 10)[-1] == "ends after 8 of 10 frames; the file is cut off"
+    assert losses(video, 5, lost, None) == losses(video, 5, lost, 8)
+
+
+def test_frames_that_a_camera_gave_too_fast_are_counted() -> None:
+    nothing: list[Seen] = []
+    camera = LiveCamera("camera 0", lambda: Connection(seen for seen in nothing), 4, 3)
+    assert losses(camera, 5, {}, 10) == []
+    camera.dropped, camera.outages = 3, 1
+    assert losses(camera, 5, {}, None) == [
+        "left out 3 of 8 frames, which came faster than decoded",
+        "the camera was gone 1 time",
+    ]

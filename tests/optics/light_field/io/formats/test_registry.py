@@ -24,10 +24,12 @@ from mirrorcam.optics.light_field.io.formats.registry import (
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
+from tests.optics.light_field.io.bags import HAS_ROSBAGS
 from tests.optics.light_field.io.formats.planes import plane, with_gaps
 
-READABLE = [name for name in NAMES if name != "ply"]
-EXACT = ["npz", "zarr", "lftoolbox", "plenpy", "plenopticam"]
+# Bags need the extra robot.
+READABLE = [name for name in NAMES if name != "ply" and (HAS_ROSBAGS or name != "mcap")]
+EXACT = [name for name in ("npz", "zarr", "lftoolbox", "plenpy", "plenopticam", "mcap") if name in READABLE]
 
 
 def noise(rows: int, cols: int, *, channels: int = 3, kind: Any = np.uint8) -> LightField:

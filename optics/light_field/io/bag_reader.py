@@ -1,0 +1,188 @@
+"""Light fields in ROS 2 bags: as `BagWriter` wrote them, or as they were recorded again from its topics."""
+
+from __future__ import annotations
+
+import struct
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.array_files import check_bytes, refusing
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
+from mirrorcam.optics.light_field.io.mcap_chunks import check_chunks
+from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
+from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
+from mirrorcam.optics.light_field.light_field import LightField
+
+TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
+_NS_PER_S = 10**9
+View = tuple[int, int]
+
+
+class StoredBag(Sequence[LightField]):
+    """The light fields of a bag, an MCAP file or a folder of rosbag2, read one by one as they are asked for.
+
+    The images of all views with one stamp are a frame. Frames that lack a view are left out, as the first and last ones
+    of a bag that was recorded over a network may be.
+
+    Parameters
+    ----------
+    path
+        The bag.
+
+    Attributes
+    ----------
+    stamps_ns
+        Stamps of the frames, ascending.
+    incomplete
+        Number of frames that are left out.
+
+    Raises
+    ------
+    InputError
+        In one line for a bag that cannot be read, or holds no light field or those of several cameras.
+    """
+
+    def __init__(self, path: Path) -> None:
+        need_rosbags()
+        from rosbags.rosbag2 import Reader
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path, self._store = path, get_typestore(Stores.ROS2_HUMBLE)
+        files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        for file in files:
+            check_chunks(file)
+        self._stored = sum(file.stat().st_size for file in files)
+        with _reading(path):
+            self._reader = Reader(path)
+            self._reader.open()
+            weakref.finalize(self, self._reader.close)
+            stated, space = self._geometry()
+            views = views_of_fields(stated.views, str(path))
+            shape = (views.rows, views.cols, views.height_px, views.width_px)
+            self._dtype, self._channels = np.dtype(stated.dtype or "uint8"), stated.channels
+            frame_bytes = self._dtype.itemsize * self._channels + np.dtype(np.float32).itemsize
+            check_bytes(path, frame_bytes * int(np.prod([float(length) for length in shape])), self._stored)
+            self._topics = {f"{space}{view_topic(view)}/image_rect": view for view in np.ndindex(shape[:2])}
+            weights = self._weights(f"{space}{WEIGHTS_TOPIC}", shape)
+            empty = np.zeros((*shape, self._channels), self._dtype)
+            self._empty = light_field_of_fields({**stated.views, "samples": empty, "weights": weights}, str(path))
+            self._times = self._frames()
+        self.stamps_ns = tuple(self._times)
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @overload
+    def __getitem__(self, index: int) -> LightField: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[LightField]: ...
+
+    def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
+        stamp = self.stamps_ns[index]
+        samples = np.empty_like(self._empty.samples)
+        with _reading(self.path):
+            first, last = self._times[stamp]
+            for _, view, raw in self._images(first, last + 1):
+                if _stamp_of(raw) == stamp:
+                    samples[view] = self._pixels(raw, samples.shape[2:])
+        return LightField.of(self._empty, samples, self._empty.weights)
+
+    def _geometry(self) -> tuple[ViewsFile, str]:
+        """What the bag says of its light field, and the namespace of its topics."""
+        found: dict[str, ViewsFile] = {}
+        texts = [each for each in self._reader.connections if each.topic.endswith(f"/{VIEWS_TOPIC}")]
+        for connection, _, raw in self._messages([each for each in texts if each.msgtype == TEXT]):
+            message: Any = self._store.deserialize_cdr(raw, TEXT)
+            if SCHEMA in message.data:
+                found[connection.topic.removesuffix(VIEWS_TOPIC)] = ViewsFile.model_validate_json(
+                    message.data, strict=True
+                )
+        if len(found) != 1:
+            what = f"of {len(found)} cameras ({', '.join(sorted(found))})" if found else "of none"
+            raise InputError(
+                f"{self.path}: has a topic .../{VIEWS_TOPIC} with the geometry {what}, expected the light fields of one"
+            )
+        ((space, stated),) = found.items()
+        return stated, space
+
+    def _messages(self, connections: Sequence[Any], start: int | None = None, stop: int | None = None) -> Iterator[Any]:
+        """The messages of some connections; rosbags would take none for all."""
+        return self._reader.messages(connections, start, stop) if connections else iter(())
+
+    def _weights(self, topic: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """The weights (t, s, v, u), which are the same for all frames."""
+        wanted = [each for each in self._reader.connections if each.topic == topic and each.msgtype == ARRAY]
+        for _, _, raw in self._messages(wanted):
+            message: Any = self._store.deserialize_cdr(raw, ARRAY)
+            return np.asarray(message.data, np.float32).reshape(shape)
+        raise InputError(f"{self.path}: has no message on {topic}, expected the weights of the views")
+
+    def _images(self, start: int | None = None, stop: int | None = None) -> Iterator[tuple[int, View, bytes]]:
+        """Time in the bag in ns, view and data of the images of views, between two times."""
+        wanted = [each for each in self._reader.connections if each.topic in self._topics and each.msgtype == IMAGE]
+        for connection, time_ns, raw in self._messages(wanted, start, stop):
+            yield time_ns, self._topics[connection.topic], raw
+
+    def _frames(self) -> Mapping[int, tuple[int, int]]:
+        """The stamps of all frames, ascending, and the first and last time in the bag of their images."""
+        found: dict[int, dict[View, int]] = {}
+        for time_ns, view, raw in self._images():
+            found.setdefault(_stamp_of(raw), {})[view] = time_ns
+        whole = {stamp: views.values() for stamp, views in sorted(found.items()) if len(views) == len(self._topics)}
+        self.incomplete = len(found) - len(whole)
+        if not whole:
+            seen = {view for views in found.values() for view in views}
+            lacking = next((topic for topic, view in self._topics.items() if view not in seen), None)
+            why = "no stamp that all views have" if lacking is None else f"no image on {lacking}"
+            raise InputError(f"{self.path}: has {why}, expected an image of each view at every stamp")
+        return {stamp: (min(times), max(times)) for stamp, times in whole.items()}
+
+    def _pixels(self, raw: bytes, shape: tuple[int, ...]) -> NDArray[Any]:
+        """The pixels (v, u, c) of an image message; raises ValueError for one of another size or encoding."""
+        message: Any = self._store.deserialize_cdr(raw, IMAGE)
+        height, width, channels = shape
+        encoding = encoding_of(self._dtype, channels)
+        given = (message.width, message.height, message.encoding, bool(message.is_bigendian))
+        if given != (width, height, encoding, False):
+            raise ValueError(
+                f"an image is {given[0]}x{given[1]} {given[2][:20]!r}, expected {width}x{height} {encoding!r}"
+            )
+        row = width * channels * self._dtype.itemsize
+        if message.step < row or len(message.data) != message.step * height:
+            raise ValueError(
+                f"an image has {len(message.data)} bytes in rows of {message.step}, expected {height} rows"
+            )
+        rows = np.ascontiguousarray(message.data.reshape(height, message.step)[:, :row])
+        return rows.view(self._dtype.newbyteorder("<")).reshape(shape)
+
+
+def _stamp_of(raw: bytes) -> int:
+    """The stamp in ns in the header that a serialized message begins with."""
+    seconds, rest = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return int(seconds) * _NS_PER_S + int(rest)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Turn what rosbags raises for a bag into an InputError of one line."""
+    from rosbags.rosbag2 import ReaderError
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import TypesysError
+
+    with refusing(path, "a ROS 2 bag that can be read"):
+        try:
+            yield
+        except (ReaderError, SerdeError, TypesysError, AssertionError) as error:
+            raise ValueError(str(error) or "is damaged") from None

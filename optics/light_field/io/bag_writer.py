@@ -1,0 +1,122 @@
+"""ROS 2 bags of light fields: MCAP files as rosbags writes them, which ros2 bag, Foxglove and rerun open."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from mirrorcam.optics.base.files import TEMPORARY
+from mirrorcam.optics.base.interruption import deferred
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
+
+NAMESPACE = "/mirrorcam/"
+"""What stands before topics that are below the namespace of the camera."""
+Compression = Literal["none", "zstd"]
+_VERSION: Literal[8] = 8
+"""Of rosbag2's metadata: from 9 on, older distributions cannot read the quality of service."""
+
+
+def need_rosbags() -> None:
+    """Raise InputError, naming the command that installs it, where rosbags is missing."""
+    if find_spec("rosbags") is None:
+        raise InputError('rosbags not installed, needed for ROS 2 bags: pip install "mirrorcam[robot]"')
+
+
+class BagWriter:
+    """Writes messages into an MCAP file, which gets its name when the block ends well, and is removed otherwise.
+
+    Parameters
+    ----------
+    path
+        The file, .mcap; one that is there is replaced.
+    compression
+        `zstd` compresses chunks of messages.
+
+    Raises
+    ------
+    InputError
+        Where rosbags is not installed, and where nothing can be written.
+    """
+
+    def __init__(self, path: Path, compression: Compression = "none") -> None:
+        need_rosbags()
+        self.path, self._compression = path, compression
+        self._topics: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._folder = Path(tempfile.mkdtemp(dir=self.path.parent, prefix=TEMPORARY))
+            # rosbags writes a folder, with a file of its name in it.
+            self._writer = Writer(self._folder / self.path.stem, version=_VERSION, storage_plugin=StoragePlugin.MCAP)
+            if self._compression == "zstd":
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            self._writer.open()
+        except OSError as error:
+            raise self._not_written(error) from None
+        return self
+
+    def write(self, messages: Iterable[Published], stamp: int) -> None:
+        """Write messages at a time in ns: all of them or, at Ctrl-C, none."""
+        made = [(each, self._made(each.message)) for each in messages]
+        try:
+            with deferred():
+                for each, message in made:
+                    raw = self._store.serialize_cdr(message, each.message.type)
+                    self._writer.write(self._connection(each), stamp, raw)
+        except OSError as error:
+            raise self._not_written(error) from None
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            with deferred():
+                if kind is None:
+                    self._writer.close()
+                    (self._folder / self.path.stem / f"{self.path.stem}.mcap").replace(self.path)
+                else:
+                    self._writer.abort()
+        except OSError as error:
+            raise self._not_written(error) from None
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _not_written(self, error: OSError) -> InputError:
+        return InputError(f"{self.path}: cannot be written: {error.strerror or error}")
+
+    def _made(self, value: Any) -> Any:
+        """A message of rosbags' types, with those within it."""
+        if isinstance(value, RosMessage):
+            return self._store.types[value.type](**{name: self._made(each) for name, each in value.fields.items()})
+        return [self._made(each) for each in value] if isinstance(value, list) else value
+
+    def _connection(self, published: Published) -> Any:
+        """The connection of a topic, with its quality of service."""
+        from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+        topic = published.topic if published.topic.startswith("/") else NAMESPACE + published.topic
+        if topic not in self._topics:
+            forever = QosTime(9223372036, 854775807)  # rmw's infinite duration
+            quality = Qos(
+                history=QosHistory.KEEP_LAST,
+                depth=1 if published.latched else 10,
+                reliability=QosReliability.RELIABLE,
+                durability=QosDurability.TRANSIENT_LOCAL if published.latched else QosDurability.VOLATILE,
+                deadline=forever,
+                lifespan=forever,
+                liveliness=QosLiveliness.AUTOMATIC,
+                liveliness_lease_duration=forever,
+                avoid_ros_namespace_conventions=False,
+            )
+            self._topics[topic] = self._writer.add_connection(
+                topic, published.message.type, typestore=self._store, offered_qos_profiles=[quality]
+            )
+        return self._topics[topic]

@@ -1,0 +1,142 @@
+"""Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator
+from typing import Any
+
+import cv2
+import numpy as np
+
+from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
+
+PATIENCE = 30
+"""Pictures in a row that a camera may fail to give before it counts as gone."""
+OPENING_S, READING_S = 10.0, 5.0
+"""Time after which a server that does not answer, or gives no more packets, counts as gone."""
+_V4L2 = re.compile(r"(v4l2://)?(?P<device>/dev/(video|v4l/)\S+)")
+_INTRA = 1
+"""FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
+
+
+def camera(address: str, width_px: int, height_px: int, tell: Callable[[str], None] = lambda line: None) -> LiveCamera:
+    """A camera, asked for pictures of a size, by its number or address; `tell` as of `LiveCamera`.
+
+    Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
+    """
+    if address.isascii() and address.isdigit():
+        number = int(address)
+        return LiveCamera(
+            f"camera {number}", lambda: _numbered(number, width_px, height_px), width_px, height_px, tell=tell
+        )
+    if re.search(r"\s!\s", address):
+        raise InputError(
+            "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
+            "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
+        )
+    name = shown(address)
+    return LiveCamera(name, lambda: _addressed(address, width_px, height_px), width_px, height_px, tell=tell)
+
+
+def shown(address: str) -> str:
+    """An address without name and password of a user."""
+    return re.sub(r"(?<=://)[^/@]*@", "", address)
+
+
+def _numbered(number: int, width_px: int, height_px: int) -> Connection:
+    """A camera of this machine by its number."""
+    # OpenCV would print its attempts on standard error; the failure is reported here.
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        capture = cv2.VideoCapture(number)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if not capture.isOpened():
+        raise InputError(f"camera {number} cannot be opened, expected one on this machine (/dev/video{number})")
+    # Uncompressed pictures of this size do not fit through USB 2 at a camera's rate.
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, width_px)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height_px)
+    return Connection(_captured(capture))
+
+
+def _captured(capture: Any) -> Generator[Seen]:
+    missed = 0
+    try:
+        while missed < PATIENCE:
+            given, bgr = capture.read()
+            missed = 0 if given else missed + 1
+            if given:
+                yield Seen(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
+    finally:
+        capture.release()
+
+
+def _addressed(address: str, width_px: int, height_px: int) -> Connection:
+    """A camera or server by an address that FFmpeg reads."""
+    import av
+
+    v4l2, name = _V4L2.fullmatch(address), shown(address)
+    options: dict[str, str] = {}
+    if v4l2:
+        address = v4l2["device"]
+        options = {"video_size": f"{width_px}x{height_px}", "input_format": "mjpeg"}
+    elif address.startswith("rtsp://"):
+        options = {"rtsp_transport": "tcp"}  # by UDP, packets are lost and pictures damaged
+    elif address.endswith(".sdp"):
+        options = {"protocol_whitelist": "file,crypto,data,udp,rtp"}
+    try:
+        container: Any = av.open(
+            address,
+            format="v4l2" if v4l2 else None,
+            options=options,
+            timeout=(OPENING_S, READING_S),
+            metadata_errors="replace",
+        )
+    except (av.FFmpegError, OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error).replace(address, name)
+        if isinstance(error, av.error.ExitError):
+            reason = f"no answer within {OPENING_S:g} s"
+        raise InputError(
+            shortened(
+                f"{name} cannot be opened: {reason}; expected the number of a camera, /dev/videoN, or an address that "
+                "FFmpeg reads, such as rtsp://HOST/PATH"
+            )
+        ) from None
+    if not container.streams.video:
+        container.close()
+        raise InputError(f"{name} has no pictures, expected a camera or a video")
+    return Connection(_decoded(container), ends=container.duration is not None)
+
+
+def _decoded(container: Any) -> Generator[Seen]:
+    """The pictures of a container until it ends or fails; those after a damaged one wait for the next key frame."""
+    import av
+
+    stream = container.streams.video[0]
+    # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
+    stream.codec_context.options = {"err_detect": "crccheck+explode"}
+    stream.thread_type = "SLICE"  # threads for frames would give each some frames late
+    begun = whole = False
+    try:
+        for packet in container.demux(stream):
+            try:
+                frames = packet.decode()
+            except av.error.InvalidDataError:
+                frames, whole = [], False
+                if begun:
+                    yield Seen(None)
+            for frame in frames:
+                key = bool(frame.key_frame) and frame.pict_type == _INTRA
+                whole = (whole or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
+                begun = begun or whole
+                if begun:
+                    yield Seen(frame.to_ndarray(format="rgb24") if whole else None, frame.time)
+    except (av.FFmpegError, OSError):
+        return  # gone, as a camera that is unplugged
+    finally:
+        container.close()

@@ -1,0 +1,178 @@
+"""Light fields come back from bags as they were, also from bags recorded again; bad ones are refused in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base import array_files
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.bag_reader import StoredBag
+from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.io.bags import STEP_NS, needs_rosbags, write_bag
+from tests.optics.light_field.io.videos import pictures
+
+pytestmark = needs_rosbags
+COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def light_fields(decoder: Decoder) -> list[LightField]:
+    return [decoder.decode(picture) for picture in pictures(COUNT, 320, 192)]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, light_fields: list[LightField]) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bag") / "a.mcap", light_fields)
+
+
+def assert_same(found: LightField, expected: LightField) -> None:
+    for field in fields(LightField):
+        one, other = getattr(found, field.name), getattr(expected, field.name)
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+        assert np.array_equal(one, other), field.name
+
+
+def recorded_again(bag: Path, folder: Path, change: Callable[[int, Any, int, Any], Any]) -> Path:
+    """A folder of rosbag2 with what `change(number, connection, time, raw)` makes of each message, if it makes any."""
+    from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(bag) as reader, Writer(folder, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        made: dict[str, Any] = {}
+        for number, (connection, time_ns, raw) in enumerate(reader.messages()):
+            changed = change(number, connection, time_ns, raw)
+            if changed is not None:
+                topic, new_time, new_raw = changed
+                if topic not in made:
+                    made[topic] = writer.add_connection(topic, connection.msgtype, typestore=store)
+                writer.write(made[topic], new_time, new_raw)
+    return folder
+
+
+def test_light_fields_come_back_with_their_stamps(bag: Path, light_fields: list[LightField]) -> None:
+    stored = StoredBag(bag)
+    assert stored.stamps_ns == tuple(10**9 + number * STEP_NS for number in range(COUNT))
+    assert stored.incomplete == 0
+    for found, expected in zip(stored[:], light_fields, strict=True):
+        assert_same(found, expected)
+    assert_same(stored[-1], light_fields[-1])
+    with pytest.raises(IndexError):
+        stored[COUNT]
+
+
+def test_a_bag_recorded_over_a_network_is_sorted_by_its_stamps(
+    bag: Path, light_fields: list[LightField], tmp_path: Path
+) -> None:
+    random = np.random.default_rng(2)
+
+    def late(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
+        """Up to one and a half frames late, below another namespace; of the first frame one view is lost."""
+        if connection.topic.endswith("view_2_1/image_rect") and time_ns == 10**9:
+            return None
+        topic = connection.topic.replace("/mirrorcam/", "/robot/left/")
+        return topic, 10**18 + time_ns + int(random.integers(0, STEP_NS * 3 // 2)), raw
+
+    stored = StoredBag(recorded_again(bag, tmp_path / "again", late))
+    assert stored.incomplete == 1
+    assert stored.stamps_ns == tuple(10**9 + number * STEP_NS for number in range(1, COUNT))
+    for found, expected in zip(stored, light_fields[1:], strict=True):
+        assert_same(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("without", "message"),
+    [
+        ("views", r"has a topic \.\.\./views with the geometry of none, expected the light fields of one"),
+        ("weights", r"has no message on /mirrorcam/weights, expected the weights of the views"),
+        ("view_0_1/image_rect", r"has no image on /mirrorcam/view_0_1/image_rect, expected an image of each view"),
+    ],
+)
+def test_a_bag_that_lacks_a_topic_is_refused(bag: Path, tmp_path: Path, without: str, message: str) -> None:
+    def lacking(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
+        return None if connection.topic == f"/mirrorcam/{without}" else (connection.topic, time_ns, raw)
+
+    with pytest.raises(InputError, match=message):
+        StoredBag(recorded_again(bag, tmp_path / "again", lacking))
+
+
+def test_a_bag_of_two_cameras_is_refused_with_their_names(bag: Path, tmp_path: Path) -> None:
+    def twice(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
+        return connection.topic.replace("/mirrorcam/", "/left/"), time_ns, raw
+
+    other = recorded_again(bag, tmp_path / "left", twice)
+    from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(tmp_path / "both", version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+        for path in (bag, other):
+            with Reader(path) as reader:
+                for connection in [each for each in reader.connections if each.topic != "/tf_static"]:
+                    new = writer.add_connection(connection.topic, connection.msgtype, typestore=store)
+                    for _, time_ns, raw in reader.messages([connection]):
+                        writer.write(new, time_ns, raw)
+    with pytest.raises(InputError, match=r"geometry of 2 cameras \(/left/, /mirrorcam/\), expected"):
+        StoredBag(tmp_path / "both")
+
+
+def test_an_image_of_another_size_or_encoding_is_refused(bag: Path, tmp_path: Path) -> None:
+    from rosbags.typesys import Stores, get_typestore
+
+    store: Any = get_typestore(Stores.ROS2_HUMBLE)
+
+    def bgr(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
+        if connection.topic.endswith("image_rect"):
+            message = store.deserialize_cdr(raw, connection.msgtype)
+            message.encoding = "bgr8"
+            raw = store.serialize_cdr(message, connection.msgtype)
+        return connection.topic, time_ns, raw
+
+    stored = StoredBag(recorded_again(bag, tmp_path / "again", bgr))
+    with pytest.raises(InputError, match=r"an image is \d+x\d+ 'bgr8', expected \d+x\d+ 'rgb8'$"):
+        stored[0]
+
+
+def test_damaged_bags_are_refused_in_one_line_or_read_as_they_were(
+    bag: Path, light_fields: list[LightField], tmp_path: Path
+) -> None:
+    raw = bag.read_bytes()
+    random = np.random.default_rng(8)
+    path = tmp_path / "bad.mcap"
+    cuts = [raw[: int(part * len(raw))] for part in (0.0, 0.001, 0.1, 0.5, 0.999)]
+    for number in range(40):
+        bad = bytearray(raw)
+        at = int(random.integers(0, len(raw))) if number % 2 else int(random.integers(len(raw) - 9000, len(raw)))
+        bad[at : at + 8] = random.bytes(8)
+        cuts.append(bytes(bad[: len(raw)]))
+    refused = 0
+    for bad_bytes in cuts:
+        path.write_bytes(bad_bytes)
+        try:
+            for light_field in StoredBag(path):
+                assert light_field.samples.shape == light_fields[0].samples.shape
+        except InputError as error:
+            refused += 1
+            assert "bad.mcap" in str(error)
+            assert "\n" not in str(error)
+            assert len(str(error)) <= 300
+    assert refused >= 5
+
+
+def test_light_fields_larger_than_memory_are_refused(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    monkeypatch.setattr(array_files, "LARGEST_BYTES", 100_000)
+    with pytest.raises(InputError, match="states arrays of 0 MB"):
+        StoredBag(bag)
+
+
+def test_what_is_missing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere\.mcap: no such file"):
+        StoredBag(tmp_path / "nowhere.mcap")

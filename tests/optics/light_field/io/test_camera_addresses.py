@@ -1,0 +1,229 @@
+"""Cameras by number and by address: what FFmpeg reads on this machine, and one line for what cannot be read."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io import camera_addresses
+from mirrorcam.optics.light_field.io.camera_addresses import PATIENCE, camera, shown
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.live_camera import LiveCamera
+from tests.optics.light_field.io.videos import RATE, damage, number_in, pictures, write_h264, write_mjpeg
+
+COUNT = 20
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """The address of a web server of a folder."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+
+
+def free_port() -> int:
+    """A port for UDP."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        return int(taken.getsockname()[1])
+
+
+def send(address: str, count: int, over: threading.Event) -> None:
+    """Send pictures as a transport stream in real time, each with its number."""
+    with av.open(address, "w", format="mpegts") as container:
+        options = {"g": "5", "preset": "ultrafast", "tune": "zerolatency"}
+        stream: Any = container.add_stream("libx264", rate=RATE, options=options)
+        stream.width, stream.height, stream.pix_fmt = 160, 96, "yuv420p"
+        for number in range(count):
+            if over.wait(1 / RATE):
+                return
+            frame = av.VideoFrame.from_ndarray(pictures(number % 40 + 1)[-1], format="rgb24")
+            frame.pts, frame.time_base = number, Fraction(1, RATE)
+            container.mux(stream.encode(frame))
+
+
+def test_a_recording_is_read_from_a_file_and_a_web_server(tmp_path: Path) -> None:
+    path = write_h264(tmp_path / "a.mp4", pictures(COUNT), b_frames=2)
+    with served(tmp_path) as host:
+        for address in (f"file://{path}", f"{host}/a.mp4"):
+            source = camera(address, 160, 96)
+            found = list(source.frames())
+            assert source.ends
+            assert [frame.number for frame in found] == list(range(COUNT))
+            for frame in found:
+                assert isinstance(frame, Frame)
+                assert frame.time_s == pytest.approx(frame.number / RATE, abs=1e-6)
+                assert number_in(frame.pixels) == frame.number
+
+
+def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path) -> None:
+    path = write_h264(tmp_path / "a.mp4", pictures(30), key_every=10)
+    damage(path, 13)
+    found = list(camera(f"file://{path}", 160, 96).frames())
+    kept = [number_in(frame.pixels) for frame in found if isinstance(frame, Frame)]
+    assert kept == [*range(13), *range(20, 30)]
+    assert {lost.reason for lost in found if isinstance(lost, Lost)} == {"is damaged"}
+
+
+def test_a_stream_is_read_live() -> None:
+    address = f"udp://127.0.0.1:{free_port()}"
+    over = threading.Event()
+    sender = threading.Thread(target=send, args=(f"{address}?pkt_size=1316", 500, over), daemon=True)
+    sender.start()
+    time.sleep(0.3)
+    source = camera(address, 160, 96)
+    assert not source.ends
+    frames = source.frames()
+    found = [next(frames) for _ in range(30)]
+    frames.close()
+    over.set()
+    sender.join()
+    whole = [frame for frame in found if isinstance(frame, Frame)]
+    assert len(whole) >= 25
+    times = np.array([frame.time_s for frame in whole])
+    assert (np.diff(times) > 0).all()
+    # The pictures' own numbers and times go together: 25 a second.
+    steps = np.diff([number_in(frame.pixels) for frame in whole]) % 40
+    np.testing.assert_allclose(np.diff(times), steps / RATE, atol=0.002)
+
+
+def test_a_server_that_goes_and_comes_back_is_connected_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each connection gives a few JPEG pictures and is closed, as by a camera that loses its power."""
+    write_mjpeg(tmp_path / "a.mjpeg", pictures(5))
+    content, lines = (tmp_path / "a.mjpeg").read_bytes(), list[str]()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            for _ in range(2):
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(content)
+                    time.sleep(0.2)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=0.05))
+        source = camera(f"tcp://127.0.0.1:{server.getsockname()[1]}", 160, 96, lines.append)
+        frames = source.frames()
+        found = [next(frames) for _ in range(8 - source.dropped)]
+        frames.close()
+        thread.join()
+    assert source.outages == 1
+    assert "gives no more pictures, waiting for it" in lines[0]
+    assert all(isinstance(frame, Frame) for frame in found)
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("rtsp://me:secret@127.0.0.1:1/live", r"^rtsp://127\.0\.0\.1:1/live cannot be opened: Connection refused; "),
+        (
+            "/dev/video251",
+            r"^/dev/video251 cannot be opened: No such file or directory; expected the number of a camera",
+        ),
+        ("v4l2:///dev/video251", r"^v4l2:///dev/video251 cannot be opened: "),
+        ("nonsense://here", r"^nonsense://here cannot be opened: Protocol not found; "),
+        (
+            "v4l2src device=/dev/video0 ! appsink",
+            r"^a GStreamer pipeline cannot be read, expected an address: .*udpsink",
+        ),
+        ("99", r"^camera 99 cannot be opened, expected one on this machine \(/dev/video99\)$"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_in_one_line(address: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as refused:
+        camera(address, 160, 96)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) <= 300
+    assert "secret" not in str(refused.value)
+
+
+def test_a_silent_server_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_addresses, "OPENING_S", 0.3)
+    with pytest.raises(InputError, match=r"cannot be opened: no answer within 0\.3 s; "):
+        camera(f"udp://127.0.0.1:{free_port()}", 160, 96)
+
+
+def test_sound_alone_is_no_camera(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "a.wav"), "w") as container:
+        stream: Any = container.add_stream("pcm_s16le", rate=8000, layout="mono")
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
+        sound.sample_rate = 8000
+        container.mux(stream.encode(sound))
+        container.mux(stream.encode(None))
+    with pytest.raises(InputError, match="has no pictures, expected a camera or a video"):
+        camera(f"file://{tmp_path / 'a.wav'}", 160, 96)
+
+
+def test_passwords_are_not_shown() -> None:
+    assert shown("rtsp://me:secret@host/path@1") == "rtsp://host/path@1"
+    assert shown("udp://host:5000") == "udp://host:5000"
+
+
+class Camera:
+    """What cv2.VideoCapture is: pictures in BGR, None for one that it fails to give."""
+
+    def __init__(self, given: list[NDArray[np.uint8] | None]) -> None:
+        self.given, self.released = iter(given), False
+        self.asked: dict[int, float] = {}
+
+    def __call__(self, number: int) -> Camera:
+        return self
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        return True
+
+    def set(self, what: int, value: float) -> bool:
+        self.asked[what] = value
+        return True
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        picture = next(self.given, None)
+        return picture is not None, picture
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_by_its_number_is_gone_after_many_pictures_that_it_did_not_give(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one, two = pictures(2)
+    misses: list[NDArray[np.uint8] | None] = [None] * (PATIENCE - 1)
+    device = Camera([one[..., ::-1], *misses, two[..., ::-1]])
+    monkeypatch.setattr(cv2, "VideoCapture", device)
+    monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=30))
+    frames = camera("0", 160, 96).frames()
+    found = [next(frames), next(frames)]
+    deadline = time.monotonic() + 10
+    while not device.released and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert device.released
+    frames.close()
+    for frame, number, picture in zip(found, (0, 1), (one, two), strict=True):
+        assert isinstance(frame, Frame)
+        assert frame.number == number
+        assert np.array_equal(frame.pixels, picture)
+    assert (device.asked[cv2.CAP_PROP_FRAME_WIDTH], device.asked[cv2.CAP_PROP_FRAME_HEIGHT]) == (160, 96)

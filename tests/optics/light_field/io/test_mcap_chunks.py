@@ -1,0 +1,66 @@
+"""MCAP files are judged before they are decompressed: what they hold, and whether they are whole."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.base import array_files
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.mcap_chunks import MAGIC, check_chunks
+from tests.optics.light_field.io.bags import needs_rosbags
+
+FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
+
+
+def chunk(held: int, compression: bytes, content: bytes) -> bytes:
+    body = struct.pack("<QQQI", 0, 0, held, 0) + struct.pack("<I", len(compression)) + compression
+    body += struct.pack("<Q", len(content)) + content
+    return struct.pack("<BQ", 6, len(body)) + body
+
+
+@pytest.fixture
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(array_files, "LARGEST_BYTES", 1000)
+    monkeypatch.setattr(array_files, "LARGEST_GROWTH", 0)
+    return tmp_path / "a.mcap"
+
+
+def test_whole_files_pass(path: Path) -> None:
+    path.write_bytes(MAGIC + chunk(1000, b"", bytes(1000)) + FOOTER + MAGIC)
+    check_chunks(path)
+
+
+def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
+    whole = MAGIC + chunk(10, b"", bytes(10)) + FOOTER + MAGIC
+    for content, message in (
+        (b"", "does not begin as one"),
+        (b"\x89PNG", "does not begin as one"),
+        (whole[:30], "is cut off, expected a whole MCAP file"),
+        (whole[: -len(MAGIC) - len(FOOTER)], "is cut off, expected a whole MCAP file"),
+        (whole[:-2], "does not end as one"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            check_chunks(path)
+
+
+@needs_rosbags
+def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
+    zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
+    small, large = zstd.compress(bytes(900)), zstd.compress(bytes(2000))
+    path.write_bytes(MAGIC + chunk(900, b"zstd", small) + FOOTER + MAGIC)
+    check_chunks(path)
+    for bad, message in (
+        (chunk(2000, b"zstd", large), "states arrays of 0 MB, expected at most 0 MB"),
+        (chunk(2000, b"", bytes(2000)), "states arrays of 0 MB"),
+        (chunk(900, b"zstd", large), "a chunk states 900 bytes, its compressed data 2000"),
+        (chunk(900, b"zstd", small + small), "a chunk states 900 bytes, its compressed data 900 in"),
+        (chunk(900, b"zstd", b"no frame of Zstandard"), "not an MCAP file that can be read"),
+        (chunk(900, b"lz4", small), "compressed by 'lz4', expected"),
+    ):
+        path.write_bytes(MAGIC + bad + FOOTER + MAGIC)
+        with pytest.raises(InputError, match=message):
+            check_chunks(path)
