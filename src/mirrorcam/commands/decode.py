@@ -81,10 +81,13 @@ class DecodeOptions(Value):
         ),
     )
     mcap_compression: Literal["none", "zstd"] = Field(default="none", description="compression of the chunks of a bag")
-    depth: bool = Field(default=True, description="measure depth for --mcap, which takes most of the time")
+    view: bool = Field(
+        default=False, description="show what is decoded in a window of rerun, with depth and points (extra view)"
+    )
+    depth: bool = Field(default=True, description="measure depth for --mcap and --view, which takes most of the time")
     near_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth)")
-    ] = DEPTH_MM.field(None, "nearest depth that is searched for --mcap, from the pupil")
+    ] = DEPTH_MM.field(None, "nearest depth that is searched for --mcap and --view, from the pupil")
     far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth)")] = (
         DEPTH_MM.field(None, "farthest depth that is searched")
     )
@@ -122,6 +125,7 @@ def run(options: DecodeOptions) -> int:
         equalise=options.equalise,
         mcap=options.mcap,
         mcap_compression=options.mcap_compression,
+        view=options.view,
         depth=options.depth,
         near_mm=options.near_mm,
         far_mm=options.far_mm,

@@ -25,7 +25,7 @@ from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, WatchedSource
 from mirrorcam.workflow.output_folder import OutputFolder
 from mirrorcam.workflow.stream_recording import Stream, expected_frames, losses, sources_text
 
-Show = Callable[[float, LightField, DepthMap | None], None]
+ShowDepth = Callable[[float, LightField, DepthMap | None], None]
 """What else happens to a frame: its time in s, its light field, and its depth where that is measured."""
 
 
@@ -56,7 +56,7 @@ class BagRecorder:
     limit: int | None
     reporter: Reporter
     teller: DriftReporter | None = None
-    show: Show | None = None
+    show: ShowDepth | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream; of a camera, what was decoded until Ctrl-C is kept, of a video only all of it.

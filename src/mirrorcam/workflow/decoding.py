@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain, islice
@@ -36,7 +36,8 @@ from mirrorcam.workflow.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, readable, spread
 from mirrorcam.workflow.frame_checks import check_frames
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
-from mirrorcam.workflow.stream_recording import Stream, StreamFormat, StreamRecorder, refuse_streams
+from mirrorcam.workflow.rerun_viewer import RerunViewer
+from mirrorcam.workflow.stream_recording import Show, Stream, StreamFormat, StreamRecorder, refuse_streams
 
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
@@ -73,8 +74,10 @@ class DecodeRequest:
         ROS 2 bag that the video or the camera becomes, in place of light fields in a folder.
     mcap_compression
         How chunks of the bag are compressed.
+    view
+        Whether what is decoded is shown in a window.
     depth
-        Whether depth is measured for the bag.
+        Whether depth is measured for the bag and the window.
     near_mm, far_mm
         Depths between which it is searched, as of `DepthEstimator`.
     """
@@ -91,6 +94,7 @@ class DecodeRequest:
     equalise: tuple[Path, ...] = ()
     mcap: Path | None = None
     mcap_compression: Compression = "none"
+    view: bool = False
     depth: bool = True
     near_mm: float | None = None
     far_mm: float | None = None
@@ -132,7 +136,14 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
     elif layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
         reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
-    damaged = _decode_pictures(images, decoder, output, reporter) if images else 0
+    estimator = _estimator(decoder, request) if request.depth and (request.mcap or request.view) else None
+    viewer = RerunViewer.opened() if request.view else None
+
+    def show(time_s: float, light_field: LightField) -> None:
+        if viewer is not None:
+            viewer.show(time_s, light_field, None if estimator is None else estimator.estimate(light_field))
+
+    damaged = _decode_pictures(images, decoder, output, reporter, show) if images else 0
     if teller is not None and images:
         teller.tell(readable(spread(images)), DRIFT, "FRAMES")
     if decoder.equalisation is not None and _equalisation_file(request) is None:
@@ -142,30 +153,26 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         if decoder.equalisation.exponent != LINEAR:
             curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
             reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
-    return damaged + _record(request, decoder, output, reporter, teller)
+    recorder: StreamRecorder | BagRecorder
+    if request.mcap is None:
+        at_mm = request.regular_grid_at_mm
+        recorder = StreamRecorder(decoder, output, request.to, request.limit, at_mm, reporter, teller, show)
+    else:
+        path, compression, seen = request.mcap, request.mcap_compression, None if viewer is None else viewer.show
+        recorder = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, teller, seen)
+    return damaged + _record(request, layout, recorder)
 
 
-def _record(
-    request: DecodeRequest, decoder: Decoder, output: OutputFolder, reporter: Reporter, teller: DriftReporter | None
-) -> int:
+def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder | BagRecorder) -> int:
     """Decode the streams; one without a frame that can be used counts as one lost, and is an error where all are so."""
     lost, nothing, decoded = 0, None, any(map(is_picture, request.frames))
-    record: Callable[[Stream, str, dict[str, Any]], int]
-    if request.mcap is None:
-        record = StreamRecorder(
-            decoder, output, request.to, request.limit, request.regular_grid_at_mm, reporter, teller
-        ).record
-    else:
-        estimator = _estimator(decoder, request) if request.depth else None
-        path, compression = request.mcap, request.mcap_compression
-        record = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, teller).record
-    for source, name, origin in _streams(request, decoder, reporter):
+    for source, name, origin in _streams(request, layout, recorder.reporter):
         try:
-            lost += record(source, name, origin)
+            lost += recorder.record(source, name, origin)
             decoded = True
         except NothingDecoded as error:
             lost, nothing = lost + 1, error
-            reporter.note("decode", f"{error}; skipped")
+            recorder.reporter.note("decode", f"{error}; skipped")
     if nothing is not None and not decoded:
         raise nothing
     return lost
@@ -178,14 +185,20 @@ def _estimator(decoder: Decoder, request: DecodeRequest) -> DepthEstimator:
     return DepthEstimator(light_field, near_mm=request.near_mm, far_mm=request.far_mm)
 
 
-def _decode_pictures(images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter) -> int:
-    """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are."""
+def _decode_pictures(
+    images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show
+) -> int:
+    """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are.
+
+    They are shown one second apart.
+    """
     damaged: list[str] = []
     with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
         for done, path in enumerate(images, start=1):
             try:
                 with output.staged(complete=False) as folder:
-                    decode_picture(path, decoder, folder)
+                    light_field = decode_picture(path, decoder, folder)
+                show(done - 1.0, light_field)
             except DamagedPicture as error:
                 damaged.append(str(error))
             advance(done, len(images))
@@ -204,12 +217,13 @@ def picture_files(path: Path) -> tuple[str, str]:
     return f"{path.stem}.npz", f"{path.stem}_views.png"
 
 
-def decode_picture(path: Path, decoder: Decoder, folder: Path) -> None:
-    """Decode a picture into NAME.npz and NAME_views.png of a folder."""
+def decode_picture(path: Path, decoder: Decoder, folder: Path) -> LightField:
+    """Decode a picture into NAME.npz and NAME_views.png of a folder, and return its light field."""
     light_field = decoder.decode(read_image(path))
     samples, views = picture_files(path)
     save_npz(folder / samples, light_field)
     write_image(folder / views, tiles(light_field))
+    return light_field
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:
@@ -249,7 +263,7 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
 
 
 def _streams(
-    request: DecodeRequest, decoder: Decoder, reporter: Reporter
+    request: DecodeRequest, layout: Layout, reporter: Reporter
 ) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
     """Each video and the camera, with a name and what the recording says of where it is from."""
     for path in request.frames:
@@ -257,7 +271,7 @@ def _streams(
             video = Video(path)
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
-        size = decoder.camera.width_px, decoder.camera.height_px
+        size = layout.camera.width_px, layout.camera.height_px
         device = camera(request.device, *size, tell=lambda line: reporter.note("decode", line))
         name = f"device{request.device}" if request.device.isdigit() else "stream"
         yield device, name, {"device": shown(request.device), "started": datetime.now(UTC).isoformat()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Literal
@@ -22,16 +22,22 @@ from mirrorcam.optics.light_field.io.stream import Decoded, record
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, WatchedSource
 from mirrorcam.workflow.output_folder import OutputFolder
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
 Stream = Video | LiveCamera
+Show = Callable[[float, LightField], None]
+"""What else happens to a frame that is decoded: its time in s, and its light field."""
 
 
 @dataclass(frozen=True)
 class StreamRecorder:
-    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and tells of drift."""
+    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and tells of drift.
+
+    `show` gets the frames that are decoded, too.
+    """
 
     decoder: Decoder
     output: OutputFolder
@@ -40,6 +46,7 @@ class StreamRecorder:
     regular_grid_at_mm: float | None
     reporter: Reporter
     teller: DriftReporter | None = None
+    show: Show | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
@@ -109,6 +116,8 @@ class StreamRecorder:
                     with self.output.staged(complete=False) as folder:
                         write_image(folder / picture, tiles(item[1]))
                     shown = True
+                if not isinstance(item, Lost) and self.show is not None:
+                    self.show(item[0].time_s, item[1])
                 advance(done, max(done, expected or 0))
 
             record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)

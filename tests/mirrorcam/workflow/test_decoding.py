@@ -16,14 +16,17 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
 from mirrorcam.workflow.drift_check import DRIFT
+from mirrorcam.workflow.rerun_viewer import RerunViewer
 from tests.mirrorcam.command_line import results
 from tests.optics.drift.calibrated_device import device, turned
 from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
 from tests.optics.layouts import faceted_parabola
-from tests.optics.light_field.io.videos import pictures
+from tests.optics.light_field.io.videos import RATE, pictures, write_mjpeg
 
 
 @pytest.fixture
@@ -124,3 +127,23 @@ def test_that_two_mirrors_are_not_tested_is_said(folder: Path, capsys: pytest.Ca
     assert decoded(DecodeRequest(folder / "two.json", frames=(folder / "a.png",)), folder / "out") == 0
     assert "whether 2 mirrors moved is not tested: that takes 3 or more" in capsys.readouterr().out
     assert not (folder / "out" / DRIFT).exists()
+
+
+def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[tuple[float, LightField, DepthMap | None]] = []
+
+    class Viewer:
+        def show(self, time_s: float, light_field: LightField, depth: DepthMap | None) -> None:
+            shown.append((time_s, light_field, depth))
+
+    monkeypatch.setattr(RerunViewer, "opened", Viewer)
+    write_mjpeg(folder / "video.avi", pictures(3, 320, 192))
+    frames = tuple(folder / name for name in ("a.png", "b.png", "video.avi"))
+    assert decoded(DecodeRequest(folder / "layout.json", frames=frames, view=True), folder / "out") == 0
+    assert [time_s for time_s, _, _ in shown] == pytest.approx([0.0, 1.0, 0.0, 1 / RATE, 2 / RATE])
+    assert np.array_equal(shown[1][1].samples, load_npz(folder / "out" / "b.npz").samples)
+    assert all(depth is not None and depth.valid.any() for _, _, depth in shown)
+    shown.clear()
+    plain = DecodeRequest(folder / "layout.json", frames=frames[2:], view=True, depth=False)
+    assert decoded(plain, folder / "plain") == 0
+    assert [depth for _, _, depth in shown] == [None] * 3

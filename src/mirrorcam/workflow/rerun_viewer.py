@@ -1,0 +1,128 @@
+"""What is decoded in a viewer of rerun: views where they are in space, depth, and points.
+
+The scene is in the view frame, in metres: x right, y down, z forward from the reference view.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.depth import DepthMap
+from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, view_topic
+from mirrorcam.optics.light_field.io.view_images import rgb
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.workflow.extras import require
+
+SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
+PORT = 9876
+"""Where rerun's viewer listens."""
+WAIT_S = 5.0
+CORNER_PX = 0.5
+"""Rerun's pixel (0, 0) is the corner of the picture, not the middle of its first pixel."""
+
+
+class RerunViewer:
+    """Shows frames, one after the other, on a recording of rerun.
+
+    Parameters
+    ----------
+    recording
+        The `rerun.RecordingStream`, wherever it leads: to a window or into a file.
+    """
+
+    def __init__(self, recording: Any) -> None:
+        self._recording = recording
+        self._views: Views | None = None
+
+    @classmethod
+    def opened(cls) -> RerunViewer:
+        """A viewer in a window of its own; raises InputError where rerun is not installed, and without a display."""
+        require("view")
+        if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise InputError("--view opens a window, but there is no display: expected DISPLAY or WAYLAND_DISPLAY")
+        import rerun
+
+        recording = rerun.RecordingStream("mirrorcam")
+        # Where Python was called by its path, the folder of its programs need not be on that of the shell.
+        folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
+        program = shutil.which("rerun", path=os.pathsep.join(folders))
+        try:
+            rerun.spawn(recording=recording, executable_path=program, port=PORT)
+            # Of a viewer that ends at once, as without graphics, rerun itself only warns.
+            socket.create_connection(("127.0.0.1", PORT), timeout=WAIT_S).close()
+        except (OSError, RuntimeError) as error:
+            recording.disconnect()
+            raise InputError(
+                shortened(f"--view: rerun's viewer does not start: {' '.join(str(error).split())}")
+            ) from None
+        return cls(recording)
+
+    def show(self, time_s: float, light_field: LightField, depth: DepthMap | None) -> None:
+        """Show a frame at its time, with its depth where that was measured."""
+        import rerun
+
+        recording = self._recording
+        if self._views is None or not np.array_equal(self._views.matrices, light_field.matrices):
+            self._show_cameras(light_field)
+        recording.set_time(TIME, duration=time_s)
+        for view in np.ndindex(light_field.rows, light_field.cols):
+            recording.log(f"{SCENE}/{view_topic(view)}", rerun.Image(_picture(light_field, view)))
+        if depth is not None:
+            z = depth_m(depth)
+            recording.log(DEPTH, rerun.DepthImage(z, meter=1.0))
+            known = np.isfinite(z)
+            across = (light_field.pixel_grid() - light_field.centre_px)[known] / light_field.focal_px
+            points = np.column_stack([across * z[known][:, None], z[known]])
+            colours = rgb(light_field.samples[depth.view])[known]
+            recording.log(f"{SCENE}/points", rerun.Points3D(points, colors=colours))
+
+    def _show_cameras(self, views: Views) -> None:
+        """Show where the views are, and arrange the windows: the scene, the reference view and its depth."""
+        import rerun
+        import rerun.blueprint as rrb
+
+        self._views = views
+        self._recording.log(SCENE, rerun.ViewCoordinates.RDF, static=True)
+        for view in np.ndindex(views.rows, views.cols):
+            matrix = views.matrices[view].copy()
+            matrix[:2, 2] += CORNER_PX
+            place_m = views.positions_mm[view] * M_FROM_MM
+            pinhole = rerun.Pinhole(
+                image_from_camera=matrix,
+                resolution=(views.width_px, views.height_px),
+                image_plane_distance=0.3 * _extent_m(views),
+            )
+            self._recording.log(
+                f"{SCENE}/{view_topic(view)}", rerun.Transform3D(translation=place_m), pinhole, static=True
+            )
+        t, s = (int(index) for index in np.argwhere((views.positions_mm == 0).all(axis=2))[0])
+        self._recording.send_blueprint(
+            rrb.Blueprint(
+                rrb.Horizontal(
+                    rrb.Spatial3DView(origin=SCENE),
+                    rrb.Vertical(
+                        rrb.Spatial2DView(origin=f"{SCENE}/{view_topic((t, s))}"), rrb.Spatial2DView(origin=DEPTH)
+                    ),
+                )
+            )
+        )
+
+
+def _picture(light_field: LightField, view: tuple[int, int]) -> Any:
+    """A view (h, w, 3) in RGB, or (h, w) in grey."""
+    samples = light_field.samples[view]
+    return samples[..., 0] if samples.shape[-1] == 1 else samples
+
+
+def _extent_m(views: Views) -> float:
+    """Largest distance of a view from the reference view."""
+    return float(np.linalg.norm(views.positions_mm, axis=-1).max()) * M_FROM_MM
