@@ -1,10 +1,10 @@
 """Sub-pixel alignment of what a keypoint shows in the reference view with what the other views show.
 
 Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches of mean zero and length one, so that views
-need be neither equally bright nor equally rich in contrast. A patch moves by itself in each view; that it lies on a
-slanted surface is estimated from all views together: with the inverse distance w + n.o at an offset o, a view at p sees
-the offset moved by -f p (n.o). Left out, a slant would move patches by unlike amounts along s and t, as refraction
-does.
+need be neither equally bright nor equally rich in contrast. A patch moves by itself in each view; the shape of the
+surface that it lies on, slanted and curved, is estimated from all views together: with the inverse distance
+w + n.o + c(o) at an offset o, linear and quadratic in o, a view at p sees the offset moved by -f p (n.o + c(o)). Left
+out, a shape would move patches by unlike amounts along s and t, as refraction does.
 """
 
 from __future__ import annotations
@@ -22,23 +22,43 @@ from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, Float
 
 SIDE = 2 * RADIUS_PX + 1
 SAMPLES = SIDE**2
-# Rounds that move patches only, then rounds that also slant them, then the last one, which again moves only.
+# Rounds that move patches only, then rounds that also shape them.
 MOVING_ROUNDS = 2
-SLANTING_ROUNDS = 2
+SHAPING_ROUNDS = 3
 # A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
 MOST_STEP_PX = 1.0
 # Of the two directions of a patch, the worse one must have this part of the information of the better one.
 LEAST_ROUNDNESS = 0.015
 # A patch of less contrast (standard deviation in grey levels) shows noise.
 LEAST_CONTRAST_GREY = 1.5
-# Views that look less like the reference's patch say nothing of its slant.
-LEAST_ALIKE_FOR_SLANT = 0.7
-# Standard deviation of tan(slant) of surfaces before anything is seen of them: 60 degrees.
-USUAL_TAN_SLANT = 1.7
+# Views that look less like the reference's patch say nothing of its shape.
+LEAST_ALIKE_FOR_SHAPE = 0.7
+# Of residuals of patches of length one: 8-bit pictures are no better, however alike they seem.
+LEAST_VARIANCE = 1e-7
 KEYPOINTS_AT_ONCE = 128
 
 _ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
 OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
+_SIDE = np.float32(2 * RADIUS_PX)
+SHAPES = np.concatenate(
+    [
+        OFFSETS,
+        np.stack([OFFSETS[0] ** 2, OFFSETS[0] * OFFSETS[1], OFFSETS[1] ** 2]) / _SIDE,
+        np.stack([OFFSETS[0] ** (3 - power) * OFFSETS[1] ** power for power in range(4)]) / _SIDE**2,
+    ]
+)
+"""Moves (9, SAMPLES) of a patch along the view's position: by slants, curvatures and their changes."""
+# Standard deviations of surfaces before anything is seen of them: tan(slant) (60 degrees), and how much it changes over
+# half the side of the patch.
+USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
+# Surfaces are no polynomials: what the curvatures, and what their changes, contribute to a slope has an error of this
+# share of it. Measured on rendered scenes of rough surfaces.
+UNSURE_SHARE = 0.4
+ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
+# w, d, e as matrices of slopes.
+SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
+# Matrices of moves that no shape of a surface makes: across the view's position, and unlike ones along s and t.
+NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,22 +73,25 @@ class Templates:
         Indices (m,) of the keypoints.
     patches
         Samples (m, SAMPLES), of mean zero and length one.
+    gradients
+        Change (m, 2, SAMPLES) of the patch by a move along u and v, px of the level.
     steps
         Least-squares operator (m, 2, SAMPLES) from a difference from the patch to its move, px of the level.
-    slants
-        Change (m, 2, 2, SAMPLES) of the patch by a move along u and v in proportion to the offset along u and v, less
-        the part that a move of the whole patch explains.
+    shapes
+        Change (m, 9, 2, SAMPLES) of the patch by a move along u and v in proportion to each of SHAPES, less the part
+        that a move of the whole patch explains.
     products
-        Inner products (m, 2, 2, 2, 2) of the slants with each other.
+        Inner products (m, 9, 2, 9, 2) of the shapes with each other.
     leaning
-        Apparent move (m, 2, 2, 2) of the whole patch along u and v by each of these moves, px of the level.
+        Apparent move (m, 2, 9, 2) of the whole patch along u and v by each of these moves, px of the level.
     """
 
     level: int
     index: NDArray[np.int64]
     patches: Floats
+    gradients: Floats
     steps: Floats
-    slants: Floats
+    shapes: Floats
     products: Floats
     leaning: Floats
 
@@ -82,33 +105,51 @@ def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: Fl
 
 
 def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
-    offset = np.arange(-RADIUS_PX - 1, RADIUS_PX + 2, dtype=np.float32)
+    offset = np.arange(-RADIUS_PX - 2, RADIUS_PX + 3, dtype=np.float32)
     across, down = (each.ravel() for each in np.meshgrid(offset, offset))
     centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
     wide = pyramid.samples(level, centre[:, :1] + across, centre[:, 1:] + down)
-    wide = wide.reshape(len(index), SIDE + 2, SIDE + 2)
-    patches, length = _normalized(wide[:, 1:-1, 1:-1].reshape(len(index), SAMPLES))
-    gradients = np.stack([wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2], wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1]], axis=1)
-    gradients = gradients.reshape(len(index), 2, SAMPLES) / (2.0 * length[:, None, None])
+    wide = wide.reshape(len(index), SIDE + 4, SIDE + 4)
+    patches, length = _normalized(wide[:, 2:-2, 2:-2].reshape(len(index), SAMPLES))
+    rows, columns = wide[:, 2:-2], wide[:, :, 2:-2]
+    gradients = np.stack(
+        [
+            8.0 * (rows[..., 3:-1] - rows[..., 1:-3]) - (rows[..., 4:] - rows[..., :-4]),
+            8.0 * (columns[:, 3:-1] - columns[:, 1:-3]) - (columns[:, 4:] - columns[:, :-4]),
+        ],
+        axis=1,
+    )
+    gradients = gradients.reshape(len(index), 2, SAMPLES) / (12.0 * length[:, None, None])
+
+    light = _light(wide[:, 1:-1, 1:-1], patches)
 
     def beyond_light(rows: Floats) -> Floats:
-        """Remove from rows what free brightness and contrast explain."""
-        rows = rows - rows.mean(axis=-1, keepdims=True)
-        return rows - np.einsum("n...p,np->n...", rows, patches)[..., None] * patches.reshape(
-            len(patches), *(1,) * (rows.ndim - 2), SAMPLES
-        )
+        """Remove from rows what free brightness, contrast and sharpness explain."""
+        flat = rows.reshape(len(rows), -1, SAMPLES)
+        return (flat - (flat @ light.transpose(0, 2, 1)) @ light).reshape(rows.shape)
 
-    slants = beyond_light(gradients[:, :, None] * OFFSETS)
+    shapes = beyond_light(gradients[:, None] * SHAPES[:, None])
     gradients = beyond_light(gradients)
     squares = np.einsum("nip,njp->nij", gradients, gradients).astype(np.float64)
     least, most = np.linalg.eigvalsh(squares).T
     usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
-    steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients[usable]
-    slants = slants[usable]
-    leaning = np.einsum("nkp,nijp->nkij", steps, slants)
-    slants -= np.einsum("nkij,nkp->nijp", leaning, gradients[usable])
-    products = np.einsum("nijp,nklp->nijkl", slants, slants)
-    return Templates(int(level), index[usable], patches[usable], steps, slants, products, leaning)
+    gradients, shapes = gradients[usable], shapes[usable]
+    steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
+    leaning = np.einsum("nkp,nbjp->nkbj", steps, shapes)
+    shapes -= np.einsum("nkbj,nkp->nbjp", leaning, gradients)
+    flat = shapes.reshape(len(shapes), -1, SAMPLES)
+    products = (flat @ flat.transpose(0, 2, 1)).reshape(len(flat), len(SHAPES), 2, len(SHAPES), 2)
+    return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
+
+
+def _light(wide: Floats, patches: Floats) -> Floats:
+    """Orthonormal changes (n, 3, SAMPLES) of patches by brightness, contrast and sharpness, from their surroundings."""
+    beside = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
+    blur = (beside - np.float32(4.0) * wide[:, 1:-1, 1:-1]).reshape(patches.shape)
+    blur = blur - blur.mean(axis=1, keepdims=True)
+    blur -= np.einsum("np,np->n", blur, patches)[:, None] * patches
+    blur /= np.maximum(np.linalg.norm(blur, axis=1, keepdims=True), np.float32(1e-6))
+    return np.stack([np.full_like(patches, 1.0 / SIDE), patches, blur], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +163,21 @@ class AlignedPatches:
     alike
         Normalized cross-correlation (views, n) with the patch; 0 where a view was not looked at, and for keypoints
         without a template.
-    slant_covariance
-        Covariance (n, 3, 3) of w, d, e (see `slope`) due to the uncertainty of the slants, as the whole movement in px
+    precision
+        Inverse covariance (n, 2, 2) of a pixel in any of the views, for residuals of variance one, 1/px^2.
+    variance
+        Variance (n,) of residuals, as far as they are in proportion to the views' positions as a wrong slope's are:
+        so they are not less in more views, where views are wrong alike.
+    shape_covariance
+        Covariance (n, 3, 3) of w, d, e (see `slope`) due to the uncertainty of the shapes, as the whole movement in px
         per mm of view position. The error is common to all views, so that no residual shows it.
     """
 
     pixels: FloatArray
     alike: FloatArray
-    slant_covariance: FloatArray
+    precision: FloatArray
+    variance: FloatArray
+    shape_covariance: FloatArray
 
 
 def align(
@@ -141,7 +189,7 @@ def align(
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
 ) -> AlignedPatches:
-    """Move and slant the patches of keypoints until views look like them.
+    """Move and shape the patches of keypoints until views look like them.
 
     Parameters
     ----------
@@ -161,17 +209,19 @@ def align(
         `map`, or that of a pool of threads.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
-    covariance = np.zeros((start_px.shape[1], 3, 3))
+    count = start_px.shape[1]
+    precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
+    precision[:] = np.eye(2)
     parts = [part for each in given for part in _parts(each)]
 
     def one(part: Templates) -> None:
         index = part.index
-        pixels[:, index], alike[:, index], covariance[index] = _align_level(
-            pyramid, part, views, start_px[:, index], across_mm.astype(np.float32), distance_mm[index]
-        )
+        found = _align_level(pyramid, part, views, start_px[:, index], across_mm.astype(np.float32), distance_mm[index])
+        pixels[:, index], alike[:, index] = found.pixels, found.alike
+        precision[index], variance[index], covariance[index] = found.precision, found.variance, found.shape_covariance
 
     list(run(one, parts))
-    return AlignedPatches(pixels, alike, covariance)
+    return AlignedPatches(pixels, alike, precision, variance, covariance)
 
 
 def _parts(given: Templates) -> list[Templates]:
@@ -191,22 +241,21 @@ def _align_level(
     start_px: FloatArray,
     across_mm: Floats,
     distance_mm: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> AlignedPatches:
     """Align the keypoints of one level, as `align` does."""
     shape = (*start_px.shape[:2], SAMPLES)
-    count = shape[1]
     looked = np.isfinite(start_px[..., 0])
     origin = pyramid.origins[each.level][views, None]
     # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
     centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
-    slant, covariance = np.zeros((count, 2), np.float32), np.zeros((count, 2, 2))
+    solved = _Shape(each, across_mm, distance_mm)
     alike = np.zeros(shape[:2], np.float32)
     across, down = (np.empty(shape, np.float32) for _ in range(2))
-    for number in range(MOVING_ROUNDS + SLANTING_ROUNDS + 1):
+    for number in range(MOVING_ROUNDS + SHAPING_ROUNDS):
         np.add(centre[..., :1], OFFSETS[0], out=across)
         np.add(centre[..., 1:], OFFSETS[1], out=down)
         if number > MOVING_ROUNDS:
-            moved = slant @ OFFSETS
+            moved = solved.shape @ SHAPES
             across -= across_mm[:, 0, None, None] * moved
             down -= across_mm[:, 1, None, None] * moved
         flat = pyramid.samples(each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES))
@@ -214,46 +263,71 @@ def _align_level(
         difference = difference.reshape(shape)
         alike = np.einsum("vnp,np->vn", difference, each.patches)
         difference -= each.patches
-        if MOVING_ROUNDS <= number < MOVING_ROUNDS + SLANTING_ROUNDS:
-            usable = (looked & (alike >= LEAST_ALIKE_FOR_SLANT)).astype(np.float32)
-            step, covariance = _slant_step(each, difference, usable, across_mm, distance_mm)
-            slant -= step
-        step = np.einsum("nkp,vnp->vnk", each.steps, difference)
+        step = (each.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
+        if number >= MOVING_ROUNDS:
+            step = step + solved.step(difference, looked & (alike >= LEAST_ALIKE_FOR_SHAPE))
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
         centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
-    pixels = (centre - origin).astype(np.float64) * 2**each.level
-    leaning = each.leaning.astype(np.float64) * 2**each.level
-    slant_per_pixel = np.stack(
-        [
-            leaning[:, 0, 0] + leaning[:, 1, 1],
-            leaning[:, 0, 0] - leaning[:, 1, 1],
-            leaning[:, 0, 1] + leaning[:, 1, 0],
-        ],
-        axis=1,
+    return AlignedPatches(
+        pixels=np.where(looked[..., None], (centre - origin).astype(np.float64) * 2**each.level, np.nan),
+        alike=np.where(looked, alike, 0.0).astype(np.float64),
+        precision=(each.gradients @ each.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**each.level,
+        variance=solved.variance,
+        shape_covariance=solved.covariance() * 4.0**each.level,
     )
-    covariance = slant_per_pixel @ covariance @ slant_per_pixel.transpose(0, 2, 1) / 4.0
-    return np.where(looked[..., None], pixels, np.nan), np.where(looked, alike, 0.0).astype(np.float64), covariance
 
 
-def _slant_step(
-    each: Templates, difference: Floats, usable: Floats, across_mm: Floats, distance_mm: FloatArray
-) -> tuple[Floats, FloatArray]:
-    """Corrections (n, 2) to subtract from the slants, and their covariance (n, 2, 2).
+class _Shape:
+    """Shapes (n, 9) of the surfaces of patches, from all views together, with a prior: few are seen edge-on."""
 
-    Least squares over differences (views, n, SAMPLES) in the views that tell it (views, n), with a prior: surfaces are
-    not seen edge-on.
-    """
-    weighted = usable[..., None] * across_mm[:, None]
-    right = -np.einsum("njkp,njp->nk", each.slants, np.einsum("vnj,vnp->njp", weighted, difference))
-    positions = np.einsum("vni,vj->nij", weighted, across_mm)
-    left = np.einsum("nij,nikjl->nkl", positions, each.products).astype(np.float64)
-    squares = np.einsum("vn,vnp,vnp->n", usable, difference, difference)
-    noise = squares / (np.maximum(usable.sum(axis=0), 1.0) * SAMPLES)
-    # tan(slant) is the slant's coefficient, 1/mm, times the distance.
-    prior = np.maximum(noise, 1e-9) * (distance_mm / USUAL_TAN_SLANT) ** 2
-    left += prior[:, None, None] * np.eye(2)
-    inverse = np.linalg.inv(left)
-    return np.einsum("nkl,nl->nk", inverse, right).astype(np.float32), noise[:, None, None] * inverse
+    def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
+        self.each, self.across_mm = each, across_mm
+        # tan(slant) and curvature are the shape's coefficients, 1/mm, times the distance.
+        self.prior = (distance_mm[:, None] / USUAL_SHAPE) ** 2
+        count = len(each.index)
+        self.shape = np.zeros((count, len(SHAPES)), np.float32)
+        self.variance = np.ones(count)
+        self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
+
+    def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
+        """Correct the shapes by differences (views, n, SAMPLES) in the views that tell them (views, n).
+
+        Returns the move (views, n, 2) of the patches' middles for which the correction makes up.
+        """
+        each = self.each
+        weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
+        positions = np.einsum("vni,vj->nij", weighted, self.across_mm).astype(np.float64)
+        slopes = weighted.transpose(1, 2, 0) @ difference.transpose(1, 0, 2)
+        told = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
+            -1, len(SHAPES), 2, 2
+        )
+        seen = np.einsum("nij,nbkcj->nbkic", positions, each.products)
+        prior = self.prior[:, :, None] * np.eye(len(SHAPES))
+        self.normal = np.einsum("nbkkc->nbc", seen) / self.variance[:, None, None] + prior
+        right = np.einsum("nbkk->nb", told) / self.variance[:, None] - self.prior * self.shape
+        change = np.linalg.solve(self.normal, right[..., None])[..., 0]
+        self.variance = self._variance(told - np.einsum("nbkic,nc->nbki", seen, change), positions)
+        self.shape += change.astype(np.float32)
+        return -np.einsum("nkbj,nb,vj->vnk", each.leaning, change.astype(np.float32), self.across_mm)
+
+    def _variance(self, told: FloatArray, positions: FloatArray) -> FloatArray:
+        """Variance (n,) of residuals by what they tell (n, 9, 2, 2) that no shape is: moves across epipolar lines."""
+        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, told) ** 2
+        moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
+        usual = np.einsum("nskm,nbkbm->nsb", moved, self.each.products)
+        share = squares / np.maximum(usual, 1e-12)
+        # Views in one line tell the first alone.
+        values = np.linalg.eigvalsh(positions)
+        flat = values[:, 0] < 1e-6 * values[:, 1]
+        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
+
+    def covariance(self) -> FloatArray:
+        """Covariance (n, 3, 3) of w, d, e by the uncertainty of the shapes, px of the level per mm."""
+        moved = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
+        bent = np.einsum("nsb,nb,bo->nso", moved, self.shape, ORDERS) * UNSURE_SHARE
+        return np.asarray(
+            moved @ np.linalg.inv(self.normal) @ moved.transpose(0, 2, 1) + bent @ bent.transpose(0, 2, 1)
+        )
 
 
 def _normalized(patches: Floats) -> tuple[Floats, Floats]:

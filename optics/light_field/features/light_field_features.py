@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.features.align import align, templates
+from mirrorcam.optics.light_field.features.align import AlignedPatches, align, templates
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import (
@@ -43,10 +43,6 @@ MATCH_PX = 1.0
 LEAST_ALIKE = 0.85
 # Residuals count as if this number of usual ones had been added (see `moderated_variance`).
 PRIOR_FREEDOM = 4.0
-# Errors of a patch are in part alike in all views (surfaces bend within it, views are not equally soft): in the views
-# farthest from the reference view by these shares of what is seen of errors, in proportion in the others, so that no
-# residual shows it; and how much of it makes the slopes along s and t differ. Measured on rendered tabletop scenes.
-COMMON_SHARE, COMMON_SHARE_APART = 0.8, 0.4
 
 
 class FeatureFinder:
@@ -131,8 +127,8 @@ class FeatureFinder:
         # Where two slopes compete, what all views show decides; where it shows both, the keypoint tells neither.
         tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
         inverse = np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
-        seen_px, covariance = self._aligned(images, inner, at, tried, inverse)
-        return self._consolidated(at, tried, seen_px, inverse, covariance)
+        seen_px, aligned = self._aligned(images, inner, at, tried, inverse)
+        return self._consolidated(at, tried, seen_px, inverse, aligned)
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views that this finder was built for."""
@@ -150,11 +146,8 @@ class FeatureFinder:
         at: Keypoints,
         tried: NDArray[np.int64],
         inverse_mm: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Pixels (views, n, 2) of the tried keypoints in each view; NaN where it shows nothing, or something else.
-
-        And what not knowing slants better adds to the covariance (n, 3, 3) of w, d, e.
-        """
+    ) -> tuple[FloatArray, AlignedPatches]:
+        """Pixels (views, n, 2) of the tried keypoints in each view; NaN where it shows nothing, or something else."""
         geometry = self.geometry
         pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
         pixels, directions = at.pixels[tried], geometry.directions(at.pixels[tried])
@@ -169,7 +162,7 @@ class FeatureFinder:
         seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
         indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
         seen_px[geometry.reference, indices] = pixels[indices]
-        return seen_px, aligned.slant_covariance / self.views.focal_px**2
+        return seen_px, aligned
 
     def _consolidated(
         self,
@@ -177,16 +170,18 @@ class FeatureFinder:
         tried: NDArray[np.int64],
         seen_px: FloatArray,
         inverse_mm: FloatArray,
-        covariance: FloatArray,
+        aligned: AlignedPatches,
     ) -> Features:
         """Features of the keypoints that enough views see where one slope expects them."""
         shown = np.isfinite(seen_px[..., 0])
+        mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
+        precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
         used = shown.copy()
         # From far to near: one view that saw something else moves the first fit of a feature, not the last.
         for factor in (3.0, 1.5, 1.0, 1.0):
-            solved = fit(self.geometry, seen_px, used, inverse_mm)
+            solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
             used = shown & (solved.distances_px <= factor * self.max_distance_px)
-        solved = fit(self.geometry, seen_px, used, inverse_mm)
+        solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
         reference = self.geometry.reference
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
         keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
@@ -200,9 +195,12 @@ class FeatureFinder:
         )
         # In the order of keypoints, whichever of their slopes it is.
         keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
-        solved = fit(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
-        apart = fit_two_slopes(self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep])
-        return self._features(at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, covariance[keep])
+        kept = (self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep], precision[keep])
+        solved, apart = fit(*kept), fit_two_slopes(*kept)
+        covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
+        return self._features(
+            at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, variance[keep], covariance
+        )
 
     def _features(
         self,
@@ -212,6 +210,7 @@ class FeatureFinder:
         used: NDArray[np.bool_],
         solved: SlopeFit,
         apart: TwoSlopes,
+        variance_px2: FloatArray,
         covariance: FloatArray,
     ) -> Features:
         views, grid = self.views, (self.views.rows, self.views.cols)
@@ -219,15 +218,17 @@ class FeatureFinder:
         px_mm = views.focal_px * views.step_mm(axis)
         scale = at.scale_px[chosen]
         squares = scale**2
-        noise = moderated_variance(solved.squares_px2 / squares, solved.freedom, PRIOR_FREEDOM) * squares
-        own_noise = moderated_variance(apart.squares_px2 / squares, apart.freedom, PRIOR_FREEDOM) * squares
-        farthest = views.focal_px * np.hypot(*self.geometry.across_mm.T).max()
-        sigma_w = np.sqrt(noise * (1.0 / solved.information + (COMMON_SHARE / farthest) ** 2) + covariance[:, 0, 0])
+        noise, own_noise = (
+            np.maximum(
+                moderated_variance(each.squares_px2 / squares, each.freedom, PRIOR_FREEDOM) * squares, variance_px2
+            )
+            for each in (solved, apart)
+        )
+        sigma_w = np.sqrt(noise / solved.information + covariance[:, 0, 0])
         distance = 1.0 / solved.inverse_mm
         points = np.concatenate([solved.directions, np.ones((len(chosen), 1))], axis=1) * distance[:, None]
         seen = np.where(used[..., None], seen_px, np.nan).transpose(1, 0, 2)
-        own = apart.apart_covariance + np.eye(2) * (COMMON_SHARE_APART / farthest) ** 2
-        own = own_noise[:, None, None] * own + covariance[:, 1:, 1:]
+        own = own_noise[:, None, None] * apart.apart_covariance + covariance[:, 1:, 1:]
         two_slope_sigma = np.sqrt(np.einsum("ni,nij,nj->n", apart.apart_mm, np.linalg.inv(own), apart.apart_mm))
         along = np.stack([apart.matrices_mm[:, 0, 0], apart.matrices_mm[:, 1, 1]], axis=1)
         return Features(
@@ -239,7 +240,7 @@ class FeatureFinder:
             points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
             depth_mm=distance + views.reference_view_depth_mm,
             depth_sigma_mm=sigma_w * distance**2,
-            residual_px=np.sqrt(solved.squares_px2 / used.sum(axis=0)),
+            residual_px=np.sqrt(np.square(solved.distances_px).sum(axis=0, where=used) / used.sum(axis=0)),
             seen=used.T.reshape(-1, *grid),
             seen_px=seen.reshape(-1, *grid, 2),
             apart_disparity_px=px_mm * (along - 1.0 / views.reference_distance_mm),

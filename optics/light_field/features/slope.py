@@ -82,7 +82,7 @@ class SlopeFit:
     information
         Information (n,) on w, in 1 / (mm^-2), for noise of one pixel: the variance of w is noise^2 / information.
     squares_px2
-        Sum (n,) of squared distances over the views used.
+        Sum (n,) of squared distances over the views used, weighted by the precision.
     freedom
         Degrees of freedom (n,): measured numbers less the three unknowns.
     """
@@ -95,13 +95,22 @@ class SlopeFit:
     freedom: NDArray[np.int64]
 
 
-def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_inverse_mm: FloatArray) -> SlopeFit:
+def fit(
+    geometry: Geometry,
+    seen_px: FloatArray,
+    used: NDArray[np.bool_],
+    about_inverse_mm: FloatArray,
+    precision: FloatArray,
+) -> SlopeFit:
     """The consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
 
     `about_inverse_mm` (n,) tells the units of the equations well enough: (1 - z_i w) hardly differs from one.
+    `precision` (n, 2, 2) tells how well each point is located along u and v, of mean one.
     A point that is used in no view but the reference has information 0 and slope NaN.
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
+    root = np.linalg.cholesky(precision).transpose(0, 2, 1)
+    a_, b = np.einsum("nij,vnj->vni", root, a_), np.einsum("nij,vnj->vni", root, b)
     use = used.astype(np.float64)
     ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
     fa = np.einsum("vn,vn,vnk->nk", use, focal, a_)
@@ -113,10 +122,12 @@ def fit(geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_
     directions = (fb - w[:, None] * fa) / ff[:, None]
     residual = b - focal[..., None] * directions - w[:, None] * a_
     squares = (residual**2).sum(axis=2)
+    unweighted = np.linalg.inv(root)
+    distances = np.linalg.norm(np.einsum("nij,vnj->vni", unweighted, residual), axis=2)
     return SlopeFit(
-        directions=directions,
+        directions=np.einsum("nij,nj->ni", unweighted, directions),
         inverse_mm=w,
-        distances_px=np.where(np.isfinite(seen_px[..., 0]), np.sqrt(squares), np.nan),
+        distances_px=np.where(np.isfinite(seen_px[..., 0]), distances, np.nan),
         information=information,
         squares_px2=(use * squares).sum(axis=0),
         freedom=2 * used.sum(axis=0) - 3,
@@ -149,7 +160,11 @@ class TwoSlopes:
 
 
 def fit_two_slopes(
-    geometry: Geometry, seen_px: FloatArray, used: NDArray[np.bool_], about_inverse_mm: FloatArray
+    geometry: Geometry,
+    seen_px: FloatArray,
+    used: NDArray[np.bool_],
+    about_inverse_mm: FloatArray,
+    precision: FloatArray,
 ) -> TwoSlopes:
     """Fit a symmetric matrix in place of the slope, otherwise as `fit`."""
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
@@ -157,6 +172,8 @@ def fit_two_slopes(
     # Columns of the unknowns w, d, e in the two rows of each view, less what a, free too, takes up of them.
     x, y = a_[..., 0], a_[..., 1]
     columns = np.stack([np.stack([x, y], -1), np.stack([x, -y], -1), np.stack([y, x], -1)], axis=-1)
+    root = np.linalg.cholesky(precision).transpose(0, 2, 1)
+    columns, b = np.einsum("nij,vnjk->vnik", root, columns), np.einsum("nij,vnj->vni", root, b)
     ff = np.maximum((use * focal**2).sum(axis=0), 1e-12)
 
     def less_direction(rows: FloatArray) -> FloatArray:

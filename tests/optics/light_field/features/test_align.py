@@ -80,7 +80,8 @@ def test_patches_are_found_to_hundredths_of_a_pixel(facing: tuple[LightField, Fl
 
 def test_slant_is_found_with_the_move(slanted: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
     error = np.percentile(errors_px(*slanted), 75)
-    monkeypatch.setattr(alignment, "SLANTING_ROUNDS", 0)
+    monkeypatch.setattr(alignment, "SHAPING_ROUNDS", 0)
+    monkeypatch.setattr(alignment, "MOVING_ROUNDS", 5)
     plain = np.percentile(errors_px(*slanted), 75)
     assert error < 0.06
     assert plain > 2 * error
@@ -126,7 +127,7 @@ def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     pyramid = ImagePyramid(grey(light_field))
-    given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 2.0))
+    given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 4.0))
     assert [each.level for each in given] == [1]
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, ImagePyramid
 
 
-def test_scales_are_on_the_nearest_level_that_there_is() -> None:
+def test_scales_are_on_the_level_of_half_of_them_that_there_is() -> None:
     pyramid = ImagePyramid(np.zeros((3, 3, 180, 260), np.uint8))
-    assert pyramid.level_of(np.array([1.0, 1.4, 1.5, 2.0, 4.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
+    assert pyramid.level_of(np.array([1.0, 2.8, 3.0, 4.0, 8.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
+
+
+def test_samples_are_those_of_the_cubic_spline_through_the_pixels() -> None:
+    """Against SciPy's, away from the rim, where it takes another one."""
+    random = np.random.default_rng(4)
+    image = np.rint(gaussian_filter(random.uniform(0, 1000, (60, 80)), 0.7)).clip(0, 255).astype(np.uint8)
+    pyramid = ImagePyramid(image[None, None])
+    u, v = (random.uniform(15, size - 15, (50, 7)).astype(np.float32) for size in (80, 60))
+    across, down = pyramid.origins[0][0]
+    expected = map_coordinates(image.astype(np.float64), [v, u], order=3)
+    assert np.abs(pyramid.samples(0, u + across, v + down) - expected).max() < 0.02
 
 
 @pytest.mark.parametrize("level", [0, 1])

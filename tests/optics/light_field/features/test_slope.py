@@ -11,6 +11,11 @@ from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.features.scenes import uneven_views
 
 
+def even(count: int) -> FloatArray:
+    """The precision of points that are located as well along u as along v."""
+    return np.tile(np.eye(2), (count, 1, 1))
+
+
 def points(count: int) -> FloatArray:
     random = np.random.default_rng(3)
     return np.stack([*random.uniform(-60, 60, (2, count)), random.uniform(250, 2000, count)], axis=1)
@@ -45,7 +50,7 @@ def test_a_fit_of_exact_pixels_is_the_point() -> None:
     views, at = uneven_views(), points(40)
     used = np.random.default_rng(0).random((9, 40)) < 0.6
     used[[0, 4]] = True
-    found = fit(Geometry.of(views), seen_by(views, at), used, np.full(40, 1 / 450.0))
+    found = fit(Geometry.of(views), seen_by(views, at), used, np.full(40, 1 / 450.0), even(40))
     assert np.allclose(1.0 / found.inverse_mm, at[:, 2], rtol=1e-9)
     assert np.allclose(found.directions, at[:, :2] / at[:, 2:], rtol=0, atol=1e-12)
     assert found.distances_px.max() < 1e-8
@@ -57,7 +62,7 @@ def test_distances_are_in_pixels_of_the_view() -> None:
     seen = np.repeat(seen_by(views, at), 9, axis=1)
     used = ~np.eye(9, dtype=bool)
     seen[np.arange(9), np.arange(9)] += [0.3, -0.4]
-    found = fit(Geometry.of(views), seen, used, np.full(9, 1 / at[0, 2]))
+    found = fit(Geometry.of(views), seen, used, np.full(9, 1 / at[0, 2]), even(9))
     assert np.allclose(np.diag(found.distances_px), 0.5, atol=1e-9)
 
 
@@ -67,7 +72,7 @@ def test_what_is_not_seen_has_no_distance_and_one_view_no_slope() -> None:
     seen[2, 0] = np.nan
     used[2, 0] = False
     used[[0, 1, 2, 3, 5, 6, 7, 8], 1] = False
-    found = fit(Geometry.of(views), seen, used, np.full(2, 1 / 450.0))
+    found = fit(Geometry.of(views), seen, used, np.full(2, 1 / 450.0), even(2))
     assert np.isnan(found.distances_px[2, 0])
     assert 1.0 / found.inverse_mm[0] == pytest.approx(at[0, 2])
     assert np.isnan(found.inverse_mm[1])
@@ -77,9 +82,25 @@ def test_the_information_is_that_of_drawn_errors() -> None:
     views, count = uneven_views(), 4000
     at = np.repeat(points(1), count, axis=0)
     seen = seen_by(views, at) + np.random.default_rng(1).normal(0.0, 0.1, (9, count, 2))
-    found = fit(Geometry.of(views), seen, np.ones((9, count), bool), 1.0 / at[:, 2])
+    found = fit(Geometry.of(views), seen, np.ones((9, count), bool), 1.0 / at[:, 2], even(count))
     assert np.std(found.inverse_mm) == pytest.approx(0.1 / np.sqrt(found.information[0]), rel=0.04)
     assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
+
+
+def test_points_on_edges_are_fitted_by_what_they_tell() -> None:
+    """Located ten times as well across an edge as along it: slopes are better than by equal weights, as said."""
+    views, count = uneven_views(), 4000
+    at = np.repeat(points(1), count, axis=0)
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    errors = np.random.default_rng(1).normal(0.0, [0.02, 0.2], (9, count, 2)) @ turn.T
+    precision = turn @ np.diag([1 / 0.02**2, 1 / 0.2**2]) @ turn.T
+    mean = np.trace(precision) / 2.0
+    geometry, seen, used = Geometry.of(views), seen_by(views, at) + errors, np.ones((9, count), bool)
+    found = fit(geometry, seen, used, 1.0 / at[:, 2], np.tile(precision / mean, (count, 1, 1)))
+    assert np.std(found.inverse_mm) == pytest.approx(1.0 / np.sqrt(mean * found.information[0]), rel=0.04)
+    assert np.std(found.inverse_mm) < 0.3 * np.std(fit(geometry, seen, used, 1.0 / at[:, 2], even(count)).inverse_mm)
+    assert np.mean(found.squares_px2 / found.freedom) * mean == pytest.approx(1.0, rel=0.02)
+    assert np.allclose(found.directions.mean(axis=0), at[0, :2] / at[0, 2], atol=1e-5)
 
 
 def test_two_slopes_are_found_along_any_directions() -> None:
@@ -89,12 +110,12 @@ def test_two_slopes_are_found_along_any_directions() -> None:
     w, d, e = parts.T
     slopes = np.array([[w + d, e], [e, w - d]]).transpose(2, 0, 1)
     seen = astigmatic_pixels(geometry, random.uniform(-0.1, 0.1, (30, 2)), slopes)
-    found = fit_two_slopes(geometry, seen, np.ones((9, 30), bool), w)
+    found = fit_two_slopes(geometry, seen, np.ones((9, 30), bool), w, even(30))
     assert np.allclose(found.matrices_mm, slopes, rtol=0, atol=1e-12)
     assert np.allclose(found.apart_mm, parts[:, 1:], rtol=0, atol=1e-12)
     assert found.squares_px2.max() < 1e-9
     # One slope does not explain it.
-    assert np.median(fit(geometry, seen, np.ones((9, 30), bool), w).squares_px2) > 1.0
+    assert np.median(fit(geometry, seen, np.ones((9, 30), bool), w, even(30)).squares_px2) > 1.0
 
 
 def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:
@@ -102,9 +123,9 @@ def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:
     at = np.repeat(points(1), count, axis=0)
     exact = seen_by(views, at)
     geometry, used, w = Geometry.of(views), np.ones((9, count), bool), 1.0 / at[:, 2]
-    assert np.abs(fit_two_slopes(geometry, exact, used, w).apart_mm).max() < 1e-12
+    assert np.abs(fit_two_slopes(geometry, exact, used, w, even(count)).apart_mm).max() < 1e-12
     seen = exact + np.random.default_rng(1).normal(0.0, 0.1, exact.shape)
-    found = fit_two_slopes(geometry, seen, used, w)
+    found = fit_two_slopes(geometry, seen, used, w, even(count))
     squares = np.einsum("ni,nij,nj->n", found.apart_mm, np.linalg.inv(found.apart_covariance), found.apart_mm) / 0.01
     # Chi squared of two numbers: its mean, and the part of it beyond 9.21.
     assert squares.mean() == pytest.approx(2.0, rel=0.06)
@@ -116,10 +137,10 @@ def test_views_in_one_line_or_too_few_do_not_tell_two_slopes() -> None:
     geometry, at = Geometry.of(uneven_views(1, 5)), points(3)
     seen = seen_by(uneven_views(1, 5), at)
     flat = Geometry(geometry.focal_px, geometry.centre_px, geometry.across_mm * [1, 0], geometry.forward_mm, 2)
-    assert np.isnan(fit_two_slopes(flat, seen, np.ones((5, 3), bool), 1 / at[:, 2]).matrices_mm).all()
+    assert np.isnan(fit_two_slopes(flat, seen, np.ones((5, 3), bool), 1 / at[:, 2], even(3)).matrices_mm).all()
     few = np.zeros((9, 3), bool)
     few[[0, 4]] = True
-    found = fit_two_slopes(Geometry.of(uneven_views()), seen_by(uneven_views(), at), few, 1 / at[:, 2])
+    found = fit_two_slopes(Geometry.of(uneven_views()), seen_by(uneven_views(), at), few, 1 / at[:, 2], even(3))
     assert np.isnan(found.apart_mm).all()
 
 
