@@ -81,7 +81,7 @@ class Templates:
         Change (m, 9, 2, SAMPLES) of the patch by a move along u and v in proportion to each of SHAPES, less the part
         that a move of the whole patch explains.
     products
-        Inner products (m, 9, 2, 9, 2) of the shapes with each other.
+        Inner products (m, 9, 2, 2, 9) of the shapes with each other, the axes of moves in the middle.
     leaning
         Apparent move (m, 2, 9, 2) of the whole patch along u and v by each of these moves, px of the level.
     """
@@ -126,7 +126,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     def beyond_light(rows: Floats) -> Floats:
         """Remove from rows what free brightness, contrast and sharpness explain."""
         flat = rows.reshape(len(rows), -1, SAMPLES)
-        return (flat - (flat @ light.transpose(0, 2, 1)) @ light).reshape(rows.shape)
+        return np.asarray(flat - (flat @ light.transpose(0, 2, 1)) @ light, dtype=np.float32).reshape(rows.shape)
 
     shapes = beyond_light(gradients[:, None] * SHAPES[:, None])
     gradients = beyond_light(gradients)
@@ -139,6 +139,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     shapes -= np.einsum("nkbj,nkp->nbjp", leaning, gradients)
     flat = shapes.reshape(len(shapes), -1, SAMPLES)
     products = (flat @ flat.transpose(0, 2, 1)).reshape(len(flat), len(SHAPES), 2, len(SHAPES), 2)
+    products = np.ascontiguousarray(products.transpose(0, 1, 2, 4, 3))
     return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
 
 
@@ -258,7 +259,9 @@ def _align_level(
             moved = solved.shape @ SHAPES
             across -= across_mm[:, 0, None, None] * moved
             down -= across_mm[:, 1, None, None] * moved
-        flat = pyramid.samples(each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES))
+        flat = pyramid.samples(
+            each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES), exact=number >= MOVING_ROUNDS
+        )
         difference, _ = _normalized(flat)
         difference = difference.reshape(shape)
         alike = np.einsum("vnp,np->vn", difference, each.patches)
@@ -301,12 +304,13 @@ class _Shape:
         told = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
             -1, len(SHAPES), 2, 2
         )
-        seen = np.einsum("nij,nbkcj->nbkic", positions, each.products)
+        by_axes = each.products.reshape(len(told), len(SHAPES), 4, len(SHAPES))
         prior = self.prior[:, :, None] * np.eye(len(SHAPES))
-        self.normal = np.einsum("nbkkc->nbc", seen) / self.variance[:, None, None] + prior
+        self.normal = (positions.reshape(-1, 1, 1, 4) @ by_axes)[:, :, 0] / self.variance[:, None, None] + prior
         right = np.einsum("nbkk->nb", told) / self.variance[:, None] - self.prior * self.shape
         change = np.linalg.solve(self.normal, right[..., None])[..., 0]
-        self.variance = self._variance(told - np.einsum("nbkic,nc->nbki", seen, change), positions)
+        explained = (each.products @ change[:, None, None, :, None])[..., 0] @ positions[:, None]
+        self.variance = self._variance(told - explained, positions)
         self.shape += change.astype(np.float32)
         return -np.einsum("nkbj,nb,vj->vnk", each.leaning, change.astype(np.float32), self.across_mm)
 
@@ -314,7 +318,7 @@ class _Shape:
         """Variance (n,) of residuals by what they tell (n, 9, 2, 2) that no shape is: moves across epipolar lines."""
         squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, told) ** 2
         moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
-        usual = np.einsum("nskm,nbkbm->nsb", moved, self.each.products)
+        usual = np.einsum("nskm,nbkmb->nsb", moved, self.each.products)
         share = squares / np.maximum(usual, 1e-12)
         # Views in one line tell the first alone.
         values = np.linalg.eigvalsh(positions)
