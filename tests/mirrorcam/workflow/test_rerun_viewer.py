@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,7 @@ def test_a_viewer_that_ends_at_once_is_told(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_without_a_display_or_rerun_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rerun_viewer.sys, "platform", "linux")
+    monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="--view opens a window, but there is no display"):

@@ -1,0 +1,101 @@
+"""The messages of a camera, one frame after the other; this module does without ROS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.io.camera_addresses import camera
+from mirrorcam.optics.light_field.io.frames import Lost
+from mirrorcam.optics.light_field.io.ros_messages import Published, frame_messages, latched_messages, stamp_ns
+from mirrorcam.optics.light_field.io.stream import light_fields
+from mirrorcam.optics.light_field.light_field import LightField
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the node is asked for; 0 leaves a number to the library.
+
+    Parameters
+    ----------
+    layout
+        `layout.json` of `mirrorcam calibrate`.
+    device
+        Number or address of the camera, as `mirrorcam decode --device` takes it.
+    depth
+        Whether depth is measured.
+    near_mm, far_mm
+        Depths between which it is searched.
+    width_px
+        Width of every view.
+    reference_depth_mm
+        Depth of zero disparity.
+    """
+
+    layout: Path
+    device: str = "0"
+    depth: bool = True
+    near_mm: float = 0.0
+    far_mm: float = 0.0
+    width_px: int = 0
+    reference_depth_mm: float = 0.0
+
+
+class LightFieldStream:
+    """Decodes a camera's frames; raises InputError where settings, layout or camera do not allow that.
+
+    `tell` gets a line when the camera goes and when it is back.
+    """
+
+    def __init__(self, settings: Settings, tell: Callable[[str], None]) -> None:
+        layout = Layout.load(settings.layout)
+        self._decoder = Decoder(
+            layout,
+            width_px=settings.width_px or None,
+            reference_depth_mm=settings.reference_depth_mm or None,
+        )
+        samples = np.zeros((*self._decoder.weights.shape, 3), np.uint8)
+        self._empty = LightField.of(self._decoder.views, samples, self._decoder.weights)
+        self._estimator: DepthEstimator | None = None
+        if settings.depth:
+            near_mm, far_mm = settings.near_mm or None, settings.far_mm or None
+            self._estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm)
+        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell)
+        self._start_ns = self._camera.started_ns or time.time_ns()
+
+    @property
+    def dropped(self) -> int:
+        """Number of frames that came faster than they were decoded."""
+        return self._camera.dropped
+
+    def latched(self) -> list[Published]:
+        """What is published once."""
+        return list(latched_messages(self._empty, self._start_ns))
+
+    def topics(self) -> list[Published]:
+        """A message for every topic that frames are published on."""
+        depth = None if self._estimator is None else self._estimator.estimate(self._empty)
+        return list(frame_messages(self._empty, self._start_ns, depth))
+
+    def frames(self, wants_depth: Callable[[], bool]) -> Generator[list[Published] | Lost]:
+        """The messages of each frame, or why it is lost; depth is measured while somebody wants it.
+
+        A recording that a server or a file plays is played in time.
+        """
+        for item in light_fields(self._decoder, self._camera):
+            if isinstance(item, Lost):
+                yield item
+                continue
+            frame, light_field = item
+            stamp = stamp_ns(frame.time_s, self._start_ns)
+            if self._camera.ends:
+                time.sleep(max(0.0, (stamp - time.time_ns()) / 1e9))
+            depth = self._estimator.estimate(light_field) if self._estimator is not None and wants_depth() else None
+            yield list(frame_messages(light_field, stamp, depth))
