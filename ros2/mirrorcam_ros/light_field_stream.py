@@ -67,7 +67,8 @@ class LightFieldStream:
         if settings.depth:
             near_mm, far_mm = settings.near_mm or None, settings.far_mm or None
             self._estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm)
-        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell)
+        # Robots act on what they see now: no frame waits while another is decoded.
+        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, waiting=1)
         self._start_ns = self._camera.started_ns or time.time_ns()
 
     @property
@@ -89,7 +90,7 @@ class LightFieldStream:
 
         A recording that a server or a file plays is played in time.
         """
-        for item in light_fields(self._decoder, self._camera):
+        for item in light_fields(self._decoder, self._camera, ahead=0):
             if isinstance(item, Lost):
                 yield item
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Generator
+from functools import partial
 from typing import Any
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 
 from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 
 PATIENCE = 30
@@ -22,23 +24,26 @@ _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 
 
-def camera(address: str, width_px: int, height_px: int, tell: Callable[[str], None] = lambda line: None) -> LiveCamera:
-    """A camera, asked for pictures of a size, by its number or address; `tell` as of `LiveCamera`.
+def camera(
+    address: str,
+    width_px: int,
+    height_px: int,
+    tell: Callable[[str], None] = lambda line: None,
+    waiting: int = AHEAD,
+) -> LiveCamera:
+    """A camera, asked for pictures of a size, by its number or address; `tell` and `waiting` as of `LiveCamera`.
 
     Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
     """
-    if address.isascii() and address.isdigit():
-        number = int(address)
-        return LiveCamera(
-            f"camera {number}", lambda: _numbered(number, width_px, height_px), width_px, height_px, tell=tell
-        )
     if re.search(r"\s!\s", address):
         raise InputError(
             "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
-    name = shown(address)
-    return LiveCamera(name, lambda: _addressed(address, width_px, height_px), width_px, height_px, tell=tell)
+    name, connect = shown(address), partial(_addressed, address, width_px, height_px)
+    if address.isascii() and address.isdigit():
+        name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
+    return LiveCamera(name, connect, width_px, height_px, tell=tell, waiting=waiting)
 
 
 def shown(address: str) -> str:

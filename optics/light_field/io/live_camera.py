@@ -59,6 +59,8 @@ class LiveCamera:
         Time in s.
     retry_s
         Time between two attempts to open a camera that has gone.
+    waiting
+        Number of frames that may wait to be used: with 1, what is given is always the newest.
 
     Attributes
     ----------
@@ -85,9 +87,10 @@ class LiveCamera:
         tell: Callable[[str], None] = lambda line: None,
         clock: Callable[[], float] = time.monotonic,
         retry_s: float = RETRY_S,
+        waiting: int = AHEAD,
     ) -> None:
         self.name, self._connect, self._size = name, connect, (width_px, height_px)
-        self.tell, self._clock, self._retry_s = tell, clock, retry_s
+        self._tell, self._clock, self._retry_s, self._most = tell, clock, retry_s, waiting
         self.dropped, self.outages = 0, 0
         self._connection = connect()
         self.ends = self._connection.ends
@@ -114,7 +117,7 @@ class LiveCamera:
 
         def put(item: Frame | Lost | BaseException) -> None:
             with changed:
-                if len(waiting) == AHEAD and not isinstance(item, BaseException):
+                if len(waiting) == self._most and not isinstance(item, BaseException):
                     waiting.popleft()
                     self.dropped += 1
                 waiting.append(item)
@@ -144,13 +147,13 @@ class LiveCamera:
                     number += 1
                     if over.is_set():
                         return
-                self.tell(f"{self.name} gives no more pictures, waiting for it to come back")
+                self._tell(f"{self.name} gives no more pictures, waiting for it to come back")
                 gone = self._clock()
                 connection = self._reconnected(over)
                 if over.is_set():
                     return
                 self.outages += 1
-                self.tell(f"{self.name} is back after {self._clock() - gone:.1f} s")
+                self._tell(f"{self.name} is back after {self._clock() - gone:.1f} s")
         except BaseException as error:  # raised again where the frames are asked for
             put(error)
         finally:

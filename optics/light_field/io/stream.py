@@ -7,7 +7,7 @@ from itertools import islice
 from typing import Protocol
 
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.frames import Frame, Lost, read_ahead
+from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost, read_ahead
 from mirrorcam.optics.light_field.io.recording import Recording
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -21,12 +21,13 @@ class Source(Protocol):
         """The frames after a number, in order."""
 
 
-def light_fields(decoder: Decoder, source: Source, after: int = -1) -> Iterator[Decoded]:
+def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = AHEAD) -> Iterator[Decoded]:
     """The light fields of a source's frames after a number, and its lost frames, in order.
 
-    Frames are read in a thread of their own, a few ahead.
+    Frames are read in a thread of their own, `ahead` of them before they are used; with 0, each when it is asked for.
     """
-    for item in read_ahead(source.frames(after)):
+    frames = source.frames(after)
+    for item in read_ahead(frames, ahead) if ahead else frames:
         yield item if isinstance(item, Lost) else (item, decoder.decode(item.pixels))
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any
@@ -150,3 +154,30 @@ def test_a_video_that_is_interrupted_leaves_no_bag(here: Path, monkeypatch: pyte
     with pytest.raises(KeyboardInterrupt):
         decoded(asked(depth=False))
     assert results(here) == ["layout.json", "video.avi"]
+
+
+def test_ctrl_c_leaves_no_bag_of_a_video_and_no_other_file(here: Path) -> None:
+    write_mjpeg(here / "long.avi", pictures(40, 320, 192) * 40)
+    arguments = [
+        sys.executable,
+        "-m",
+        "mirrorcam",
+        "decode",
+        "long.avi",
+        "--layout",
+        "layout.json",
+        "--mcap",
+        "out.mcap",
+    ]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not any(path.stat().st_size > 100_000 for path in here.rglob("out.mcap")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    assert not (here / "out.mcap").exists()
+    process.send_signal(signal.SIGINT)
+    _, complaint = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert complaint == "mirrorcam: interrupted; finished files are whole\n"
+    assert sorted(path.name for path in here.rglob("*")) == ["layout.json", "long.avi", "video.avi"]

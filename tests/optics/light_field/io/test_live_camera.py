@@ -99,6 +99,24 @@ def test_the_oldest_frames_are_left_out_and_counted_where_they_come_too_fast() -
     assert camera.dropped == 100 - len(found)
 
 
+def test_with_one_that_may_wait_the_newest_frame_is_given() -> None:
+    used, shown = threading.Event(), threading.Event()
+
+    def pictures() -> Generator[Seen]:
+        yield numbered(0)
+        used.wait(5)
+        yield from map(numbered, range(1, 30))
+        shown.set()
+
+    camera = LiveCamera("camera 0", lambda: Connection(pictures()), 4, 3, retry_s=30, waiting=1)
+    frames = camera.frames()
+    next(frames)
+    used.set()
+    assert shown.wait(10)
+    assert next(frames).number == 29
+    frames.close()
+
+
 def test_a_camera_that_is_unplugged_and_comes_back_goes_on() -> None:
     over, lines = threading.Event(), list[str]()
     off = threading.Event()
