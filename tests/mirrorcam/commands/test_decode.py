@@ -268,3 +268,32 @@ def test_a_camera_is_recorded_until_it_is_interrupted(
 def test_numbers_are_told_as_spans() -> None:
     assert spans([3]) == "3"
     assert spans([3, 4, 5, 9, 11, 12]) == "3 to 5, 9, 11 to 12"
+
+
+def test_a_recording_by_its_address_is_decoded_like_a_camera(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    address = f"file://{here / 'video.mp4'}"
+    assert cli.main(["decode", "--device", address, "--layout", "layout.json", "--out", "out"]) == 0
+    assert f"out{os.sep}stream.zarr written: {COUNT} frames" in capfd.readouterr().out
+    stored = StoredLightFields(here / "out" / "stream.zarr")
+    assert stored.about["source"]["device"] == address
+    assert stored.times_s == pytest.approx([number / 25 for number in range(COUNT)])
+    for arguments, message in (
+        ("--device 256", "--device 256: expected a number from 0 to 255, or an address"),
+        ("--device rtsp://me:secret@127.0.0.1:1/x", "rtsp://127.0.0.1:1/x cannot be opened: Connection refused"),
+        ("video.mp4 --mcap a.mcap --to hci", "--mcap and --to hci: expected one of them"),
+        ("video.mp4 --near-mm 500 --far-mm 400", "expected a nearest depth below the farthest"),
+    ):
+        assert message in refused(arguments, capfd)
+
+
+def test_a_video_becomes_a_bag_that_other_commands_read(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags, of the extra robot")
+    arguments = (
+        "decode video.mp4 --layout layout.json --mcap bags/out.mcap --limit 2 --no-depth --mcap-compression zstd"
+    )
+    assert cli.main(arguments.split()) == 0
+    assert results(here / "bags") == ["out.mcap", "out_drift.json"]
+    assert not (here / "output").exists()
+    assert cli.main(["epi", "bags/out.mcap", "--out", "epi"]) == 0
+    assert "out_000001_epi.png" in results(here / "epi")
+    assert "out.mcap: exists, and recordings are never replaced" in refused("video.mp4 --mcap bags/out.mcap", capfd)
