@@ -84,7 +84,9 @@ class DecodeOptions(Value):
     view: bool = Field(
         default=False, description="show what is decoded in a window of rerun, with depth and points (extra view)"
     )
-    depth: bool = Field(default=True, description="measure depth for --mcap and --view, which takes most of the time")
+    no_depth: bool = Field(
+        default=False, description="leave depth and points out of --mcap and --view, which take most of the time"
+    )
     near_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth)")
     ] = DEPTH_MM.field(None, "nearest depth that is searched for --mcap and --view, from the pupil")
@@ -96,8 +98,9 @@ class DecodeOptions(Value):
     def _check(self) -> Self:
         if bool(self.frames) == (self.device is not None):
             raise ValueError("expected frames, videos, or --device NUMBER or ADDRESS")
-        if self.device is not None and self.device.isdigit() and not DEVICES.least <= int(self.device) <= DEVICES.most:
-            raise ValueError(f"--device {self.device}: expected a number from {DEVICES}, or an address")
+        number = int(self.device) if self.device and self.device.isascii() and self.device.isdigit() else 0
+        if self.device == "" or not DEVICES.least <= number <= DEVICES.most:
+            raise ValueError(f"--device {self.device or repr('')}: expected a number from {DEVICES}, or an address")
         if self.mcap is not None and self.to != "zarr":
             raise ValueError(f"--mcap and --to {self.to}: expected one of them")
         check_range(self.near_mm, self.far_mm)
@@ -126,7 +129,7 @@ def run(options: DecodeOptions) -> int:
         mcap=options.mcap,
         mcap_compression=options.mcap_compression,
         view=options.view,
-        depth=options.depth,
+        depth=not options.no_depth,
         near_mm=options.near_mm,
         far_mm=options.far_mm,
     )

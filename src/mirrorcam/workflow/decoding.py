@@ -273,5 +273,5 @@ def _streams(
     if request.device is not None:
         size = layout.camera.width_px, layout.camera.height_px
         device = camera(request.device, *size, tell=lambda line: reporter.note("decode", line))
-        name = f"device{request.device}" if request.device.isdigit() else "stream"
+        name = f"device{request.device}" if request.device.isascii() and request.device.isdigit() else "stream"
         yield device, name, {"device": shown(request.device), "started": datetime.now(UTC).isoformat()}

@@ -278,6 +278,7 @@ def test_a_recording_by_its_address_is_decoded_like_a_camera(here: Path, capfd: 
     assert stored.about["source"]["device"] == address
     assert stored.times_s == pytest.approx([number / 25 for number in range(COUNT)])
     for arguments, message in (
+        ("--device=", "--device '': expected a number from 0 to 255, or an address"),
         ("--device 256", "--device 256: expected a number from 0 to 255, or an address"),
         ("--device rtsp://me:secret@127.0.0.1:1/x", "rtsp://127.0.0.1:1/x cannot be opened: Connection refused"),
         ("video.mp4 --mcap a.mcap --to hci", "--mcap and --to hci: expected one of them"),
