@@ -137,7 +137,7 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
     leaning = np.einsum("nkp,nbjp->nkbj", steps, shapes)
     shapes -= np.einsum("nkbj,nkp->nbjp", leaning, gradients)
-    flat = shapes.reshape(len(shapes), -1, SAMPLES)
+    flat = shapes.reshape(len(shapes), 2 * len(SHAPES), SAMPLES)
     products = (flat @ flat.transpose(0, 2, 1)).reshape(len(flat), len(SHAPES), 2, len(SHAPES), 2)
     products = np.ascontiguousarray(products.transpose(0, 1, 2, 4, 3))
     return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
