@@ -59,10 +59,16 @@ class StoredBag(Sequence[LightField]):
         for file in files:
             check_chunks(file)
         self._stored = sum(file.stat().st_size for file in files)
+        whole_files = path.is_dir() and any(path.glob("*.zstd"))
         with _reading(path):
             self._reader = Reader(path)
-            self._reader.open()
-            weakref.finalize(self, self._reader.close)
+            if not whole_files:
+                self._reader.open()
+                weakref.finalize(self, self._reader.close)
+            if whole_files or self._reader.compression_mode:
+                raise InputError(
+                    f"{path}: its files or messages are compressed, expected none or the chunks of MCAP files"
+                )
             stated, space = self._geometry()
             views = views_of_fields(stated.views, str(path))
             shape = (views.rows, views.cols, views.height_px, views.width_px)

@@ -86,22 +86,11 @@ def _addressed(address: str, width_px: int, height_px: int) -> Connection:
     import av
 
     v4l2, name = _V4L2.fullmatch(address), shown(address)
-    options: dict[str, str] = {}
-    if v4l2:
-        address = v4l2["device"]
-        options = {"video_size": f"{width_px}x{height_px}", "input_format": "mjpeg"}
-    elif address.startswith("rtsp://"):
-        options = {"rtsp_transport": "tcp"}  # by UDP, packets are lost and pictures damaged
-    elif address.endswith(".sdp"):
-        options = {"protocol_whitelist": "file,crypto,data,udp,rtp"}
     try:
-        container: Any = av.open(
-            address,
-            format="v4l2" if v4l2 else None,
-            options=options,
-            timeout=(OPENING_S, READING_S),
-            metadata_errors="replace",
-        )
+        if v4l2:
+            container = _opened_v4l2(v4l2["device"], f"{width_px}x{height_px}")
+        else:
+            container = _opened(address, options=_options(address))
     except (av.FFmpegError, OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error).replace(address, name)
         if isinstance(error, av.error.ExitError):
@@ -116,6 +105,32 @@ def _addressed(address: str, width_px: int, height_px: int) -> Connection:
         container.close()
         raise InputError(f"{name} has no pictures, expected a camera or a video")
     return Connection(_decoded(container), ends=container.duration is not None)
+
+
+def _options(address: str) -> dict[str, str]:
+    """What FFmpeg needs to read an address."""
+    if address.startswith("rtsp://"):
+        return {"rtsp_transport": "tcp"}  # by UDP, packets are lost and pictures damaged
+    return {"protocol_whitelist": "file,crypto,data,udp,rtp"} if address.endswith(".sdp") else {}
+
+
+def _opened_v4l2(device: str, size: str) -> Any:
+    """A container of the pictures of a device of v4l2: JPEG where it gives them, else what it gives by default."""
+    import av
+
+    options = {"video_size": size}
+    try:
+        return _opened(device, format="v4l2", options={**options, "input_format": "mjpeg"})
+    except (av.error.FileNotFoundError, av.error.PermissionError):
+        raise
+    except av.FFmpegError:
+        return _opened(device, format="v4l2", options=options)
+
+
+def _opened(address: str, **settings: Any) -> Any:
+    import av
+
+    return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
 
 
 def _decoded(container: Any) -> Generator[Seen]:

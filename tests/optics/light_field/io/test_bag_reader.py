@@ -173,6 +173,24 @@ def test_light_fields_larger_than_memory_are_refused(bag: Path, monkeypatch: pyt
         StoredBag(bag)
 
 
+def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for mode in (CompressionMode.FILE, CompressionMode.MESSAGE):
+        writer = Writer(tmp_path / mode.name, version=8, storage_plugin=StoragePlugin.MCAP)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+        with Reader(bag) as reader, writer:
+            made = {
+                each.id: writer.add_connection(each.topic, each.msgtype, typestore=store) for each in reader.connections
+            }
+            for connection, time_ns, raw in reader.messages():
+                writer.write(made[connection.id], time_ns, raw)
+        with pytest.raises(InputError, match="its files or messages are compressed, expected none or the chunks"):
+            StoredBag(tmp_path / mode.name)
+
+
 def test_what_is_missing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mcap: no such file"):
         StoredBag(tmp_path / "nowhere.mcap")

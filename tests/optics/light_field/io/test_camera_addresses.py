@@ -177,6 +177,26 @@ def test_what_cannot_be_opened_is_refused_in_one_line(address: str, message: str
     assert "secret" not in str(refused.value)
 
 
+def test_a_device_of_v4l2_is_asked_for_jpeg_and_the_size_and_taken_without_jpeg(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, whole, asked = write_mjpeg(tmp_path / "a.avi", pictures(2)), av.open, list[Any]()
+
+    def opened(address: str, *, format: str, options: dict[str, str], **_: Any) -> Any:  # PyAV's name
+        asked.append((address, format, options))
+        if "input_format" in options:
+            raise av.error.InvalidDataError(22, "Invalid argument")
+        return whole(str(path))
+
+    monkeypatch.setattr(av, "open", opened)
+    assert len(list(camera("v4l2:///dev/video3", 160, 96).frames())) == 2
+    size = {"video_size": "160x96"}
+    assert asked == [
+        ("/dev/video3", "v4l2", size | {"input_format": "mjpeg"}),
+        ("/dev/video3", "v4l2", size),
+    ]
+
+
 def test_a_silent_server_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_addresses, "OPENING_S", 0.3)
     with pytest.raises(InputError, match=r"cannot be opened: no answer within 0\.3 s; "):
