@@ -45,25 +45,21 @@ class RerunViewer:
 
     @classmethod
     def opened(cls) -> RerunViewer:
-        """A viewer in a window of its own; raises InputError where rerun is not installed, and without a display."""
+        """The viewer that listens on this machine, else one in a window of its own.
+
+        Raises InputError where rerun is not installed, and where there is no viewer and none can be opened.
+        """
         require("view")
-        if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise InputError("--view opens a window, but there is no display: expected DISPLAY or WAYLAND_DISPLAY")
         import rerun
 
         recording = rerun.RecordingStream("mirrorcam")
-        # Where Python was called by its path, the folder of its programs need not be on that of the shell.
-        folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
-        program = shutil.which("rerun", path=os.pathsep.join(folders))
         try:
-            rerun.spawn(recording=recording, executable_path=program, port=PORT)
-            # Of a viewer that ends at once, as without graphics, rerun itself only warns.
-            socket.create_connection(("127.0.0.1", PORT), timeout=WAIT_S).close()
-        except (OSError, RuntimeError) as error:
+            if not _listens():
+                _open_window()
+            recording.connect_grpc(f"rerun+http://127.0.0.1:{PORT}/proxy")
+        except InputError:
             recording.disconnect()
-            raise InputError(
-                shortened(f"--view: rerun's viewer does not start: {' '.join(str(error).split())}")
-            ) from None
+            raise
         return cls(recording)
 
     def show(self, time_s: float, light_field: LightField, depth: DepthMap | None) -> None:
@@ -115,6 +111,37 @@ class RerunViewer:
                 )
             )
         )
+
+
+def _listens() -> bool:
+    """Return whether a viewer listens on this machine; that of another may, through a tunnel."""
+    try:
+        socket.create_connection(("127.0.0.1", PORT), timeout=WAIT_S).close()
+    except OSError:
+        return False
+    return True
+
+
+def _open_window() -> None:
+    """Open a viewer in a window; raises InputError where that fails."""
+    import rerun
+
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(
+            "--view opens a window, but there is no display: expected one, or a rerun viewer that listens on port "
+            f"{PORT}"
+        )
+    # Where Python was called by its path, the folder of its programs need not be on that of the shell.
+    folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
+    program = shutil.which("rerun", path=os.pathsep.join(folders))
+    reason = "it ended at once"
+    try:
+        rerun.spawn(connect=False, executable_path=program, port=PORT)
+    except (OSError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+    # Of a viewer that ends at once, as without graphics, rerun itself only warns.
+    if not _listens():
+        raise InputError(shortened(f"--view: rerun's viewer does not start: {reason}"))
 
 
 def _picture(light_field: LightField, view: tuple[int, int]) -> Any:

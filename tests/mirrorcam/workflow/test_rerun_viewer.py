@@ -100,27 +100,58 @@ def test_frames_are_at_their_times(shown: dict[str, dict[str, list[Any]]]) -> No
     assert [each.total_seconds() for each in times] == pytest.approx(TIMES_S)
 
 
-def test_a_viewer_that_ends_at_once_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+class Recording:
+    """What a recording of rerun is to `RerunViewer.opened`."""
+
+    def __init__(self, name: str) -> None:
+        self.leads_to = ""
+
+    def connect_grpc(self, address: str) -> None:
+        self.leads_to = address
+
+    def disconnect(self) -> None:
+        self.leads_to = "nowhere"
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> int:
+    """A port on which no viewer listens, instead of rerun's own; there is a display."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-    asked = dict[str, Any]()
-    monkeypatch.setattr(rerun_viewer, "PORT", port)
-    monkeypatch.setattr(rerun, "spawn", asked.update)
+        free = int(taken.getsockname()[1])
+    monkeypatch.setattr(rerun_viewer, "PORT", free)
+    monkeypatch.setattr(rerun, "RecordingStream", Recording)
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("DISPLAY", ":0")
-    with pytest.raises(InputError, match=r"--view: rerun's viewer does not start: .*refused"):
+    return free
+
+
+def test_a_viewer_that_ends_at_once_is_told(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
+    asked = dict[str, Any]()
+    monkeypatch.setattr(rerun, "spawn", asked.update)
+    with pytest.raises(InputError, match=r"^--view: rerun's viewer does not start: it ended at once$"):
         RerunViewer.opened()
     assert asked["port"] == port
-    with socket.create_server(("127.0.0.1", port)):
-        assert isinstance(RerunViewer.opened(), RerunViewer)
 
+    def fail(**_: Any) -> None:
+        raise RuntimeError("no such\nprogram")
 
-def test_without_a_display_or_rerun_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(InputError, match="--view opens a window, but there is no display"):
+    monkeypatch.setattr(rerun, "spawn", fail)
+    with pytest.raises(InputError, match=r"does not start: no such program$"):
         RerunViewer.opened()
+
+
+def test_a_viewer_that_is_open_is_used_also_without_a_display(monkeypatch: pytest.MonkeyPatch, port: int) -> None:
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InputError, match=f"no display: expected one, or a rerun viewer that listens on port {port}"):
+        RerunViewer.opened()
+    with socket.create_server(("127.0.0.1", port)):
+        recording: Any = RerunViewer.opened()._recording
+    assert recording.leads_to == f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def test_without_rerun_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda module: None)
     with pytest.raises(InputError, match=r'rerun not installed.*pip install "mirrorcam\[view\]"'):
         RerunViewer.opened()
