@@ -31,10 +31,10 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression
-from mirrorcam.optics.light_field.io.frames import Frame, Lost, read_ahead
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
-from mirrorcam.optics.light_field.io.stream import light_fields, record
+from mirrorcam.optics.light_field.io.stream import decoded_ahead, light_fields, record
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import Views
@@ -111,7 +111,7 @@ def to_bag(compression: Compression, decoder: Decoder, video: Video, path: Path)
     """Frames decoded and written as messages, without depth."""
     count = 0
     with BagWriter(path, compression) as bag:
-        for item in read_ahead(light_fields(decoder, video), count=2):
+        for item in decoded_ahead(decoder, video):
             assert not isinstance(item, Lost)
             stamp = stamp_ns(item[0].time_s)
             before = () if count else latched_messages(item[1], stamp)
@@ -161,6 +161,9 @@ class Loop:
                     return
                 yield frame
                 number += 1
+
+    def stop(self) -> None:
+        """Files end by themselves."""
 
 
 def resident_mb() -> float:

@@ -76,6 +76,10 @@ class LightFieldStream:
         """Number of frames that came faster than they were decoded."""
         return self._camera.dropped
 
+    def stop(self) -> None:
+        """End `frames`, also while it waits for the camera."""
+        self._camera.stop()
+
     def latched(self) -> list[Published]:
         """What is published once."""
         return list(latched_messages(self._empty, self._start_ns))

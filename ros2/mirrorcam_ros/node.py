@@ -95,6 +95,7 @@ class LightFieldNode(Node):  # type: ignore[misc]  # rclpy is not typed
     def destroy_node(self) -> None:
         """Stop decoding, and end the node."""
         self._over.set()
+        self._stream.stop()
         self._thread.join(timeout=5.0)
         super().destroy_node()
 

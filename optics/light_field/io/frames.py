@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -39,10 +39,11 @@ class _Failed:
     error: BaseException
 
 
-def read_ahead(items: Iterator[T], count: int = AHEAD) -> Generator[T]:
+def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] = lambda: None) -> Generator[T]:
     """The same items, of which a thread gets at most `count` before they are asked for; errors arrive in their place.
 
-    The thread ends with the items, or when the iterator that this returns is closed.
+    The thread ends with the items, or when the iterator that this returns is closed. `stop` is called then: it must end
+    items that wait for what may never come.
     """
     waiting: queue.Queue[Any] = queue.Queue(maxsize=count)
     over, end = threading.Event(), object()
@@ -78,4 +79,5 @@ def read_ahead(items: Iterator[T], count: int = AHEAD) -> Generator[T]:
             yield item
     finally:
         over.set()
+        stop()
         thread.join()

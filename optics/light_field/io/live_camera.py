@@ -19,6 +19,8 @@ RETRY_S = 1.0
 """Time between two attempts to open a camera that has gone."""
 MOST_LATE_S = 1.0
 """By how much times of a camera's own clock may be off those of arrival: by more, they have started anew."""
+ENDING_S = 1.0
+"""Time that a camera which gives nothing has to let go; afterwards it is left to do that alone."""
 LEAST_STEP_S = 1e-6
 """Times of frames increase by this much at least."""
 
@@ -92,20 +94,29 @@ class LiveCamera:
         self.name, self._connect, self._size = name, connect, (width_px, height_px)
         self._tell, self._clock, self._retry_s, self._most = tell, clock, retry_s, waiting
         self.dropped, self.outages = 0, 0
+        self._changed, self._over = threading.Condition(), threading.Event()
         self._connection = connect()
         self.ends = self._connection.ends
         self.started_ns = 0 if self.ends else time.time_ns()
         self._started, self._times = clock(), _Times(follows=not self.ends)
 
     def frames(self, after: int = -1) -> Generator[Frame | Lost]:
-        """Frames from now on, numbered from `after` on: without an end, but for a recording."""
+        """Frames from now on, numbered from `after` on: until `stop`, or the end of a recording."""
         if self.ends:
             return self._recorded(after)
         return self._newest(after)
 
+    def stop(self) -> None:
+        """End `frames`, also while it waits for one; the camera is let go of."""
+        with self._changed:
+            self._over.set()
+            self._changed.notify_all()
+
     def _recorded(self, after: int) -> Generator[Frame | Lost]:
         try:
             for number, seen in enumerate(self._connection.pictures):
+                if self._over.is_set():
+                    return
                 if number > after:
                     yield self._frame(number, seen)
         finally:
@@ -113,31 +124,32 @@ class LiveCamera:
 
     def _newest(self, after: int) -> Generator[Frame | Lost]:
         waiting: deque[Any] = deque()
-        changed, over = threading.Condition(), threading.Event()
 
         def put(item: Frame | Lost | BaseException) -> None:
-            with changed:
+            with self._changed:
                 if len(waiting) == self._most and not isinstance(item, BaseException):
                     waiting.popleft()
                     self.dropped += 1
                 waiting.append(item)
-                changed.notify()
+                self._changed.notify_all()
 
-        thread = threading.Thread(target=self._watch, args=(after + 1, put, over), name="camera", daemon=True)
+        thread = threading.Thread(target=self._watch, args=(after + 1, put), name="camera", daemon=True)
         thread.start()
         try:
             while True:
-                with changed:
-                    changed.wait_for(lambda: waiting)
+                with self._changed:
+                    self._changed.wait_for(lambda: waiting or self._over.is_set())
+                    if not waiting:
+                        return
                     item = waiting.popleft()
                 if isinstance(item, BaseException):
                     raise item
                 yield item
         finally:
-            over.set()
-            thread.join()
+            self._over.set()
+            thread.join(ENDING_S)
 
-    def _watch(self, number: int, put: Callable[[Frame | Lost | BaseException], None], over: threading.Event) -> None:
+    def _watch(self, number: int, put: Callable[[Frame | Lost | BaseException], None]) -> None:
         """Pass on what the camera shows, for as long as it is wanted, and connect again where it goes."""
         connection = self._connection
         try:
@@ -145,12 +157,14 @@ class LiveCamera:
                 for seen in connection.pictures:
                     put(self._frame(number, seen))
                     number += 1
-                    if over.is_set():
+                    if self._over.is_set():
                         return
+                if self._over.is_set():
+                    return
                 self._tell(f"{self.name} gives no more pictures, waiting for it to come back")
                 gone = self._clock()
-                connection = self._reconnected(over)
-                if over.is_set():
+                connection = self._reconnected()
+                if self._over.is_set():
                     return
                 self.outages += 1
                 self._tell(f"{self.name} is back after {self._clock() - gone:.1f} s")
@@ -159,9 +173,9 @@ class LiveCamera:
         finally:
             connection.pictures.close()
 
-    def _reconnected(self, over: threading.Event) -> Connection:
+    def _reconnected(self) -> Connection:
         """The camera opened again, as soon as that works; the old connection where nobody waits for it any more."""
-        while not over.wait(self._retry_s):
+        while not self._over.wait(self._retry_s):
             try:
                 return self._connect()
             except InputError:

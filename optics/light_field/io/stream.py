@@ -20,6 +20,9 @@ class Source(Protocol):
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """The frames after a number, in order."""
 
+    def stop(self) -> None:
+        """End `frames`, also where it waits for one."""
+
 
 def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = AHEAD) -> Iterator[Decoded]:
     """The light fields of a source's frames after a number, and its lost frames, in order.
@@ -27,8 +30,16 @@ def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: in
     Frames are read in a thread of their own, `ahead` of them before they are used; with 0, each when it is asked for.
     """
     frames = source.frames(after)
-    for item in read_ahead(frames, ahead) if ahead else frames:
+    for item in read_ahead(frames, ahead, source.stop) if ahead else frames:
         yield item if isinstance(item, Lost) else (item, decoder.decode(item.pixels))
+
+
+def decoded_ahead(decoder: Decoder, source: Source, after: int = -1) -> Iterator[Decoded]:
+    """The same, a few ahead: decoding has its own thread, too, and ends with the iterator that this returns.
+
+    OpenCV, the video's decoder and the writing of files release Python's lock while they work.
+    """
+    return read_ahead(light_fields(decoder, source, after), count=2, stop=source.stop)
 
 
 def record(
@@ -41,13 +52,11 @@ def record(
 ) -> None:
     """Add to a recording what a source has after what is in it already, up to `limit` frames, kept and lost, in all.
 
-    `on_frame` gets the number of frames done, and the last of them. Decoding has its own thread too: OpenCV, the
-    video's decoder and the writing of files release Python's lock while they work. The recording is neither finished
-    nor closed here.
+    `on_frame` gets the number of frames done, and the last of them. The recording is neither finished nor closed here.
     """
     done = len(recording.entries.numbers) + len(recording.entries.lost)
     more = None if limit is None else max(0, limit - done)
-    for item in islice(read_ahead(light_fields(decoder, source, recording.entries.last), count=2), more):
+    for item in islice(decoded_ahead(decoder, source, recording.entries.last), more):
         if isinstance(item, Lost):
             recording.lose(item)
         else:

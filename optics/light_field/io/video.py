@@ -103,6 +103,9 @@ class Video:
                 if number > after:
                     yield _frame(number, picture, start, stream.time_base)
 
+    def stop(self) -> None:
+        """Do nothing: no frame of a file is waited for."""
+
     def _most(self, container: Any) -> int:
         """Number of frames that fit into the length that the file states."""
         return round(self.rate_hz * (container.duration or 0) / 1e6)

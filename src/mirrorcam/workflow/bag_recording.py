@@ -15,11 +15,11 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression, need_rosbags
-from mirrorcam.optics.light_field.io.frames import Frame, Lost, read_ahead
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.live_camera import LiveCamera
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
-from mirrorcam.optics.light_field.io.stream import light_fields
+from mirrorcam.optics.light_field.io.stream import decoded_ahead
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.drift_check import DRIFT, DriftReporter, WatchedSource
 from mirrorcam.workflow.output_folder import OutputFolder
@@ -67,19 +67,16 @@ class BagRecorder:
         expected, lost = expected_frames(source, self.limit), dict[int, str]()
         watched, kept, interrupted = WatchedSource(source), 0, False
         start_ns = source.started_ns if isinstance(source, LiveCamera) else 0
-        with (
-            self.output.staged(complete=False) as folder,
-            BagWriter(folder / self.path.name, self.compression) as bag,
-            self.reporter.work("decode", name, "frames") as advance,
-        ):
+        with self.output.staged(complete=False) as folder, BagWriter(folder / self.path.name, self.compression) as bag:
             try:
-                for item in islice(read_ahead(light_fields(self.decoder, watched), count=2), self.limit):
-                    if isinstance(item, Lost):
-                        lost[item.number] = item.reason
-                    else:
-                        self._write(bag, *item, first=not kept, start_ns=start_ns)
-                        kept += 1
-                    advance(kept + len(lost), max(kept + len(lost), expected or 0))
+                with self.reporter.work("decode", name, "frames") as advance:
+                    for item in islice(decoded_ahead(self.decoder, watched), self.limit):
+                        if isinstance(item, Lost):
+                            lost[item.number] = item.reason
+                        else:
+                            self._write(bag, *item, first=not kept, start_ns=start_ns)
+                            kept += 1
+                        advance(kept + len(lost), max(kept + len(lost), expected or 0))
             except KeyboardInterrupt:
                 interrupted = True
                 if not (isinstance(source, LiveCamera) and kept):

@@ -115,27 +115,14 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
     layout = Layout.load(request.layout)
     check_frames(request.frames, layout, request.layout)
     images = [path for path in request.frames if is_picture(path)]
-    output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path)))
-    if images and tells_drift(layout):
-        output.refuse_others(DRIFT)
-    if request.equalise and _equalisation_file(request) is None:
-        output.refuse_others(EQUALISATION)
-    if request.mcap is None:
-        refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
-    else:
-        refuse_bag(request.mcap, request.frames, output)
+    _refuse_blocked(request, layout, images, output)
     decoder = _decoder(request, layout)
     if layout.kind == "nominal":
         reporter.note(
             "decode",
             f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
         )
-    teller = None
-    if tells_drift(layout):
-        teller = DriftReporter(layout, request.layout, request.reference_depth_mm, output, reporter)
-    elif layout.kind != "nominal":
-        count = count_text(len(layout.mirrors), "mirror")
-        reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
+    teller = _teller(request, layout, output, reporter)
     estimator = _estimator(decoder, request) if request.depth and (request.mcap or request.view) else None
     viewer = RerunViewer.opened() if request.view else None
 
@@ -161,6 +148,29 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         path, compression, seen = request.mcap, request.mcap_compression, None if viewer is None else viewer.show
         recorder = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, teller, seen)
     return damaged + _record(request, layout, recorder)
+
+
+def _refuse_blocked(request: DecodeRequest, layout: Layout, images: Sequence[Path], output: OutputFolder) -> None:
+    """Raise InputError where files of others, or recordings, are in the place of results."""
+    output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path)))
+    if images and tells_drift(layout):
+        output.refuse_others(DRIFT)
+    if request.equalise and _equalisation_file(request) is None:
+        output.refuse_others(EQUALISATION)
+    if request.mcap is None:
+        refuse_streams([path.stem for path in request.frames if path not in images], request.to, output)
+    else:
+        refuse_bag(request.mcap, request.frames, output)
+
+
+def _teller(request: DecodeRequest, layout: Layout, output: OutputFolder, reporter: Reporter) -> DriftReporter | None:
+    """What tells of mirrors that moved, where the layout allows that."""
+    if tells_drift(layout):
+        return DriftReporter(layout, request.layout, request.reference_depth_mm, output, reporter)
+    if layout.kind != "nominal":
+        count = count_text(len(layout.mirrors), "mirror")
+        reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
+    return None
 
 
 def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder | BagRecorder) -> int:

@@ -42,6 +42,10 @@ class WatchedSource:
                 self.seen.add(item.pixels)
             yield item
 
+    def stop(self) -> None:
+        """End the frames, also where they wait for one."""
+        self.source.stop()
+
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
     """What frames of one recording tell; raises InputError where the views have no field in common."""

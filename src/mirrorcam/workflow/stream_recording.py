@@ -79,30 +79,29 @@ class StreamRecorder:
         try:
             self._decode(watched, name, recording, picture, expected)
         except KeyboardInterrupt:
-            kept = count_text(len(recording.entries.numbers), "frame")
-            if isinstance(source, Video):
-                recording.close()
-                self.reporter.note("decode", f"{kept} kept, the same command resumes")
+            if isinstance(source, LiveCamera):
+                self._finish(recording, source, watched, name, None)
             else:
-                for line in losses(source, len(recording.entries.numbers), recording.entries.lost, None):
-                    self.reporter.note("decode", f"{name}: {line}")
-                recording.finish()
-                self.reporter.note("decode", f"{path} written: {kept}")
-                self._tell(watched, name, "FRAMES")
+                recording.close()
+                kept = count_text(len(recording.entries.numbers), "frame")
+                self.reporter.note("decode", f"{kept} kept, the same command resumes")
             raise
+        self._finish(recording, source, watched, name, expected)
         entries = recording.entries
-        for line in losses(source, len(entries.numbers), entries.lost, expected):
-            self.reporter.note("decode", f"{name}: {line}")
-        recording.finish()
-        kept = count_text(len(entries.numbers), "frame")
-        self.reporter.note("decode", f"{path} written: {kept}; the first in {self.output.path / picture}")
-        self._tell(watched, name, sources_text(source))
         return len(entries.lost) + max((expected or 0) - len(entries.numbers) - len(entries.lost), 0)
 
-    def _tell(self, watched: WatchedSource, name: str, sources: str) -> None:
-        """Tell whether mirrors moved, from the frames that passed."""
+    def _finish(
+        self, recording: Recording, source: Stream, watched: WatchedSource, name: str, expected: int | None
+    ) -> None:
+        """Tell which frames were lost, give the recording its name, and tell whether mirrors moved."""
+        count = len(recording.entries.numbers)
+        for line in losses(source, count, recording.entries.lost, expected):
+            self.reporter.note("decode", f"{name}: {line}")
+        recording.finish()
+        first = self.output.path / f"{name}_views.png"
+        self.reporter.note("decode", f"{recording.path} written: {count_text(count, 'frame')}; the first in {first}")
         if self.teller is not None:
-            self.teller.tell(watched.seen.kept, f"{name}_{DRIFT}", sources)
+            self.teller.tell(watched.seen.kept, f"{name}_{DRIFT}", sources_text(source))
 
     def _decode(
         self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -154,6 +155,32 @@ def test_a_video_that_is_interrupted_leaves_no_bag(here: Path, monkeypatch: pyte
     with pytest.raises(KeyboardInterrupt):
         decoded(asked(depth=False))
     assert results(here) == ["layout.json", "video.avi"]
+
+
+def test_ctrl_c_keeps_the_bag_of_a_camera_that_is_away(here: Path) -> None:
+    write_mjpeg(here / "a.mjpeg", pictures(8, 320, 192))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        arguments = f"decode --device {address} --layout layout.json --mcap out.mcap --no-depth".split()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "mirrorcam", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        server.settimeout(60)
+        connection, _ = server.accept()
+        with connection:
+            connection.sendall((here / "a.mjpeg").read_bytes())
+    assert process.stdout is not None
+    said = ""
+    while "gives no more pictures, waiting" not in said:
+        line = process.stdout.readline()
+        assert line, said
+        said += line
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    more, complaint = process.communicate(timeout=20)
+    assert process.returncode == 130, complaint
+    assert "out.mcap written: " in more
+    assert len(StoredBag(here / "out.mcap")) >= 4
 
 
 def test_ctrl_c_leaves_no_bag_of_a_video_and_no_other_file(here: Path) -> None:

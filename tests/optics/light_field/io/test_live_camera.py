@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost
-from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost, read_ahead
+from mirrorcam.optics.light_field.io.live_camera import ENDING_S, Connection, LiveCamera, Seen
 
 GREY = np.full((3, 4, 3), 7, np.uint8)
 
@@ -156,6 +156,34 @@ def test_who_stops_listening_ends_the_camera_also_while_it_is_away() -> None:
     time.sleep(0.1)
     frames.close()
     assert not [thread for thread in threading.enumerate() if thread.name == "camera"]
+
+
+def test_a_reader_that_waits_for_a_camera_that_is_away_can_be_stopped() -> None:
+    """As by Ctrl-C: the main thread closes what another thread waits in."""
+    camera = LiveCamera("camera 0", shows([numbered(0)]), 4, 3, retry_s=30)
+    ahead = read_ahead(read_ahead(camera.frames(), stop=camera.stop), stop=camera.stop)
+    next(ahead)
+    time.sleep(0.1)
+    began = time.monotonic()
+    ahead.close()
+    assert time.monotonic() - began < 5
+    assert not [thread for thread in threading.enumerate() if thread.name in ("camera", "read ahead")]
+
+
+def test_a_camera_that_hangs_is_left_alone() -> None:
+    over = threading.Event()
+
+    def pictures() -> Generator[Seen]:
+        yield numbered(0)
+        over.wait(20)
+
+    camera = LiveCamera("camera 0", lambda: Connection(pictures()), 4, 3)
+    frames = camera.frames()
+    next(frames)
+    began = time.monotonic()
+    frames.close()
+    assert time.monotonic() - began < ENDING_S + 2
+    over.set()
 
 
 def test_memory_does_not_grow_with_time() -> None:

@@ -40,6 +40,9 @@ class Loop:
                 yield replace(frame, number=number, time_s=number / 25)
                 number += 1
 
+    def stop(self) -> None:
+        pass
+
 
 def resident_mb() -> float:
     """Memory that the process holds, from the kernel."""
