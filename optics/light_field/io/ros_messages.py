@@ -157,6 +157,13 @@ def depth_m(depth: DepthMap) -> NDArray[np.float32]:
     return np.where(sure, from_view * M_FROM_MM, np.nan).astype(np.float32)
 
 
+def points_m(depth: DepthMap) -> NDArray[np.float32]:
+    """Points (v, u, 3) in metres in the frame of the reference view; NaN where depth is not sure."""
+    z = depth_m(depth)[..., None]
+    across = (depth.views.pixel_grid() - depth.views.centre_px) / depth.views.focal_px
+    return np.concatenate([across.astype(np.float32) * z, z], axis=-1)
+
+
 def depth_image(depth: DepthMap, stamp: int) -> RosMessage:
     """sensor_msgs/msg/Image of `depth_m`, 32FC1, in the frame of the reference view."""
     return image(depth_m(depth), stamp, view_frame(depth.view))
@@ -168,19 +175,19 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
     Fields are x, y, z and sigma (standard deviation along z) in metres, and rgb as PCL packs it; all but rgb are NaN
     where depth is not sure.
     """
-    z = depth_m(depth)
-    across = (light_field.pixel_grid() - light_field.centre_px) / light_field.focal_px
-    cloud = np.zeros(z.shape, [(name, "<f4") for name in ("x", "y", "z")] + [("rgb", "<u4"), ("sigma", "<f4")])
-    cloud["x"], cloud["y"], cloud["z"] = across[..., 0] * z, across[..., 1] * z, z
+    points = points_m(depth)
+    known = np.isfinite(points[..., 2])
+    cloud = np.zeros(known.shape, [(name, "<f4") for name in ("x", "y", "z")] + [("rgb", "<u4"), ("sigma", "<f4")])
+    cloud["x"], cloud["y"], cloud["z"] = np.moveaxis(points, -1, 0)
     red, green, blue = np.moveaxis(rgb(light_field.samples[depth.view]).astype(np.uint32), -1, 0)
     cloud["rgb"] = red << 16 | green << 8 | blue
-    cloud["sigma"] = np.where(np.isfinite(z), depth.sigma_mm * np.float32(M_FROM_MM), np.nan)
+    cloud["sigma"] = np.where(known, depth.sigma_mm * np.float32(M_FROM_MM), np.nan)
     assert cloud.dtype.fields is not None
     fields = [
         RosMessage("sensor_msgs/msg/PointField", {"name": name, "offset": offset, "datatype": _FLOAT32, "count": 1})
         for name, (_, offset, *_) in cloud.dtype.fields.items()
     ]
-    height, width = z.shape
+    height, width = known.shape
     return RosMessage(
         "sensor_msgs/msg/PointCloud2",
         {
@@ -192,7 +199,7 @@ def point_cloud(light_field: LightField, depth: DepthMap, stamp: int) -> RosMess
             "point_step": cloud.dtype.itemsize,
             "row_step": width * cloud.dtype.itemsize,
             "data": cloud.reshape(-1).view(np.uint8),
-            "is_dense": bool(np.isfinite(z).all()),
+            "is_dense": bool(known.all()),
         },
     )
 

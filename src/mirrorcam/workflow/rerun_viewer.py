@@ -17,7 +17,7 @@ import numpy as np
 from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthMap
-from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, view_topic
+from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic
 from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.workflow.extras import require
@@ -26,6 +26,8 @@ SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
 PORT = 9876
 """Where rerun's viewer listens."""
 WAIT_S = 5.0
+PLANES_M = 0.02
+"""Distance before a view at which its picture is drawn."""
 CORNER_PX = 0.5
 """Rerun's pixel (0, 0) is the corner of the picture, not the middle of its first pixel."""
 
@@ -73,13 +75,11 @@ class RerunViewer:
         for view in np.ndindex(light_field.rows, light_field.cols):
             recording.log(f"{SCENE}/{view_topic(view)}", rerun.Image(_picture(light_field, view)))
         if depth is not None:
-            z = depth_m(depth)
-            recording.log(DEPTH, rerun.DepthImage(z, meter=1.0))
-            known = np.isfinite(z)
-            across = (light_field.pixel_grid() - light_field.centre_px)[known] / light_field.focal_px
-            points = np.column_stack([across * z[known][:, None], z[known]])
+            recording.log(DEPTH, rerun.DepthImage(depth_m(depth), meter=1.0))
+            points = points_m(depth)
+            known = np.isfinite(points[..., 2])
             colours = rgb(light_field.samples[depth.view])[known]
-            recording.log(f"{SCENE}/points", rerun.Points3D(points, colors=colours))
+            recording.log(f"{SCENE}/points", rerun.Points3D(points[known], colors=colours))
 
     def _show_cameras(self, views: Views) -> None:
         """Show where the views are, and arrange the windows: the scene, the reference view and its depth."""
@@ -95,7 +95,7 @@ class RerunViewer:
             pinhole = rerun.Pinhole(
                 image_from_camera=matrix,
                 resolution=(views.width_px, views.height_px),
-                image_plane_distance=0.3 * _extent_m(views),
+                image_plane_distance=PLANES_M,
             )
             self._recording.log(
                 f"{SCENE}/{view_topic(view)}", rerun.Transform3D(translation=place_m), pinhole, static=True
@@ -148,8 +148,3 @@ def _picture(light_field: LightField, view: tuple[int, int]) -> Any:
     """A view (h, w, 3) in RGB, or (h, w) in grey."""
     samples = light_field.samples[view]
     return samples[..., 0] if samples.shape[-1] == 1 else samples
-
-
-def _extent_m(views: Views) -> float:
-    """Largest distance of a view from the reference view."""
-    return float(np.linalg.norm(views.positions_mm, axis=-1).max()) * M_FROM_MM
