@@ -118,6 +118,8 @@ class Relief:
             left, top, right, bottom = card.bounds_mm
             hit = (at[..., 0] > left) & (at[..., 0] < right) & (at[..., 1] > top) & (at[..., 1] < bottom)
             hit &= to_card < along
+            if not hit.any():
+                continue
             grey[hit] = self._painted(at[hit], 97.0 * number)
             along[hit] = to_card[hit]
         return grey, along

@@ -44,6 +44,7 @@ from mirrorcam.commands import (
     run,
     scene,
     sweep,
+    track,
     validate,
 )
 from mirrorcam.console.refusals import causes, one_line_message, refusal
@@ -75,6 +76,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     epi.EpiOptions: epi.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
+    track.TrackOptions: track.run,
     export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
 }
@@ -104,6 +106,7 @@ class Command:
         | Annotated[epi.EpiOptions, subcommand("epi")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
+        | Annotated[track.TrackOptions, subcommand("track")]
         | Annotated[export.ExportOptions, subcommand("export")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
     ]

@@ -100,6 +100,7 @@ CASES = {
     "epi": Case("epi picture.npz --out out", "mirrorcam.workflow.light_field_results:epi"),
     "depth": Case("depth picture.npz --out out", "mirrorcam.workflow.light_field_results:DepthEstimator"),
     "features": Case("features picture.npz --out out", "mirrorcam.workflow.light_field_results:FeatureFinder"),
+    "track": Case("track picture.npz second.npz --out out", "mirrorcam.workflow.tracking:LightFieldTracker"),
     "export": Case("export picture.npz --to hci --out out", "mirrorcam.workflow.exporting:open_light_fields"),
 }
 RENDERED = ("render", "scene")
@@ -139,7 +140,8 @@ def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     write_image(folder / "frame.jpg", frame)
     write_image(folder / "white.png", np.full_like(frame, 180))
     write_mjpeg(folder / "video.avi", [folder / "frame.jpg"] * 3, 10.0, lambda number: None)
-    save_npz(folder / "picture.npz", Decoder(layout, width_px=32).decode(frame))
+    for name in ("picture", "second"):
+        save_npz(folder / f"{name}.npz", Decoder(layout, width_px=32).decode(frame))
 
 
 @pytest.fixture

@@ -154,6 +154,31 @@ def _light(wide: Floats, patches: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
+class Warp:
+    """How views show patches of another light field: turned, grown and sheared, and bent as their surfaces are.
+
+    Attributes
+    ----------
+    linear
+        Moves (n, 2, 2) in a view by moves in the patch.
+    bend, shapes
+        Position (n, 2) of the patch's view from that view, mm, and coefficients (n, 9) of SHAPES that move the patch
+        along it beside `linear`.
+    """
+
+    linear: FloatArray
+    bend: FloatArray
+    shapes: FloatArray
+
+    @classmethod
+    def none(cls, count: int) -> Warp:
+        return cls(np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2)), np.zeros((count, len(SHAPES))))
+
+    def of(self, index: NDArray[np.int64]) -> Warp:
+        return Warp(self.linear[index], self.bend[index], self.shapes[index])
+
+
+@dataclass(frozen=True, eq=False)
 class AlignedPatches:
     """Positions at which views see the patches of keypoints.
 
@@ -172,6 +197,9 @@ class AlignedPatches:
     shape_covariance
         Covariance (n, 3, 3) of w, d, e (see `slope`) due to the uncertainty of the shapes, as the whole movement in px
         per mm of view position. The error is common to all views, so that no residual shows it.
+    shapes
+        Coefficients (n, 9) of SHAPES, px of the level per mm. The first two are also the change of the inverse distance
+        with the direction in the template's view, 1/mm.
     """
 
     pixels: FloatArray
@@ -179,6 +207,7 @@ class AlignedPatches:
     precision: FloatArray
     variance: FloatArray
     shape_covariance: FloatArray
+    shapes: FloatArray
 
 
 def align(
@@ -189,6 +218,7 @@ def align(
     across_mm: FloatArray,
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
+    warp: Warp | None = None,
 ) -> AlignedPatches:
     """Move and shape the patches of keypoints until views look like them.
 
@@ -208,21 +238,29 @@ def align(
         Approximate distance (n,) of the keypoints.
     run
         `map`, or that of a pool of threads.
+    warp
+        How the views show the patches, where they are those of another light field.
     """
     pixels, alike = start_px.copy(), np.zeros(start_px.shape[:2])
     count = start_px.shape[1]
     precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
     precision[:] = np.eye(2)
+    shapes = np.zeros((count, len(SHAPES)))
+    shown = Warp.none(count) if warp is None else warp
     parts = [part for each in given for part in _parts(each)]
 
     def one(part: Templates) -> None:
         index = part.index
-        found = _align_level(pyramid, part, views, start_px[:, index], across_mm.astype(np.float32), distance_mm[index])
+        found = _align_level(
+            *(pyramid, part, views, start_px[:, index]),
+            *(across_mm.astype(np.float32), distance_mm[index], shown.of(index)),
+        )
         pixels[:, index], alike[:, index] = found.pixels, found.alike
         precision[index], variance[index], covariance[index] = found.precision, found.variance, found.shape_covariance
+        shapes[index] = found.shapes
 
     list(run(one, parts))
-    return AlignedPatches(pixels, alike, precision, variance, covariance)
+    return AlignedPatches(pixels, alike, precision, variance, covariance, shapes)
 
 
 def _parts(given: Templates) -> list[Templates]:
@@ -242,8 +280,11 @@ def _align_level(
     start_px: FloatArray,
     across_mm: Floats,
     distance_mm: FloatArray,
+    warp: Warp,
 ) -> AlignedPatches:
     """Align the keypoints of one level, as `align` does."""
+    linear = warp.linear.astype(np.float32)
+    offsets = linear @ OFFSETS + (warp.bend[:, :, None] * (warp.shapes @ SHAPES)[:, None]).astype(np.float32)
     shape = (*start_px.shape[:2], SAMPLES)
     looked = np.isfinite(start_px[..., 0])
     origin = pyramid.origins[each.level][views, None]
@@ -253,8 +294,8 @@ def _align_level(
     alike = np.zeros(shape[:2], np.float32)
     across, down = (np.empty(shape, np.float32) for _ in range(2))
     for number in range(MOVING_ROUNDS + SHAPING_ROUNDS):
-        np.add(centre[..., :1], OFFSETS[0], out=across)
-        np.add(centre[..., 1:], OFFSETS[1], out=down)
+        np.add(centre[..., :1], offsets[:, 0], out=across)
+        np.add(centre[..., 1:], offsets[:, 1], out=down)
         if number > MOVING_ROUNDS:
             moved = solved.shape @ SHAPES
             across -= across_mm[:, 0, None, None] * moved
@@ -269,6 +310,7 @@ def _align_level(
         step = (each.steps @ difference.transpose(1, 2, 0)).transpose(2, 0, 1)
         if number >= MOVING_ROUNDS:
             step = step + solved.step(difference, looked & (alike >= LEAST_ALIKE_FOR_SHAPE))
+        step = (linear @ step[..., None])[..., 0]
         length = np.sqrt((step**2).sum(axis=-1, keepdims=True))
         centre -= step * np.minimum(1.0, MOST_STEP_PX / np.maximum(length, np.float32(1e-9)))
     return AlignedPatches(
@@ -277,6 +319,7 @@ def _align_level(
         precision=(each.gradients @ each.gradients.transpose(0, 2, 1)).astype(np.float64) / 4.0**each.level,
         variance=solved.variance,
         shape_covariance=solved.covariance() * 4.0**each.level,
+        shapes=solved.shape.astype(np.float64),
     )
 
 

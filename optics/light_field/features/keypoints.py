@@ -130,3 +130,33 @@ def distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
     if one.dtype == np.uint64:
         return np.bitwise_count(one ^ other).sum(axis=1).astype(np.float32)
     return 1.0 - np.einsum("nd,nd->n", one, other)
+
+
+def nearest_pairs(
+    one: NDArray[Any], other: NDArray[Any], ratio: float = 0.8
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Numbers (m,) and (m,) of descriptors that are each other's nearest, and nearer than `ratio` times the second.
+
+    Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004.
+    """
+    if len(one) < 2 or len(other) < 2:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    apart = _all_distances(one, other)
+    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    rows = np.arange(len(one))
+    best = apart[rows, nearest]
+    second = np.partition(apart, 1, axis=1)[:, 1]
+    # Of unit vectors, 1 less the cosine is half the squared distance.
+    limit = ratio if one.dtype == np.uint64 else ratio**2
+    chosen = (back[nearest] == rows) & (best < limit * second)
+    return np.flatnonzero(chosen), nearest[chosen]
+
+
+def _all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
+    """Distances (n, m) of all descriptors of two pictures, as `distances` has them."""
+    if one.dtype != np.uint64:
+        return np.asarray(1.0 - one @ other.T, dtype=np.float32)
+    bits = np.zeros((len(one), len(other)), np.float32)
+    for word in range(one.shape[1]):
+        bits += np.bitwise_count(one[:, None, word] ^ other[None, :, word])
+    return bits

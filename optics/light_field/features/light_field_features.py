@@ -31,6 +31,7 @@ from mirrorcam.optics.light_field.features.slope import (
     Geometry,
     SlopeFit,
     TwoSlopes,
+    agreeing_views,
     fit,
     fit_two_slopes,
     moderated_variance,
@@ -173,14 +174,9 @@ class FeatureFinder:
         aligned: AlignedPatches,
     ) -> Features:
         """Features of the keypoints that enough views see where one slope expects them."""
-        shown = np.isfinite(seen_px[..., 0])
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
-        used = shown.copy()
-        # From far to near: one view that saw something else moves the first fit of a feature, not the last.
-        for factor in (3.0, 1.5, 1.0, 1.0):
-            solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
-            used = shown & (solved.distances_px <= factor * self.max_distance_px)
+        used = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
         solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
         reference = self.geometry.reference
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)

@@ -134,6 +134,25 @@ def fit(
     )
 
 
+def agreeing_views(
+    geometry: Geometry,
+    seen_px: FloatArray,
+    about_inverse_mm: FloatArray,
+    precision: FloatArray,
+    max_distance_px: float,
+) -> NDArray[np.bool_]:
+    """Views (views, n) that see points where one slope expects them, at most that far off; NaN where they see none.
+
+    From far to near: one view that saw something else moves the first fit of a point, not the last.
+    """
+    shown = np.isfinite(seen_px[..., 0])
+    used = shown.copy()
+    for factor in (3.0, 1.5, 1.0, 1.0):
+        solved = fit(geometry, seen_px, used, about_inverse_mm, precision)
+        used = shown & (solved.distances_px <= factor * max_distance_px)
+    return used
+
+
 @dataclass(frozen=True, eq=False)
 class TwoSlopes:
     """Slopes along s and t estimated apart.

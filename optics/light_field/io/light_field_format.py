@@ -64,12 +64,15 @@ class Contents:
         Nearest and farthest depth that the file states of its scene; None without them.
     is_recording
         Whether the frames are numbered ones of a stream, even where there is only one.
+    times_s
+        Times of the frames; None without them.
     """
 
     frames: Sequence[LightField]
     depth_mm: Depth | None = None
     depth_range_mm: tuple[float, float] | None = None
     is_recording: bool = False
+    times_s: Sequence[float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

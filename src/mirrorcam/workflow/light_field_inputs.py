@@ -18,11 +18,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 @dataclass(frozen=True)
 class NamedLightField:
-    """A light field, the name of its results, and the range of depths that its file states."""
+    """A light field, the name of its results, and the range of depths and the time that its file states."""
 
     name: str
     light_field: LightField
     depth_range_mm: tuple[float, float] | None = None
+    time_s: float | None = None
 
     def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
         """The depths given, and where there are none, those that the file states."""
@@ -71,4 +72,5 @@ def opened(path: Path, assumed: Assumed, decoder: Decoder | None) -> Iterator[Na
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
     for number, light_field in enumerate(contents.frames):
         own_name = f"{name}_{number:06d}" if contents.is_recording else name
-        yield NamedLightField(own_name, light_field, contents.depth_range_mm)
+        time_s = None if contents.times_s is None else contents.times_s[number]
+        yield NamedLightField(own_name, light_field, contents.depth_range_mm, time_s)

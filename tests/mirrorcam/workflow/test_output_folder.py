@@ -212,6 +212,7 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]
         "epi picture.npz --out out",
         "depth picture.npz --out out",
         "features picture.npz --out out",
+        "track picture.npz second.npz --out out",
         "export picture.npz --to hci --out out",
         "validate set --out out",
         "run --quick --out out",

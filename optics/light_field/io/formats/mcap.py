@@ -22,10 +22,14 @@ def write_bag(path: Path, light_field: LightField) -> None:
         bag.write([*latched_messages(light_field, 0), *frame_messages(light_field, 0)], 0)
 
 
+def _contents(bag: StoredBag) -> Contents:
+    return Contents(bag, is_recording=True, times_s=[stamp / 1e9 for stamp in bag.stamps_ns])
+
+
 FORMAT = Format(
     name="mcap",
     ending=".mcap",
     detect=is_bag,
-    read=lambda path, assumed: Contents(StoredBag(path), is_recording=True),
+    read=lambda path, assumed: _contents(StoredBag(path)),
     write=without_depth(write_bag),
 )

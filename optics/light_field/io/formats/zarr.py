@@ -29,10 +29,14 @@ def write_recording(path: Path, light_field: LightField) -> None:
     recording.finish()
 
 
+def _contents(stored: StoredLightFields) -> Contents:
+    return Contents(stored, is_recording=True, times_s=stored.times_s)
+
+
 FORMAT = Format(
     name="zarr",
     ending=".zarr",
     detect=is_recording,
-    read=lambda path, assumed: Contents(StoredLightFields(path), is_recording=True),
+    read=lambda path, assumed: _contents(StoredLightFields(path)),
     write=without_depth(write_recording),
 )

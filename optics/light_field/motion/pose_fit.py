@@ -1,0 +1,154 @@
+"""The pose of a light field among the landmarks of a key frame, with its covariance.
+
+A landmark in direction a with inverse distance w is seen, by a light field at frame_from_key = [R | t], at q = R (a, 1)
++ t w: in direction (q_x, q_y) / q_z with inverse distance w / q_z. Poses are moved by exp(xi) frame_from_key, xi =
+(translation in mm, rotation in radians) in the axes of the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.light_field.features.align import Warp
+from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen
+
+ROUNDS = 12
+# Landmarks farther than this off, in standard deviations of what is usual, are not used: squared, of three numbers.
+OUTLIER = 16.0
+MEDIAN_OF_THREE = 2.366
+"""Median of the chi-squared distribution of three degrees of freedom."""
+LEAST_LANDMARKS = 8
+CELLS = 7
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Standard deviations of what landmarks are wrong in alike, so that many of them do not lessen it.
+
+    Attributes
+    ----------
+    neighbours
+        Of the directions of landmarks in one cell of the picture.
+    common_per_mm
+        Of the inverse distances of all landmarks of a key frame, 1/mm.
+    """
+
+    neighbours: float
+    common_per_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit:
+    """A pose frame_from_key (4, 4), its covariance (6, 6) as translation, rotation, and the landmarks (n,) used."""
+
+    frame_from_key: FloatArray
+    covariance: FloatArray
+    used: NDArray[np.bool_]
+
+
+def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, Warp]:
+    """Directions (n, 2) and inverse distances (n,) in which a frame sees landmarks, and how it shows their patches."""
+    turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
+    homogeneous = np.concatenate([landmarks.directions, np.ones((len(landmarks.directions), 1))], axis=1)
+    q = homogeneous @ turn.T + landmarks.inverse_mm[:, None] * shift
+    ahead = np.where(q[:, 2] > 0, q[:, 2], np.nan)
+    directions = q[:, :2] / ahead[:, None]
+    by_direction = turn[:, :2] + shift[:, None] * landmarks.shapes[:, None, :2]
+    linear = (by_direction[:, :2] - directions[:, :, None] * by_direction[:, 2:]) / ahead[:, None, None]
+    bent = landmarks.shapes.copy()
+    bent[:, :2] = 0.0
+    return directions, landmarks.inverse_mm / ahead, Warp(linear, moved_mm(directions, ahead, shift), bent)
+
+
+def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> FloatArray:
+    """How far (n, 2), mm, a shift (3,) moves a view across the directions (n, 2) of what is at q_z (n,)."""
+    return np.asarray((shift[:2] - directions * shift[2]) / ahead[:, None])
+
+
+def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigmas: SharedErrors) -> PoseFit | None:
+    """Refine a pose until it explains best where landmarks are seen; None where too few of them agree."""
+    pose, used = frame_from_key, seen.valid
+    normal, usual = np.eye(6), 1.0
+    for _ in range(ROUNDS):
+        rest, jacobian, by_w, weight = _equations(landmarks, seen, pose)
+        square = np.einsum("ni,nij,nj->n", rest, weight, rest)
+        candidates = seen.valid & np.isfinite(square)
+        if candidates.sum() < LEAST_LANDMARKS:
+            return None
+        usual = max(float(np.median(square[candidates])) / MEDIAN_OF_THREE, 1.0)
+        used = candidates & (square < OUTLIER * usual)
+        if used.sum() < LEAST_LANDMARKS:
+            return None
+        robust = 1.0 / (1.0 + square[used] / (OUTLIER * usual))
+        weight = weight[used] * robust[:, None, None]
+        normal = np.einsum("nki,nkl,nlj->ij", jacobian[used], weight, jacobian[used])
+        right = np.einsum("nki,nkl,nl->i", jacobian[used], weight, rest[used])
+        step = np.linalg.solve(normal, right)
+        pose = rigid(Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]) @ pose
+        if np.abs(step).max() < 1e-9:
+            break
+    # Columns: what remains of each landmark, and an error of one along each axis of its direction.
+    told = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
+    scores = np.einsum("nki,nkl,nlj->nij", jacobian[used], weight, told)
+    # Weights that depend on residuals make the curvature of what is least smaller than `normal`.
+    fall = (2.0 / (OUTLIER * usual)) * np.einsum("ni,nj->ij", scores[..., 0], scores[..., 0])
+    covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
+    # What slopes of all landmarks have in common moves the pose, and no residual tells.
+    alike = np.linalg.solve(normal, np.einsum("nki,nkl,nl->i", jacobian[used], weight, by_w[used]))
+    return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
+
+
+def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, shared: float) -> FloatArray:
+    """Covariance (6, 6) of a pose from what each landmark says against it (n, 6, 3), neighbours being wrong alike.
+
+    Landmarks in one cell of CELLS x CELLS count as one, whose sum is as wrong as it is seen to be: the sandwich
+    estimator of White, Econometrica 1980, for clusters; and `shared` is an error of their directions besides.
+    """
+    low, high = directions.min(axis=0), directions.max(axis=0)
+    cell = np.minimum((directions - low) / (high - low) * CELLS, CELLS - 1).astype(np.int64)
+    sums = np.zeros((CELLS * CELLS, 6, 3))
+    np.add.at(sums, cell[:, 0] * CELLS + cell[:, 1], scores)
+    count = len(np.unique(cell, axis=0))
+    seen = count / max(count - 6, 1) * np.einsum("ci,cj->ij", sums[..., 0], sums[..., 0])
+    besides = shared**2 * np.einsum("cik,cjk->ij", sums[..., 1:], sums[..., 1:])
+    inverted = np.linalg.inv(normal)
+    return np.asarray(inverted @ (seen + besides) @ inverted)
+
+
+def _equations(
+    landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What remains (n, 3) of directions and inverse distances, what is expected of them changes by xi (n, 3, 6) and by
+    w (n, 3), and weights (n, 3, 3)."""
+    turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
+    w = landmarks.inverse_mm
+    homogeneous = np.concatenate([landmarks.directions, np.ones((len(w), 1))], axis=1)
+    q = homogeneous @ turn.T + w[:, None] * shift
+    q[:, 2] = np.where(q[:, 2] > 0, q[:, 2], np.nan)
+    expected = np.concatenate([q[:, :2], w[:, None]], axis=1) / q[:, 2:]
+    rest = np.concatenate([seen.directions, seen.inverse_mm[:, None]], axis=1) - expected
+    # Change of what is expected by q.
+    by_q = np.zeros((len(w), 3, 3))
+    by_q[:, 0, 0] = by_q[:, 1, 1] = 1.0
+    by_q[:, :, 2] = -expected
+    by_q /= q[:, 2, None, None]
+    by_pose = np.zeros((len(w), 3, 6))
+    by_pose[:, range(3), range(3)] = w[:, None]
+    # The cross product of a rotation with q.
+    by_pose[:, 0, 4], by_pose[:, 0, 5] = q[:, 2], -q[:, 1]
+    by_pose[:, 1, 3], by_pose[:, 1, 5] = -q[:, 2], q[:, 0]
+    by_pose[:, 2, 3], by_pose[:, 2, 4] = q[:, 1], -q[:, 0]
+    by_w = by_q @ shift
+    by_w[:, 2] += 1.0 / q[:, 2]
+    covariance = landmarks.sigma_per_mm[:, None, None] ** 2 * by_w[:, :, None] * by_w[:, None, :]
+    covariance[:, :2, :2] += seen.covariance
+    covariance[:, 2, 2] += seen.sigma_per_mm**2 + seen.shape_sigma_per_mm**2 + landmarks.shape_sigma_per_mm**2
+    good = seen.valid & np.isfinite(covariance).all(axis=(1, 2))
+    covariance[~good] = np.eye(3)
+    return rest, by_q @ by_pose, by_w, np.asarray(np.linalg.inv(covariance), dtype=np.float64)

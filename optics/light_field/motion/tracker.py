@@ -1,0 +1,198 @@
+"""The motion of the camera from a sequence of light fields of a scene that does not move.
+
+Each light field's features are matched with those of a key frame, the motion between these points in closed form is the
+start, and the landmarks of the key frame, aligned in all views, tell the pose and its covariance. Poses do not add up
+their errors from frame to frame but from key frame to key frame: a new one is taken where little is left of the last.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import inverse
+from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
+from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.motion.closed_form import robust_motion
+from mirrorcam.optics.light_field.motion.landmarks import Frame, Landmarks, landmarks_of, see
+from mirrorcam.optics.light_field.motion.pose_fit import PoseFit, SharedErrors, fit_pose, predicted
+
+# A new key frame is taken where less than this share of the landmarks is seen.
+LEAST_SHARE = 0.6
+# A pose that the motion before predicts is looked for by features where it has less than this share of its landmarks.
+SAME_SHARE = 0.7
+# Patches are aligned again from a pose that moved them by more, as their shapes depend on it.
+SETTLED_PX, MOST_ALIGNMENTS = 0.5, 3
+# Standard deviation of where a detector finds a keypoint again in another picture, in px of the keypoint's scale.
+REPEATED_PX = 1.0
+# Standard deviation of an error that all slopes of a light field share, as px in the view farthest from the reference
+# view: interpolation and alignment favour one side. Measured on rendered reliefs.
+COMMON_PX = 0.002
+# And of one that patches near each other share, where pictures sample them differently.
+NEIGHBOURS_PX = 0.005
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPose:
+    """The pose of one light field.
+
+    Attributes
+    ----------
+    world_from_view
+        Pose (4, 4) of its reference view; the world is the view frame of the first light field, mm. NaN where lost.
+    covariance
+        Covariance (6, 6) of xi = (translation in mm, rotation in radians) in world_from_view exp(xi), in the axes of
+        the view. NaN where lost.
+    landmarks
+        Number of landmarks that tell it; 0 where lost.
+    is_key
+        Whether later poses are measured from this one.
+    """
+
+    world_from_view: FloatArray
+    covariance: FloatArray
+    landmarks: int
+    is_key: bool
+
+    @property
+    def is_lost(self) -> bool:
+        return bool(np.isnan(self.world_from_view).any())
+
+
+@dataclass(frozen=True, eq=False)
+class _KeyFrame:
+    features: Features
+    landmarks: Landmarks
+    world_from_view: FloatArray
+    covariance: FloatArray
+
+
+class LightFieldTracker:
+    """Tracks the poses of light fields of the same views, given one after the other.
+
+    Parameters
+    ----------
+    views
+        Geometry of the light fields.
+    name
+        Detector of the features.
+    keypoints, nearest_mm, farthest_mm
+        As of `FeatureFinder`.
+
+    Raises
+    ------
+    InputError
+        As of `FeatureFinder`.
+    """
+
+    def __init__(
+        self,
+        views: Views,
+        name: DetectorName = "ORB",
+        *,
+        keypoints: int = 600,
+        nearest_mm: float | None = None,
+        farthest_mm: float = np.inf,
+    ) -> None:
+        self.finder = FeatureFinder(views, name, keypoints=keypoints, nearest_mm=nearest_mm, farthest_mm=farthest_mm)
+        self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1))
+        self._key: _KeyFrame | None = None
+        # The last pose, how many landmarks told it, and the last motion, which the next one is expected to be like.
+        self._frame_from_key, self._count, self._speed = np.eye(4), 0, np.eye(4)
+        farthest_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
+        self._shared = SharedErrors(NEIGHBOURS_PX / views.focal_px, COMMON_PX / (views.focal_px * farthest_mm))
+
+    def track(self, light_field: LightField) -> TrackedPose:
+        """The pose of the next light field; raises InputError for one of other views."""
+        if not self.finder.fits(light_field):
+            raise InputError(
+                f"light field of layout {light_field.layout_identity} has other views than those of layout "
+                f"{self.finder.views.layout_identity} that the first one has"
+            )
+        frame = Frame.of(light_field)
+        if self._key is None:
+            return self._new_key(frame, self.finder.find(light_field), np.eye(4), np.zeros((6, 6)), 0)
+        key, features = self._key, None
+        found = self._refined(frame, self._speed @ self._frame_from_key)
+        if found is None or found.used.sum() < SAME_SHARE * self._count:
+            features = self.finder.find(light_field)
+            start = self._start(key.features, features)
+            other = None if start is None else self._refined(frame, start)
+            found = found if other is None else other
+        if found is None:
+            self._speed = np.eye(4)
+            return TrackedPose(np.full((4, 4), np.nan), np.full((6, 6), np.nan), 0, False)
+        self._speed = found.frame_from_key @ inverse(self._frame_from_key)
+        self._frame_from_key, self._count = found.frame_from_key, int(found.used.sum())
+        world_from_view = key.world_from_view @ inverse(found.frame_from_key)
+        moved = adjoint(found.frame_from_key)
+        covariance = moved @ key.covariance @ moved.T + found.covariance
+        if self._count < LEAST_SHARE * len(key.landmarks.inverse_mm):
+            features = self.finder.find(light_field) if features is None else features
+            return self._new_key(frame, features, world_from_view, covariance, self._count)
+        return TrackedPose(world_from_view, covariance, self._count, False)
+
+    def _refined(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
+        """The pose that landmarks tell, aligned from where another one expects them; None where too few agree."""
+        assert self._key is not None
+        landmarks, found = self._key.landmarks, None
+        for _ in range(MOST_ALIGNMENTS):
+            expected = predicted(landmarks, frame_from_key)
+            seen = see(self.finder.geometry, frame, landmarks.given, *expected, self._pool.map)
+            found = fit_pose(landmarks, seen, frame_from_key, self._shared)
+            if found is None:
+                return None
+            frame_from_key = found.frame_from_key
+            moved = np.abs(predicted(landmarks, frame_from_key)[0] - expected[0])[found.used]
+            if np.median(moved) * self.finder.views.focal_px < SETTLED_PX:
+                break
+        return found
+
+    def _new_key(
+        self, frame: Frame, features: Features, world_from_view: FloatArray, covariance: FloatArray, count: int
+    ) -> TrackedPose:
+        geometry, views = self.finder.geometry, self.finder.views
+        plain = ~features.refracted
+        landmarks = landmarks_of(
+            geometry,
+            frame,
+            geometry.directions(features.pixels[plain]),
+            1.0 / (features.depth_mm[plain] - views.reference_view_depth_mm),
+            features.scale_px[plain],
+            self._pool.map,
+        )
+        self._key = _KeyFrame(features, landmarks, world_from_view, covariance)
+        self._frame_from_key, self._count = np.eye(4), len(landmarks.inverse_mm)
+        return TrackedPose(world_from_view, covariance, count or len(landmarks.inverse_mm), True)
+
+    def _start(self, key: Features, now: Features) -> FloatArray | None:
+        """frame_from_key in closed form from features that look alike; None where too few agree."""
+        first, second = nearest_pairs(key.descriptors, now.descriptors)
+        before, after = self._points_in_view(key, first), self._points_in_view(now, second)
+        across = [
+            each.scale_px[chosen] * REPEATED_PX * at[:, 2] / self.finder.views.focal_px
+            for each, chosen, at in zip((key, now), (first, second), (before, after), strict=True)
+        ]
+        deep = [each.depth_sigma_mm[chosen] for each, chosen in ((key, first), (now, second))]
+        wide = np.hypot(*across)
+        sigmas = np.stack([wide, wide, np.hypot(np.hypot(*deep), wide)], axis=1)
+        found = robust_motion(before, after, sigmas)
+        return None if found is None else found[0]
+
+    def _points_in_view(self, features: Features, chosen: NDArray[np.int64]) -> FloatArray:
+        views = self.finder.views
+        in_rig = features.points_in_rig_mm[chosen] - views.reference_view_in_rig_mm
+        return np.asarray(in_rig @ views.view_from_rig.T)
+
+
+def adjoint(dst_from_src: FloatArray) -> FloatArray:
+    """The matrix (6, 6) that takes small motions (translation, rotation) in the axes of src to those of dst."""
+    turn, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])

@@ -1,0 +1,121 @@
+"""The fit of a pose: its law, its derivatives, and errors against drawn ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
+from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen
+from mirrorcam.optics.light_field.motion.pose_fit import SharedErrors, _equations, fit_pose, predicted
+
+POSE = rigid(Rotation.from_euler("xyz", [3.0, -5.0, 8.0], degrees=True).as_matrix(), [30.0, -12.0, 9.0])
+ALONE = SharedErrors(0.0, 0.0)
+NOISE, SIGMA = 4e-5, 2e-6
+
+
+def landmarks(count: int) -> Landmarks:
+    random = np.random.default_rng(3)
+    return Landmarks(
+        directions=random.uniform([-0.3, -0.2], [0.3, 0.2], (count, 2)),
+        inverse_mm=1.0 / random.uniform(350.0, 700.0, count),
+        sigma_per_mm=np.full(count, SIGMA),
+        shape_sigma_per_mm=np.zeros(count),
+        shapes=np.zeros((count, 9)),
+        given=[],
+    )
+
+
+def seen_from(true: Landmarks, pose: FloatArray, random: np.random.Generator | None = None) -> Seen:
+    directions, inverse_mm, _ = predicted(true, pose)
+    count = len(directions)
+    if random is not None:
+        directions = directions + random.normal(0.0, NOISE, (count, 2))
+        inverse_mm = inverse_mm + random.normal(0.0, SIGMA, count)
+    return Seen(
+        valid=np.ones(count, dtype=bool),
+        directions=directions,
+        covariance=np.tile(NOISE**2 * np.eye(2), (count, 1, 1)),
+        inverse_mm=inverse_mm,
+        sigma_per_mm=np.full(count, SIGMA),
+        shape_sigma_per_mm=np.zeros(count),
+        shapes=np.zeros((count, 9)),
+    )
+
+
+def moved(pose: FloatArray, xi: FloatArray) -> FloatArray:
+    return np.asarray(rigid(Rotation.from_rotvec(xi[3:]).as_matrix(), xi[:3]) @ pose)
+
+
+def test_what_is_expected_is_where_points_are() -> None:
+    some = landmarks(30)
+    points = np.c_[some.directions, np.ones(30)] / some.inverse_mm[:, None]
+    there = transform(POSE, points)
+    directions, inverse_mm, warp = predicted(some, POSE)
+    assert np.allclose(directions, there[:, :2] / there[:, 2:])
+    assert np.allclose(inverse_mm, 1.0 / there[:, 2])
+    # A step across the key frame's picture, at the same inverse distance.
+    step = np.array([1e-6, 0.0])
+    beside = Landmarks(**{**vars(some), "directions": some.directions + step})
+    assert np.allclose((predicted(beside, POSE)[0] - directions) / 1e-6, warp.linear[:, :, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_derivatives_are_those_of_differences(number: int) -> None:
+    some = landmarks(10)
+    seen = seen_from(some, POSE)
+    _, jacobian, by_w, _ = _equations(some, seen, POSE)
+    step = 1e-5 * np.eye(6)[number]
+    ahead, back = (_equations(some, seen, moved(POSE, sign * step))[0] for sign in (1.0, -1.0))
+    assert np.allclose(-(ahead - back) / 2e-5, jacobian[:, :, number], rtol=1e-5, atol=1e-9)
+    nearer = Landmarks(**{**vars(some), "inverse_mm": some.inverse_mm + 1e-9})
+    assert np.allclose(-(_equations(nearer, seen, POSE)[0]) / 1e-9, by_w, rtol=1e-3, atol=1e-3)
+
+
+def test_an_exact_view_gives_the_exact_pose() -> None:
+    some = landmarks(40)
+    found = fit_pose(some, seen_from(some, POSE), moved(POSE, np.array([2.0, -1.0, 1.0, 0.01, 0.02, -0.01])), ALONE)
+    assert found is not None
+    assert np.allclose(found.frame_from_key, POSE, atol=1e-8)
+    assert found.used.all()
+
+
+def test_the_covariance_is_that_of_drawn_errors() -> None:
+    """Its squared errors are six on average, with landmarks that are wrong, too, and a tenth of outliers."""
+    true = landmarks(400)
+    squares = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        known = Landmarks(**{**vars(true), "inverse_mm": true.inverse_mm + random.normal(0.0, SIGMA, 400)})
+        seen = seen_from(true, POSE, random)
+        seen.directions[:40] += random.uniform(-0.05, 0.05, (40, 2))
+        found = fit_pose(known, seen, POSE, ALONE)
+        assert found is not None
+        assert not found.used[:40].mean() > 0.1
+        off = POSE @ inverse(found.frame_from_key)
+        xi = np.concatenate([off[:3, 3], Rotation.from_matrix(off[:3, :3]).as_rotvec()])
+        squares.append(xi @ np.linalg.solve(found.covariance, xi))
+    assert np.mean(squares) / 6.0 == pytest.approx(1.15, abs=0.35)
+
+
+def test_shared_errors_do_not_lessen_with_numbers() -> None:
+    share = SharedErrors(0.0, 1e-6)
+    alone, shared = [], []
+    for count in (200, 3200):
+        some = landmarks(count)
+        seen = seen_from(some, POSE, np.random.default_rng(1))
+        found = [fit_pose(some, seen, POSE, each) for each in (ALONE, share)]
+        traces = [np.trace(each.covariance[:3, :3]) for each in found if each is not None]
+        alone.append(np.sqrt(traces[0]))
+        shared.append(np.sqrt(traces[1] - traces[0]))
+    assert alone[1] < 0.4 * alone[0]
+    assert shared[1] == pytest.approx(shared[0], rel=0.2)
+
+
+def test_too_few_landmarks_tell_no_pose() -> None:
+    some = landmarks(40)
+    seen = seen_from(some, POSE)
+    seen.valid[6:] = False
+    assert fit_pose(some, seen, POSE, ALONE) is None
