@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +232,21 @@ def _zarr_files(path: Path, secrets: Path, random: np.random.Generator) -> None:
         (path / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group"}', encoding="utf-8")
 
 
+def _mcap_chunk(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """A chunk that holds far more than it states, in one frame of Zstandard or several, or more than memory does."""
+    from numcodecs import Zstd
+
+    raw, kind = path.read_bytes(), random.choice(["frame", "frames", "lz4", "huge"])
+    frame = Zstd().encode(bytes(1 << 26))
+    content = frame * 20 if kind == "frames" else frame
+    name = b"lz4" if kind == "lz4" else b"zstd"
+    stated = {"frames": 1 << 26, "huge": 10**15}.get(str(kind), 1000)
+    body = struct.pack("<QQQII", 0, 0, stated, 0, len(name)) + name + struct.pack("<Q", len(content)) + content
+    (header,) = struct.unpack_from("<Q", raw, 9)
+    chunk = struct.pack("<BQ", 6, len(body)) + body
+    path.write_bytes(raw[: 17 + header] + chunk + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + raw[:8])
+
+
 def _names_lead_out(path: Path, secrets: Path, random: np.random.Generator) -> None:
     """Names of pictures in a model or data set are of files outside its folder."""
     prefix = "../" * int(random.integers(1, 5)) + "secrets" if random.random() < 0.7 else str(secrets)
@@ -260,6 +276,7 @@ HOSTILE: dict[str, tuple[Change, ...]] = {
     "hdf5": (_hdf5_links, _hdf5_storage, _hdf5_sizes),
     "zarr": (_zarr_metadata, _zarr_files),
     "partial": (_zarr_metadata, _zarr_files),
+    **({"mcap": (_mcap_chunk,)} if find_spec("rosbags") else {}),
     "nerfstudio": (_names_lead_out, _picture_huge),
     "colmap": (_names_lead_out, _picture_huge),
     "hci": (_many_views, _picture_huge),
@@ -267,7 +284,7 @@ HOSTILE: dict[str, tuple[Change, ...]] = {
     "eslf": (_picture_huge,),
     "tiles": (_picture_huge,),
 }
-"""What can be done to a light field of each format."""
+"""What can be done to a light field of each format; bags need the extra robot."""
 
 
 def plant(secrets: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.io.camera_addresses import camera
 from mirrorcam.optics.light_field.io.frames import Lost
 from mirrorcam.optics.light_field.io.ros_messages import Published, frame_messages, latched_messages, stamp_ns
@@ -86,8 +86,19 @@ class LightFieldStream:
 
     def topics(self) -> list[Published]:
         """A message for every topic that frames are published on."""
-        depth = None if self._estimator is None else self._estimator.estimate(self._empty)
-        return list(frame_messages(self._empty, self._start_ns, depth))
+        return list(frame_messages(self._empty, self._start_ns, None if self._estimator is None else self._unknown()))
+
+    def _unknown(self) -> DepthMap:
+        """A depth map without any depth."""
+        view = np.argwhere((self._empty.positions_mm == 0).all(axis=2))[0]
+        nothing = np.full((self._empty.height_px, self._empty.width_px), np.nan, np.float32)
+        return DepthMap(
+            views=self._empty,
+            view=(int(view[0]), int(view[1])),
+            depth_mm=nothing,
+            sigma_mm=nothing,
+            confidence=np.zeros_like(nothing),
+        )
 
     def frames(self, wants_depth: Callable[[], bool]) -> Generator[list[Published] | Lost]:
         """The messages of each frame, or why it is lost; depth is measured while somebody wants it.

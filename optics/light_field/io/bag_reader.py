@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.array_files import check_bytes, refusing
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
-from mirrorcam.optics.light_field.io.mcap_chunks import check_chunks
+from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
@@ -56,8 +56,7 @@ class StoredBag(Sequence[LightField]):
 
         self.path, self._store = path, get_typestore(Stores.ROS2_HUMBLE)
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        for file in files:
-            check_chunks(file)
+        chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
         whole_files = path.is_dir() and any(path.glob("*.zstd"))
         with _reading(path):
@@ -65,6 +64,7 @@ class StoredBag(Sequence[LightField]):
             if not whole_files:
                 self._reader.open()
                 weakref.finalize(self, self._reader.close)
+            self._check_index(chunks)
             if whole_files or self._reader.compression_mode:
                 raise InputError(
                     f"{path}: its files or messages are compressed, expected none or the chunks of MCAP files"
@@ -104,6 +104,14 @@ class StoredBag(Sequence[LightField]):
                 if _stamp_of(raw) == stamp:
                     samples[view] = self._pixels(raw, samples.shape[2:])
         return LightField.of(self._empty, samples, self._empty.weights)
+
+    def _check_index(self, chunks: Mapping[str, frozenset[Chunk]]) -> None:
+        """Raise ValueError where the index of an MCAP file names chunks that are none of those that were checked."""
+        for storage in getattr(self._reader.storage, "storages", [self._reader.storage]):
+            for each in getattr(storage, "chunks", ()):
+                named = Chunk(each.chunk_start_offset, each.compression, each.uncompressed_size, each.compressed_size)
+                if named not in chunks[Path(storage.path).name]:
+                    raise ValueError(f"its index names a chunk at byte {named.start} that is not there")
 
     def _geometry(self) -> tuple[ViewsFile, str]:
         """What the bag says of its light field, and the namespace of its topics."""
@@ -190,5 +198,5 @@ def _reading(path: Path) -> Iterator[None]:
     with refusing(path, "a ROS 2 bag that can be read"):
         try:
             yield
-        except (ReaderError, SerdeError, TypesysError, AssertionError) as error:
+        except (ReaderError, SerdeError, TypesysError, AssertionError, zstd().ZstdError) as error:
             raise ValueError(str(error) or "is damaged") from None

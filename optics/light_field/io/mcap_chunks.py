@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
 from mirrorcam.optics.base.files import stored_bytes
@@ -17,46 +17,66 @@ _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
-def check_chunks(path: Path) -> None:
-    """Raise InputError for an MCAP file that was cut off, or with a chunk that would take more memory than it may."""
-    stored = stored_bytes(path)
+class Chunk(NamedTuple):
+    """A chunk of messages: where its record begins, how it is compressed, and its bytes before and after that."""
+
+    start: int
+    compression: str
+    held: int
+    stored: int
+
+
+def zstd() -> Any:
+    """The module of Zstandard that rosbags uses, too."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
+
+
+def checked_chunks(path: Path) -> frozenset[Chunk]:
+    """The chunks of an MCAP file.
+
+    Raises InputError for a file that was cut off, and for a chunk that would take more memory than it may.
+    """
+    stored, chunks = stored_bytes(path), []
     with refusing(path, "an MCAP file that can be read"), path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError("does not begin as one")
         opcode = 0
         while opcode != _FOOTER:
-            head = file.read(_RECORD.size)
+            start, head = file.tell(), file.read(_RECORD.size)
             opcode, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, stored)
             after = file.tell() + length
             if after > stored:
                 raise InputError(f"{path}: is cut off, expected a whole MCAP file (`mcap recover` saves what is there)")
             if opcode == _CHUNK:
-                check_bytes(path, _held_bytes(file, after), stored)
+                chunks.append(_chunk(file, start, after))
+                check_bytes(path, chunks[-1].held, stored)
             file.seek(after)
         if file.read() != MAGIC:
             raise ValueError("does not end as one")
+    return frozenset(chunks)
 
 
-def _held_bytes(file: BinaryIO, end: int) -> int:
-    """Bytes that a chunk holds, whose record ends at `end`; raises ValueError where it does not state them."""
-    _, _, stated, _, named = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
+def _chunk(file: BinaryIO, start: int, end: int) -> Chunk:
+    """The chunk whose record ends at `end`; raises ValueError where it does not state truly how much it holds."""
+    _, _, held, _, named = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
     compression = file.read(min(named, 16)).decode()
     (length,) = struct.unpack("<Q", file.read(8))
     if compression not in ("", "zstd") or length > end - file.tell():
         raise ValueError(f"a chunk of {length} bytes compressed by {compression!r}, expected all of it, zstd or none")
-    return int(stated) if not compression else _zstd_bytes(file.read(length), int(stated))
+    if compression:
+        _check_zstd(file.read(length), int(held))
+    return Chunk(start, compression, int(held if compression else length), int(length))
 
 
-def _zstd_bytes(raw: bytes, stated: int) -> int:
-    """The stated number of bytes, where raw data are one frame of Zstandard that states the same."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
+def _check_zstd(raw: bytes, stated: int) -> None:
+    """Raise ValueError unless raw data are one frame of Zstandard that holds as many bytes as stated."""
     try:
-        held, size = zstd.get_frame_info(raw).decompressed_size, zstd.get_frame_size(raw)
-    except zstd.ZstdError as error:
+        held, size = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
+    except zstd().ZstdError as error:
         raise ValueError(str(error)) from None
     if held != stated or size != len(raw):
         raise ValueError(f"a chunk states {stated} bytes, its compressed data {held} in {size} of {len(raw)} bytes")
-    return stated

@@ -140,16 +140,17 @@ def test_an_image_of_another_size_or_encoding_is_refused(bag: Path, tmp_path: Pa
         stored[0]
 
 
+@pytest.mark.parametrize("compression", ["none", "zstd"])
 def test_damaged_bags_are_refused_in_one_line_or_read_as_they_were(
-    bag: Path, light_fields: list[LightField], tmp_path: Path
+    light_fields: list[LightField], tmp_path: Path, compression: Any
 ) -> None:
-    raw = bag.read_bytes()
+    raw = write_bag(tmp_path / "a.mcap", light_fields, compression=compression).read_bytes()
     random = np.random.default_rng(8)
     path = tmp_path / "bad.mcap"
     cuts = [raw[: int(part * len(raw))] for part in (0.0, 0.001, 0.1, 0.5, 0.999)]
     for number in range(40):
         bad = bytearray(raw)
-        at = int(random.integers(0, len(raw))) if number % 2 else int(random.integers(len(raw) - 9000, len(raw)))
+        at = int(random.integers(0, len(raw) - 9000 * (number % 2)))
         bad[at : at + 8] = random.bytes(8)
         cuts.append(bytes(bad[: len(raw)]))
     refused = 0
@@ -164,6 +165,20 @@ def test_damaged_bags_are_refused_in_one_line_or_read_as_they_were(
             assert "\n" not in str(error)
             assert len(str(error)) <= 300
     assert refused >= 5
+
+
+def test_an_index_that_leads_elsewhere_is_refused(bag: Path, tmp_path: Path) -> None:
+    """To data that were not judged before they are decompressed."""
+    raw = bytearray(bag.read_bytes())
+    index = raw.index(b"\x08", raw.rindex(b"/mirrorcam/"))  # the first record of a chunk's index, after the channels
+    while raw[index] != 8 or int.from_bytes(raw[index + 1 : index + 9], "little") > 2000:
+        index = raw.index(b"\x08", index + 1)
+    start = int.from_bytes(raw[index + 25 : index + 33], "little")
+    assert raw[start] == 6
+    raw[index + 25 : index + 33] = (start + 1).to_bytes(8, "little")
+    (tmp_path / "bad.mcap").write_bytes(bytes(raw))
+    with pytest.raises(InputError, match=r"bad\.mcap: .*its index names a chunk at byte \d+ that is not there"):
+        StoredBag(tmp_path / "bad.mcap")
 
 
 def test_light_fields_larger_than_memory_are_refused(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:

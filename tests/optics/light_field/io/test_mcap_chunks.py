@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam.optics.base import array_files
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.mcap_chunks import MAGIC, check_chunks
+from mirrorcam.optics.light_field.io.mcap_chunks import MAGIC, Chunk, checked_chunks
 from tests.optics.light_field.io.bags import needs_rosbags
 
 FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
@@ -30,7 +30,7 @@ def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_whole_files_pass(path: Path) -> None:
     path.write_bytes(MAGIC + chunk(1000, b"", bytes(1000)) + FOOTER + MAGIC)
-    check_chunks(path)
+    assert checked_chunks(path) == {Chunk(len(MAGIC), "", 1000, 1000)}
 
 
 def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
@@ -44,7 +44,7 @@ def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
     ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
-            check_chunks(path)
+            checked_chunks(path)
 
 
 @needs_rosbags
@@ -52,7 +52,7 @@ def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
     zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
     small, large = zstd.compress(bytes(900)), zstd.compress(bytes(2000))
     path.write_bytes(MAGIC + chunk(900, b"zstd", small) + FOOTER + MAGIC)
-    check_chunks(path)
+    checked_chunks(path)
     for bad, message in (
         (chunk(2000, b"zstd", large), "states arrays of 0 MB, expected at most 0 MB"),
         (chunk(2000, b"", bytes(2000)), "states arrays of 0 MB"),
@@ -63,4 +63,4 @@ def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
     ):
         path.write_bytes(MAGIC + bad + FOOTER + MAGIC)
         with pytest.raises(InputError, match=message):
-            check_chunks(path)
+            checked_chunks(path)
