@@ -2,6 +2,6 @@
 
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.keypoints import DetectorName
-from mirrorcam.optics.light_field.features.light_field_features import FeatureFinder
+from mirrorcam.optics.light_field.features.light_field_features import FeatureDetector, FeatureFinder
 
-__all__ = ["DetectorName", "FeatureFinder", "Features"]
+__all__ = ["DetectorName", "FeatureDetector", "FeatureFinder", "Features"]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.light_field.features.keypoints import DetectorName
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,7 +54,7 @@ class Features:
         Identity of the layout of the light field.
     """
 
-    detector: DetectorName
+    detector: str
     pixels: FloatArray
     scale_px: FloatArray
     disparity_px: FloatArray

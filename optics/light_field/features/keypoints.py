@@ -141,7 +141,7 @@ def nearest_pairs(
     """
     if len(one) < 2 or len(other) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    apart = _all_distances(one, other)
+    apart = all_distances(one, other)
     nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
     rows = np.arange(len(one))
     best = apart[rows, nearest]
@@ -152,7 +152,7 @@ def nearest_pairs(
     return np.flatnonzero(chosen), nearest[chosen]
 
 
-def _all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
+def all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]:
     """Distances (n, m) of all descriptors of two pictures, as `distances` has them."""
     if one.dtype != np.uint64:
         return np.asarray(1.0 - one @ other.T, dtype=np.float32)

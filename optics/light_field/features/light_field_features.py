@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align, templates
 from mirrorcam.optics.light_field.features.feature_set import Features
+from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
@@ -38,6 +40,9 @@ from mirrorcam.optics.light_field.features.slope import (
 )
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
+FeatureDetector = Literal["SIFT", "ORB", "AKAZE", "SIFT4D"]
+"""Detectors in pictures, and SIFT in the focal stack of a light field."""
+
 # How far, in pixels of its scale, a keypoint may be found from where it is.
 MATCH_PX = 1.0
 # How like the reference's patch (normalized cross-correlation) another view's must look to be the same thing.
@@ -54,7 +59,7 @@ class FeatureFinder:
     views
         Geometry of the light fields.
     name
-        SIFT, ORB or AKAZE.
+        SIFT, ORB or AKAZE, in single views; SIFT4D, in the focal stack of all of them, for little light.
     keypoints
         Number of each view's strongest keypoints that are kept, about.
     max_distance_px
@@ -76,7 +81,7 @@ class FeatureFinder:
     def __init__(
         self,
         views: Views,
-        name: DetectorName = "SIFT",
+        name: FeatureDetector = "SIFT",
         *,
         keypoints: int = 600,
         max_distance_px: float = 0.5,
@@ -107,8 +112,9 @@ class FeatureFinder:
         self.max_distance_px, self.min_views, self.two_slope_sigma = max_distance_px, least, two_slope_sigma
         self.inverse_range_mm = (1.0 / (farthest_mm - pupil_mm), 1.0 / (nearest - pupil_mm))
         self.geometry = Geometry.of(views)
+        self.keypoints = keypoints
         self._described = [self.geometry.reference, *_ends(views, self.geometry.reference)]
-        self._detectors = [detector(name, keypoints) for _ in self._described]
+        self._detectors = [] if name == "SIFT4D" else [detector(name, keypoints) for _ in self._described]
         self._pool = ThreadPoolExecutor(min(len(self._described), os.cpu_count() or 1))
 
     def find(self, light_field: LightField) -> Features:
@@ -118,18 +124,32 @@ class FeatureFinder:
                 f"light field of layout {light_field.layout_identity} has other views than those of layout "
                 f"{self.views.layout_identity} that the finder was made for"
             )
-        run, described = self._pool.map, self._described
         images, inner = grey_views(light_field), inner_masks(light_field)
-        keypoints = detect(images[described], inner[described], self._detectors, self.name, run)
+        if self.name == "SIFT4D":
+            seen = light_field.valid.reshape(inner.shape).astype(np.uint8) * np.uint8(255)
+            masks = (seen, inner[self.geometry.reference])
+            at, inverse = stack_keypoints(
+                self.geometry, images, *masks, self.inverse_range_mm, self.keypoints, self._pool.map
+            )
+            tried = np.arange(len(inverse))
+        else:
+            at, tried, inverse = self._matched(images, inner, self.name)
+        seen_px, aligned = self._aligned(images, inner, at, tried, inverse)
+        return self._consolidated(at, tried, seen_px, inverse, aligned)
+
+    def _matched(
+        self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
+    ) -> tuple[Keypoints, NDArray[np.int64], FloatArray]:
+        """Keypoints of the reference view, and the inverse distances that matches in other views give some of them."""
+        run, described = self._pool.map, self._described
+        keypoints = detect(images[described], inner[described], self._detectors, name, run)
         at, others = keypoints[0], dict(zip(described[1:], keypoints[1:], strict=True))
         tolerance = MATCH_PX * at.scale_px
-        found = candidates(self.geometry, at, others, self.name, self.inverse_range_mm, tolerance, run)
+        found = candidates(self.geometry, at, others, name, self.inverse_range_mm, tolerance, run)
         agreed, competing = vote(found, tolerance)
         # Where two slopes compete, what all views show decides; where it shows both, the keypoint tells neither.
         tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
-        inverse = np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
-        seen_px, aligned = self._aligned(images, inner, at, tried, inverse)
-        return self._consolidated(at, tried, seen_px, inverse, aligned)
+        return at, tried, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views that this finder was built for."""

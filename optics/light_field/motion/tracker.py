@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import inverse
-from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
+from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.motion.closed_form import robust_motion
@@ -94,7 +94,7 @@ class LightFieldTracker:
     def __init__(
         self,
         views: Views,
-        name: DetectorName = "ORB",
+        name: FeatureDetector = "ORB",
         *,
         keypoints: int = 600,
         nearest_mm: float | None = None,

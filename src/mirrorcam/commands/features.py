@@ -17,8 +17,12 @@ from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
 class FeaturesOptions(LightFieldsOptions):
     """Find features that all views of a light field agree on: a figure, coloured by depth, a table and arrays."""
 
-    detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
-        default="SIFT", description="keypoint detector; AKAZE needs the contributed modules of OpenCV"
+    detector: Literal["SIFT", "ORB", "AKAZE", "SIFT4D"] = Field(
+        default="SIFT",
+        description=(
+            "keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE needs the "
+            "contributed modules of OpenCV"
+        ),
     )
     keypoints: int = Bounds(1, 100_000).field(600, "maximum number of keypoints per view to start from")
     max_distance_px: float = Bounds(0.001, 100.0).field(

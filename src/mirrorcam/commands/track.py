@@ -18,8 +18,12 @@ from mirrorcam.render_scenes.settings import RATE_HZ
 class TrackOptions(LightFieldsOptions):
     """Track the camera past a still scene: its pose in every light field of a recording, with covariance."""
 
-    detector: Literal["SIFT", "ORB", "AKAZE"] = Field(
-        default="ORB", description="keypoint detector; AKAZE needs the contributed modules of OpenCV"
+    detector: Literal["SIFT", "ORB", "AKAZE", "SIFT4D"] = Field(
+        default="ORB",
+        description=(
+            "keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE needs the "
+            "contributed modules of OpenCV"
+        ),
     )
     keypoints: int = Bounds(20, 100_000).field(600, "maximum number of keypoints per view to start from")
     near_mm: Annotated[

@@ -18,7 +18,7 @@ from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import save_depth
-from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder
+from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
 from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
@@ -98,7 +98,7 @@ class FeaturesSummary:
 class FeatureSearch:
     """Parameters of a search for features, as `FeatureFinder` documents them."""
 
-    detector: DetectorName = "SIFT"
+    detector: FeatureDetector = "SIFT"
     keypoints: int = 600
     max_distance_px: float = 0.5
     min_views: int | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.features import DetectorName
+from mirrorcam.optics.light_field.features import FeatureDetector
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose, save_json, save_tum
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.output_folder import output_folder
@@ -21,7 +21,7 @@ FILES = ("trajectory.tum", "trajectory.json")
 class TrackSearch:
     """Parameters of a tracker, as `LightFieldTracker` documents them, and the rate of light fields without times."""
 
-    detector: DetectorName = "ORB"
+    detector: FeatureDetector = "ORB"
     keypoints: int = 600
     near_mm: float | None = None
     far_mm: float | None = None
