@@ -18,139 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, Floats, ImagePyramid
+from mirrorcam.optics.light_field.features.image_pyramid import Floats, ImagePyramid
+from mirrorcam.optics.light_field.features.patch_shapes import PatchShapes
+from mirrorcam.optics.light_field.features.patches import OFFSETS, SAMPLES, SHAPES, Templates, normalized
 
-SIDE = 2 * RADIUS_PX + 1
-SAMPLES = SIDE**2
 # Rounds that move patches only, then rounds that also shape them.
 MOVING_ROUNDS = 2
 SHAPING_ROUNDS = 3
 # A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
 MOST_STEP_PX = 1.0
-# Of the two directions of a patch, the worse one must have this part of the information of the better one.
-LEAST_ROUNDNESS = 0.015
-# A patch of less contrast (standard deviation in grey levels) shows noise.
-LEAST_CONTRAST_GREY = 1.5
 # Views that look less like the reference's patch say nothing of its shape.
 LEAST_ALIKE_FOR_SHAPE = 0.7
-# Of residuals of patches of length one: 8-bit pictures are no better, however alike they seem.
-LEAST_VARIANCE = 1e-7
 KEYPOINTS_AT_ONCE = 128
-
-_ACROSS, _DOWN = np.meshgrid(*[np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)] * 2)
-OFFSETS = np.stack([_ACROSS.ravel(), _DOWN.ravel()])
-_SIDE = np.float32(2 * RADIUS_PX)
-SHAPES = np.concatenate(
-    [
-        OFFSETS,
-        np.stack([OFFSETS[0] ** 2, OFFSETS[0] * OFFSETS[1], OFFSETS[1] ** 2]) / _SIDE,
-        np.stack([OFFSETS[0] ** (3 - power) * OFFSETS[1] ** power for power in range(4)]) / _SIDE**2,
-    ]
-)
-"""Moves (9, SAMPLES) of a patch along the view's position: by slants, curvatures and their changes."""
-# Standard deviations of surfaces before anything is seen of them: tan(slant) (60 degrees), and how much it changes over
-# half the side of the patch.
-USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
-# Surfaces are no polynomials: what the curvatures, and what their changes, contribute to a slope has an error of this
-# share of it. Measured on rendered scenes of rough surfaces.
-UNSURE_SHARE = 0.4
-ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
-# w, d, e as matrices of slopes.
-SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-# Matrices of moves that no shape of a surface makes: across the view's position, and unlike ones along s and t.
-NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
-
-
-@dataclass(frozen=True, eq=False)
-class Templates:
-    """Patches of the reference view on one level of the pyramid, SAMPLES each.
-
-    Attributes
-    ----------
-    level
-        Level of the pyramid.
-    index
-        Indices (m,) of the keypoints.
-    patches
-        Samples (m, SAMPLES), of mean zero and length one.
-    gradients
-        Change (m, 2, SAMPLES) of the patch by a move along u and v, px of the level.
-    steps
-        Least-squares operator (m, 2, SAMPLES) from a difference from the patch to its move, px of the level.
-    shapes
-        Change (m, 9, 2, SAMPLES) of the patch by a move along u and v in proportion to each of SHAPES, less the part
-        that a move of the whole patch explains.
-    products
-        Inner products (m, 9, 2, 2, 9) of the shapes with each other, the axes of moves in the middle.
-    leaning
-        Apparent move (m, 2, 9, 2) of the whole patch along u and v by each of these moves, px of the level.
-    """
-
-    level: int
-    index: NDArray[np.int64]
-    patches: Floats
-    gradients: Floats
-    steps: Floats
-    shapes: Floats
-    products: Floats
-    leaning: Floats
-
-
-def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
-    """Templates for aligning keypoints (n, 2) of a view; those whose patch cannot be localised are left out."""
-    level_of = pyramid.level_of(scale_px)
-    return [
-        _templates(pyramid, view, level, np.flatnonzero(level_of == level), pixels) for level in np.unique(level_of)
-    ]
-
-
-def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
-    offset = np.arange(-RADIUS_PX - 2, RADIUS_PX + 3, dtype=np.float32)
-    across, down = (each.ravel() for each in np.meshgrid(offset, offset))
-    centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
-    wide = pyramid.samples(level, centre[:, :1] + across, centre[:, 1:] + down)
-    wide = wide.reshape(len(index), SIDE + 4, SIDE + 4)
-    patches, length = _normalized(wide[:, 2:-2, 2:-2].reshape(len(index), SAMPLES))
-    rows, columns = wide[:, 2:-2], wide[:, :, 2:-2]
-    gradients = np.stack(
-        [
-            8.0 * (rows[..., 3:-1] - rows[..., 1:-3]) - (rows[..., 4:] - rows[..., :-4]),
-            8.0 * (columns[:, 3:-1] - columns[:, 1:-3]) - (columns[:, 4:] - columns[:, :-4]),
-        ],
-        axis=1,
-    )
-    gradients = gradients.reshape(len(index), 2, SAMPLES) / (12.0 * length[:, None, None])
-
-    light = _light(wide[:, 1:-1, 1:-1], patches)
-
-    def beyond_light(rows: Floats) -> Floats:
-        """Remove from rows what free brightness, contrast and sharpness explain."""
-        flat = rows.reshape(len(rows), -1, SAMPLES)
-        return np.asarray(flat - (flat @ light.transpose(0, 2, 1)) @ light, dtype=np.float32).reshape(rows.shape)
-
-    shapes = beyond_light(gradients[:, None] * SHAPES[:, None])
-    gradients = beyond_light(gradients)
-    squares = np.einsum("nip,njp->nij", gradients, gradients).astype(np.float64)
-    least, most = np.linalg.eigvalsh(squares).T
-    usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
-    gradients, shapes = gradients[usable], shapes[usable]
-    steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
-    leaning = np.einsum("nkp,nbjp->nkbj", steps, shapes)
-    shapes -= np.einsum("nkbj,nkp->nbjp", leaning, gradients)
-    flat = shapes.reshape(len(shapes), 2 * len(SHAPES), SAMPLES)
-    products = (flat @ flat.transpose(0, 2, 1)).reshape(len(flat), len(SHAPES), 2, len(SHAPES), 2)
-    products = np.ascontiguousarray(products.transpose(0, 1, 2, 4, 3))
-    return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
-
-
-def _light(wide: Floats, patches: Floats) -> Floats:
-    """Orthonormal changes (n, 3, SAMPLES) of patches by brightness, contrast and sharpness, from their surroundings."""
-    beside = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
-    blur = (beside - np.float32(4.0) * wide[:, 1:-1, 1:-1]).reshape(patches.shape)
-    blur = blur - blur.mean(axis=1, keepdims=True)
-    blur -= np.einsum("np,np->n", blur, patches)[:, None] * patches
-    blur /= np.maximum(np.linalg.norm(blur, axis=1, keepdims=True), np.float32(1e-6))
-    return np.stack([np.full_like(patches, 1.0 / SIDE), patches, blur], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +169,7 @@ def _align_level(
     origin = pyramid.origins[each.level][views, None]
     # Places that are not looked at are computed with the rest, somewhere, and left out at the end.
     centre = np.where(looked[..., None], start_px, 0.0).astype(np.float32) / np.float32(2**each.level) + origin
-    solved = _Shape(each, across_mm, distance_mm)
+    solved = PatchShapes(each, across_mm, distance_mm)
     alike = np.zeros(shape[:2], np.float32)
     across, down = (np.empty(shape, np.float32) for _ in range(2))
     for number in range(MOVING_ROUNDS + SHAPING_ROUNDS):
@@ -303,7 +182,7 @@ def _align_level(
         flat = pyramid.samples(
             each.level, across.reshape(-1, SAMPLES), down.reshape(-1, SAMPLES), exact=number >= MOVING_ROUNDS
         )
-        difference, _ = _normalized(flat)
+        difference, _ = normalized(flat)
         difference = difference.reshape(shape)
         alike = np.einsum("vnp,np->vn", difference, each.patches)
         difference -= each.patches
@@ -321,64 +200,3 @@ def _align_level(
         shape_covariance=solved.covariance() * 4.0**each.level,
         shapes=solved.shape.astype(np.float64),
     )
-
-
-class _Shape:
-    """Shapes (n, 9) of the surfaces of patches, from all views together, with a prior: few are seen edge-on."""
-
-    def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
-        self.each, self.across_mm = each, across_mm
-        # tan(slant) and curvature are the shape's coefficients, 1/mm, times the distance.
-        self.prior = (distance_mm[:, None] / USUAL_SHAPE) ** 2
-        count = len(each.index)
-        self.shape = np.zeros((count, len(SHAPES)), np.float32)
-        self.variance = np.ones(count)
-        self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
-
-    def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
-        """Correct the shapes by differences (views, n, SAMPLES) in the views that tell them (views, n).
-
-        Returns the move (views, n, 2) of the patches' middles for which the correction makes up.
-        """
-        each = self.each
-        weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
-        positions = np.einsum("vni,vj->nij", weighted, self.across_mm).astype(np.float64)
-        slopes = weighted.transpose(1, 2, 0) @ difference.transpose(1, 0, 2)
-        told = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
-            -1, len(SHAPES), 2, 2
-        )
-        by_axes = each.products.reshape(len(told), len(SHAPES), 4, len(SHAPES))
-        prior = self.prior[:, :, None] * np.eye(len(SHAPES))
-        self.normal = (positions.reshape(-1, 1, 1, 4) @ by_axes)[:, :, 0] / self.variance[:, None, None] + prior
-        right = np.einsum("nbkk->nb", told) / self.variance[:, None] - self.prior * self.shape
-        change = np.linalg.solve(self.normal, right[..., None])[..., 0]
-        explained = (each.products @ change[:, None, None, :, None])[..., 0] @ positions[:, None]
-        self.variance = self._variance(told - explained, positions)
-        self.shape += change.astype(np.float32)
-        return -np.einsum("nkbj,nb,vj->vnk", each.leaning, change.astype(np.float32), self.across_mm)
-
-    def _variance(self, told: FloatArray, positions: FloatArray) -> FloatArray:
-        """Variance (n,) of residuals by what they tell (n, 9, 2, 2) that no shape is: moves across epipolar lines."""
-        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, told) ** 2
-        moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
-        usual = np.einsum("nskm,nbkmb->nsb", moved, self.each.products)
-        share = squares / np.maximum(usual, 1e-12)
-        # Views in one line tell the first alone.
-        values = np.linalg.eigvalsh(positions)
-        flat = values[:, 0] < 1e-6 * values[:, 1]
-        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
-
-    def covariance(self) -> FloatArray:
-        """Covariance (n, 3, 3) of w, d, e by the uncertainty of the shapes, px of the level per mm."""
-        moved = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
-        bent = np.einsum("nsb,nb,bo->nso", moved, self.shape, ORDERS) * UNSURE_SHARE
-        return np.asarray(
-            moved @ np.linalg.inv(self.normal) @ moved.transpose(0, 2, 1) + bent @ bent.transpose(0, 2, 1)
-        )
-
-
-def _normalized(patches: Floats) -> tuple[Floats, Floats]:
-    """Patches (n, p) of mean zero and length one, and what their lengths were."""
-    centred = patches - patches.mean(axis=1, keepdims=True)
-    length = np.maximum(np.sqrt(np.einsum("np,np->n", centred, centred)), np.float32(1e-6))
-    return centred / length[:, None], length

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.features.align import AlignedPatches, align, templates
+from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
@@ -29,6 +29,7 @@ from mirrorcam.optics.light_field.features.keypoints import (
     inner_masks,
 )
 from mirrorcam.optics.light_field.features.match import candidates, vote
+from mirrorcam.optics.light_field.features.patches import templates
 from mirrorcam.optics.light_field.features.slope import (
     Geometry,
     SlopeFit,

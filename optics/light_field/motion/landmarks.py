@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.light_field.features.align import Templates, Warp, align, templates
+from mirrorcam.optics.light_field.features.align import Warp, align
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
+from mirrorcam.optics.light_field.features.patches import Templates, templates
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 

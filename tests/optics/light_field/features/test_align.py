@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.features import align as alignment
-from mirrorcam.optics.light_field.features.align import AlignedPatches, align, templates
+from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views
+from mirrorcam.optics.light_field.features.patches import templates
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
 
@@ -113,15 +114,6 @@ def test_where_not_to_look_nothing_is_found(facing: tuple[LightField, FloatArray
     found = aligned(light_field, start)
     assert np.isnan(found.pixels[3, :7]).all()
     assert (found.alike[3, :7] == 0).all()
-
-
-def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
-    picture = np.full((1, 1, 180, 260), 90, np.uint8)
-    picture[..., 90:, :] = 160
-    picture[..., 30:40, 30:40] = 200
-    pixels = np.array([[200.0, 40.0], [150.0, 90.0], [30.0, 30.0]])
-    made = templates(ImagePyramid(picture), 0, pixels, np.ones(3))
-    assert [each.index.tolist() for each in made] == [[2]]
 
 
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
