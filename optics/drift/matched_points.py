@@ -18,9 +18,10 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.features.align import align, templates
+from mirrorcam.optics.light_field.features.align import align
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views
+from mirrorcam.optics.light_field.features.patches import templates
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import Views
 
@@ -31,7 +32,7 @@ CORNERS = 500
 LEAST_QUALITY = 0.005
 WINDOW_PX = 15
 LEVELS = 4
-PATCH_SCALE = 2.0
+PATCH_SCALE = 4.0
 LEAST_ALIKE = 0.9
 RETURNS_PX = 0.5
 """A corner that is followed there and back and ends farther from where it began was not followed."""
