@@ -52,21 +52,25 @@ class PatchShapes:
         told = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
             -1, len(SHAPES), 2, 2
         )
-        by_axes = each.products.reshape(len(told), len(SHAPES), 4, len(SHAPES))
-        prior = self.prior[:, :, None] * np.eye(len(SHAPES))
-        self.normal = (positions.reshape(-1, 1, 1, 4) @ by_axes)[:, :, 0] / self.variance[:, None, None] + prior
+        count, shapes = len(told), len(SHAPES)
+        prior = self.prior[:, :, None] * np.eye(shapes)
+        information = positions.reshape(count, 1, 4) @ each.products.reshape(count, 4, shapes**2)
+        self.normal = information.reshape(count, shapes, shapes) / self.variance[:, None, None] + prior
         right = np.einsum("nbkk->nb", told) / self.variance[:, None] - self.prior * self.shape
-        change = np.linalg.solve(self.normal, right[..., None])[..., 0]
-        explained = (each.products @ change[:, None, None, :, None])[..., 0] @ positions[:, None]
+        change = np.linalg.solve(self.normal, right[..., None])
+        explained = (each.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
+        explained = np.einsum("nkjb,nji->nbki", explained, positions)
+        change = change[..., 0]
         self.variance = self._variance(told - explained, positions)
         self.shape += change.astype(np.float32)
-        return -np.einsum("nkbj,nb,vj->vnk", each.leaning, change.astype(np.float32), self.across_mm)
+        moved = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
+        return np.asarray(-(moved @ self.across_mm.T).transpose(2, 0, 1))
 
     def _variance(self, told: FloatArray, positions: FloatArray) -> FloatArray:
         """Variance (n,) of residuals by what they tell (n, 9, 2, 2) that no shape is: moves across epipolar lines."""
         squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, told) ** 2
         moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
-        usual = np.einsum("nskm,nbkmb->nsb", moved, self.each.products)
+        usual = np.einsum("nskm,nkmbb->nsb", moved, self.each.products)
         share = squares / np.maximum(usual, 1e-12)
         # Views in one line tell the first alone.
         values = np.linalg.eigvalsh(positions)

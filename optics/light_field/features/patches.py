@@ -50,7 +50,7 @@ class Templates:
         Change (m, 9, 2, SAMPLES) of the patch by a move along u and v in proportion to each of SHAPES, less the part
         that a move of the whole patch explains.
     products
-        Inner products (m, 9, 2, 2, 9) of the shapes with each other, the axes of moves in the middle.
+        Inner products (m, 2, 2, 9, 9) of the shapes with each other, by the axes of moves first.
     leaning
         Apparent move (m, 2, 9, 2) of the whole patch along u and v by each of these moves, px of the level.
     """
@@ -104,11 +104,13 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     usable = (least > LEAST_ROUNDNESS * most) & (length >= LEAST_CONTRAST_GREY * np.sqrt(SAMPLES))
     gradients, shapes = gradients[usable], shapes[usable]
     steps = np.linalg.inv(squares[usable]).astype(np.float32) @ gradients
-    leaning = np.einsum("nkp,nbjp->nkbj", steps, shapes)
-    shapes -= np.einsum("nkbj,nkp->nbjp", leaning, gradients)
     flat = shapes.reshape(len(shapes), 2 * len(SHAPES), SAMPLES)
-    products = (flat @ flat.transpose(0, 2, 1)).reshape(len(flat), len(SHAPES), 2, len(SHAPES), 2)
-    products = np.ascontiguousarray(products.transpose(0, 1, 2, 4, 3))
+    moves = flat @ steps.transpose(0, 2, 1)
+    flat = flat - moves @ gradients
+    leaning = moves.reshape(-1, len(SHAPES), 2, 2).transpose(0, 3, 1, 2)
+    products = (flat @ flat.transpose(0, 2, 1)).reshape(-1, len(SHAPES), 2, len(SHAPES), 2)
+    products = np.ascontiguousarray(products.transpose(0, 2, 4, 1, 3))
+    shapes = flat.reshape(shapes.shape)
     return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, leaning)
 
 

@@ -28,6 +28,7 @@ def test_a_light_field_is_written_as_one_frame(tmp_path: Path) -> None:
     assert FORMAT.read is not None
     contents = FORMAT.read(tmp_path / "a.mcap", NOTHING)
     assert contents.is_recording
+    assert contents.times_s == [0.0]
     (found,) = contents.frames
     np.testing.assert_array_equal(found.samples, light_field.samples)
     np.testing.assert_array_equal(found.weights, light_field.weights)

@@ -32,6 +32,7 @@ def test_a_light_field_is_written_as_one_frame_and_never_over_another(tmp_path: 
     assert FORMAT.read is not None
     contents = FORMAT.read(tmp_path / "a.zarr", NOTHING)
     assert contents.is_recording
+    assert contents.times_s == (0.0,)
     assert contents.depth_mm is None
     (found,) = contents.frames
     np.testing.assert_array_equal(found.samples, light_field.samples)
