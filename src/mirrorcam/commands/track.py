@@ -12,6 +12,7 @@ from mirrorcam.commands.light_fields import LightFieldsOptions, check_range, say
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.bounds import DEPTH_MM, Bounds
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.render_scenes.settings import RATE_HZ
 
 
@@ -64,10 +65,7 @@ def run(options: TrackOptions) -> int:
         found = write_trajectory(inputs, options.out, search, force=options.force, progress=advance)
     lost = [name for name, pose in zip(found.names, found.poses, strict=True) if pose.is_lost]
     say_some("track", [f"{name}: lost, too little of the last key frame is seen" for name in lost])
-    keys = sum(pose.is_key for pose in found.poses)
-    say(
-        "track",
-        f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys} key frames, path {found.path_mm:.1f} mm",
-    )
+    keys = count_text(sum(pose.is_key for pose in found.poses), "key frame")
+    say("track", f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys}, path {found.path_mm:.1f} mm")
     say("track", f"trajectory.tum and trajectory.json written to {options.out}")
     return 1 if len(lost) == len(found.poses) - 1 else 0
