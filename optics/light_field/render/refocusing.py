@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
 
 Float32 = NDArray[np.float32]
 Combine = Literal["mean", "median"]
@@ -158,7 +159,8 @@ def refocus(
 
     Notes
     -----
-    Super-resolution is by back-projection (Irani and Peleg, CVGIP 1991; by the median, Zomet et al., CVPR 2001).
+    Samples are taken for grey levels of sRGB: means are of their light, and coded as sRGB again. Super-resolution is by
+    back-projection (Irani and Peleg, CVGIP 1991; by the median, Zomet et al., CVPR 2001).
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
@@ -171,7 +173,7 @@ def refocus(
     seen = _seen(light_field, plane, coarse_from_fine, size)
     indices = list(np.ndindex(light_field.rows, light_field.cols))
     matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
-    views = [premultiplied(light_field, index) for index in indices]
+    views = [_weighted_light(light_field, index) for index in indices]
 
     def gathered(parts: Sequence[Float32]) -> RenderedPicture:
         def warped(part: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
@@ -194,7 +196,7 @@ def refocus(
             soft = cv2.GaussianBlur(flat, (0, 0), scale / np.sqrt(12.0))
             missing = list(pool.map(_missing, views, [soft] * len(views), matrices))
             picture = RenderedPicture(picture.image + gathered(missing).image, picture.weights)
-    return picture
+    return RenderedPicture(levels_from_light(picture.image), picture.weights)
 
 
 def _missing(view: Float32, picture: Any, matrix: FloatArray) -> Float32:
@@ -214,6 +216,12 @@ def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:
     weights = light_field.weights[index][..., None]
     whole = np.float32(1.0 / 255.0) if samples.dtype == np.uint8 else np.float32(1.0)
     return np.concatenate([samples * (weights * whole), weights], axis=-1, dtype=np.float32)
+
+
+def _weighted_light(light_field: LightField, index: tuple[int, int]) -> Float32:
+    """Light of a view times its weights, and the weights: (v, u, c + 1) float32."""
+    weights = light_field.weights[index][..., None]
+    return np.concatenate([light_from_levels(light_field.samples[index]) * weights, weights], axis=-1, dtype=np.float32)
 
 
 def picture_of(total: Float32) -> RenderedPicture:

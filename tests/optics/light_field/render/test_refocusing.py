@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, homography, refocus, to_bytes
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, met, photograph
 
@@ -133,12 +134,24 @@ def test_the_median_of_few_samples_is_that_of_those_there_are() -> None:
     plane = FocalPlane.at_depth(views, views.reference_depth_mm)
     picture = refocus(LightField.of(views, samples, weights), plane, combine="median")
     np.testing.assert_allclose(picture.image[:, 41:, 0], 0.5, atol=1e-6)
-    np.testing.assert_allclose(picture.image[:, 21:39, 0], 0.5, atol=1e-6)
+    # The light of 0.2 and 0.8 by sRGB is .0331 and .6038.
+    np.testing.assert_allclose(picture.image[:, 21:39, 0], 1.055 * 0.31846 ** (1 / 2.4) - 0.055, atol=1e-4)
     assert not picture.valid[:, :19].any()
     assert (picture.weights[:, 21:39] == 2).all()
     weights[0, 0] = 0.0
     picture = refocus(LightField.of(views, samples * weights[..., None], weights), plane, combine="median")
     np.testing.assert_allclose(picture.image[:, 21:39, 0], 0.8, atol=1e-6)
+
+
+def test_a_blur_is_a_mean_of_light() -> None:
+    views = grid_views(1, 2, uneven=False)
+    samples = np.zeros((1, 2, 90, 120, 3), np.uint8)
+    samples[0, 1] = 255
+    picture = refocus(
+        LightField.of(views, samples, np.ones((1, 2, 90, 120), np.float32)),
+        FocalPlane.at_depth(views, views.reference_depth_mm),
+    )
+    assert (to_bytes(picture)[10:-10, 10:-10] == 188).all()
 
 
 def test_weights_choose_how_much_each_view_counts() -> None:
@@ -179,16 +192,18 @@ def test_no_sample_leaves_no_trace() -> None:
 def test_super_sampling_shows_more_than_one_view_has() -> None:
     views = grid_views()
     fine = Surface(330.0, seed=6, grain_mm=0.5, contrast=0.2)
-    light_field = photograph(views, [fine])[0]
+    light = photograph(views, [fine])[0]
+    coded = levels_from_light(light.samples.astype(np.float32) / np.float32(255.0))
+    light_field = LightField.of(views, coded, light.weights)
     true, plane = truth(views, [fine], scale=2), plane_of(views, fine)
     picture = refocus(light_field, plane, scale=2)
     assert picture.image.shape == (180, 240, 3)
     where = np.zeros(picture.valid.shape, dtype=bool)
     where[40:-40, 60:-60] = True
     assert picture.valid[where].all()
-    central = cv2.resize(light_field.samples[1, 1] / np.float32(255.0), (240, 180), interpolation=cv2.INTER_CUBIC)
-    mean = cv2.resize(refocus(light_field, plane).image, (240, 180), interpolation=cv2.INTER_CUBIC)
-    reached = psnr(picture.image, true, where)
+    central = cv2.resize(light.samples[1, 1] / np.float32(255.0), (240, 180), interpolation=cv2.INTER_CUBIC)
+    mean = cv2.resize(light_from_levels(refocus(light_field, plane).image), (240, 180), interpolation=cv2.INTER_CUBIC)
+    reached = psnr(light_from_levels(picture.image), true, where)
     assert reached > psnr(np.asarray(central), true, where) + 2.0
     assert reached > psnr(np.asarray(mean), true, where) + 2.0
 

@@ -1,0 +1,43 @@
+"""Grey levels as light and back, by the curve of sRGB (IEC 61966-2-1), which cameras and pictures are coded with.
+
+A blur adds up light, not grey levels: means of grey levels turn bright spots out of focus dark.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.light_field.light_field import Samples
+
+Float32 = NDArray[np.float32]
+
+TOE, TOE_SLOPE, OFFSET, EXPONENT = 0.0031308, 12.92, 0.055, 2.4
+
+
+def _decoded(levels: NDArray[np.floating]) -> NDArray[np.floating]:
+    bright = np.power((np.maximum(levels, 0.0) + OFFSET) / (1.0 + OFFSET), EXPONENT)
+    return np.where(levels > TOE * TOE_SLOPE, bright, levels / TOE_SLOPE)
+
+
+_OF_BYTES = _decoded(np.arange(256) / 255.0).astype(np.float32)
+
+
+def light_from_levels(levels: Samples) -> Float32:
+    """Light (...), 1 of white, of grey levels: bytes or float32 from 0 to 1."""
+    if levels.dtype == np.uint8:
+        flat: Any = cv2.LUT(np.ascontiguousarray(levels).reshape(-1, 1), _OF_BYTES)
+        return np.asarray(flat, dtype=np.float32).reshape(levels.shape)
+    return _decoded(levels).astype(np.float32)
+
+
+def levels_from_light(light: Float32) -> Float32:
+    """Grey levels (...), 0 to 1, of light; less than none and more than white go on in the same curve."""
+    flat = np.ascontiguousarray(light, dtype=np.float32).reshape(light.shape[0], -1)
+    root: Any = cv2.pow(np.maximum(flat, np.float32(0.0)), 1.0 / EXPONENT)
+    bright = root * np.float32(1.0 + OFFSET) - np.float32(OFFSET)
+    levels = np.where(flat > np.float32(TOE), bright, flat * np.float32(TOE_SLOPE))
+    return np.asarray(levels, dtype=np.float32).reshape(light.shape)
