@@ -18,7 +18,7 @@ Float32 = NDArray[np.float32]
 TOE, TOE_SLOPE, OFFSET, EXPONENT = 0.0031308, 12.92, 0.055, 2.4
 
 
-def _decoded(levels: NDArray[np.floating]) -> NDArray[np.floating]:
+def _decoded(levels: NDArray[Any]) -> NDArray[Any]:
     bright = np.power((np.maximum(levels, 0.0) + OFFSET) / (1.0 + OFFSET), EXPONENT)
     return np.where(levels > TOE * TOE_SLOPE, bright, levels / TOE_SLOPE)
 
@@ -29,8 +29,8 @@ _OF_BYTES = _decoded(np.arange(256) / 255.0).astype(np.float32)
 def light_from_levels(levels: Samples) -> Float32:
     """Light (...), 1 of white, of grey levels: bytes or float32 from 0 to 1."""
     if levels.dtype == np.uint8:
-        flat: Any = cv2.LUT(np.ascontiguousarray(levels).reshape(-1, 1), _OF_BYTES)
-        return np.asarray(flat, dtype=np.float32).reshape(levels.shape)
+        flat: Any = np.ascontiguousarray(levels).reshape(-1, 1)
+        return np.asarray(cv2.LUT(flat, _OF_BYTES), dtype=np.float32).reshape(levels.shape)
     return _decoded(levels).astype(np.float32)
 
 

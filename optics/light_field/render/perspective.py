@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.refocusing import Float32, RenderedPicture, premultiplied
-from mirrorcam.optics.light_field.render.view_depths import AGREE_PX, ViewDepths, at, landed, px_per_nearness, sources
+from mirrorcam.optics.light_field.render.view_depths import (
+    AGREE_PX,
+    ViewDepths,
+    at,
+    nearness_from,
+    px_per_nearness,
+    sources,
+)
 
 UNKNOWN, OTHER = 0.01, 0.0001
 """Weights of views whose depth is not known there, or contradicts: they count only where no other view does."""
@@ -70,7 +77,7 @@ def _rendered(
     light_field: LightField, depths: ViewDepths, place: FloatArray, counts: NDArray[np.floating]
 ) -> RenderedPicture:
     known = np.where(depths.sure & (light_field.weights > 0), depths.nearness, np.float32(np.nan))
-    nearness = _nearness_from(light_field, known, place)
+    nearness = nearness_from(light_field, known, place)
     apart = np.float32(AGREE_PX / px_per_nearness(light_field))
     height, width, channels = *nearness.shape, light_field.samples.shape[-1]
     total, weights = np.zeros((height, width, channels + 1), np.float32), np.zeros((height, width), np.float32)
@@ -104,23 +111,3 @@ def _alike(shown: Float32, guide: Float32) -> Float32:
     apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)
     likely = np.maximum(np.exp(-np.square(apart).mean(axis=-1) / (2.0 * ALIKE**2)), OTHER)
     return np.where(both, likely, np.float32(1.0)).astype(np.float32)
-
-
-def _nearness_from(light_field: LightField, known: Float32, place: FloatArray) -> Float32:
-    """1 / Z (v, u) of the nearest thing that a pinhole at a place sees; holes are filled from what lies farther."""
-    height, width = light_field.height_px, light_field.width_px
-    nearest = np.full(height * width, -1.0, np.float32)
-    for index in np.ndindex(light_field.rows, light_field.cols):
-        u, v = landed(light_field, index, place, known[index])
-        inside = np.isfinite(u) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
-        cells = np.rint(v[inside]).astype(np.intp) * width + np.rint(u[inside]).astype(np.intp)
-        np.maximum.at(nearest, cells, known[index][inside])
-    found = nearest.reshape(height, width)
-    if not (found >= 0).any():
-        raise InputError("no depth is known in any view, expected some to render by")
-    empty = np.float32(2.0 * found.max() + 1.0)
-    square = np.ones((3, 3), np.uint8)
-    while (found < 0).any():
-        around: Any = cv2.erode(np.where(found < 0, empty, found), square)
-        found = np.where((found < 0) & (around < empty), around, found)
-    return np.asarray(cv2.medianBlur(found.astype(np.float32), 3), dtype=np.float32)

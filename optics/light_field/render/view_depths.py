@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import estimate_depth
+from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.hole_filling import filled
 
 Float32 = NDArray[np.float32]
 
 AGREE_PX = 1.0
 """Depths agree where the farthest view tells them apart by no more than that."""
-FEWEST_AGREEING = 2
 EDGE_PX = 2
 """How far around what is left out samples may still show some of it: they blend two pixels of the frame, softened."""
 
@@ -30,7 +31,7 @@ class ViewDepths:
     nearness
         Nearness (t, s, v, u), float32: 1 / Z in 1/mm, Z from the reference view along view z; NaN where not known.
     sure
-        Mask (t, s, v, u) of pixels whose nearness other views confirm.
+        Mask (t, s, v, u) of pixels whose nearness was measured, and not filled in.
     """
 
     nearness: Float32
@@ -58,31 +59,34 @@ class ViewDepths:
         return cls((1.0 / distance).astype(np.float32), ~np.isnan(depth_mm))
 
     @classmethod
+    def of_reference(cls, views: Views, depth_mm: NDArray[np.floating]) -> ViewDepths:
+        """Depths of all views by what the reference view sees of them: (v, u) in mm from the pupil, NaN where unknown.
+
+        What it does not see, another view sees behind what hides it: there, depth is that of the farther neighbour, and
+        not sure.
+
+        Raises InputError for depths of another shape, behind the reference view, or not known anywhere.
+        """
+        reference, shape = reference_index(views), (views.rows, views.cols, views.height_px, views.width_px)
+        if depth_mm.shape != shape[2:]:
+            raise InputError(f"depth has shape {depth_mm.shape}, expected {shape[2:]} of the views")
+        every = np.full(shape, np.nan)
+        every[reference] = depth_mm
+        known = cls.of_depths(views, every).nearness
+        nearness = np.stack([nearness_from(views, known, place) for place in views.positions_mm.reshape(-1, 3)])
+        nearness = nearness.reshape(shape)
+        nearness[reference] = np.where(np.isnan(known[reference]), nearness[reference], known[reference])
+        return cls(nearness, _seen_by(views, reference, nearness, known[reference]))
+
+    @classmethod
     def measured(
         cls, light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None
     ) -> ViewDepths:
-        """Measure by `DepthEstimator` in each view separately; a depth is sure where two others confirm it.
+        """Measure by `DepthEstimator` in the reference view, and carry it to the others as `of_reference` says.
 
         Raises InputError where no depth can be measured, as `DepthEstimator`.
         """
-        depth = np.empty(light_field.weights.shape, np.float32)
-        for index in np.ndindex(light_field.rows, light_field.cols):
-            moved = referred_to(light_field, index)
-            depth[index] = estimate_depth(moved, near_mm=near_mm, far_mm=far_mm).depth_mm
-        every = cls.of_depths(light_field, depth)
-        return cls(every.nearness, _confirmed(light_field, every.nearness))
-
-
-def referred_to(light_field: LightField, index: tuple[int, int]) -> LightField:
-    """The same light field with view (t, s) as its reference view; samples and pinholes stay what they are."""
-    place, matrix = light_field.positions_mm[index], light_field.matrices[index]
-    return replace(
-        light_field,
-        positions_mm=light_field.positions_mm - place,
-        focal_px=float(matrix[0, 0]),
-        centre_px=matrix[:2, 2],
-        reference_view_in_rig_mm=light_field.reference_view_in_rig_mm + place @ light_field.view_from_rig,
-    )
+        return cls.of_reference(light_field, estimate_depth(light_field, near_mm=near_mm, far_mm=far_mm).depth_mm)
 
 
 def without_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float) -> LightField:
@@ -161,21 +165,37 @@ def _seen_from(
     return seen[0], seen[1]
 
 
-def _confirmed(views: Views, nearness: Float32) -> NDArray[np.bool_]:
-    """Mask (t, s, v, u) of the pixels where enough other views found the same depth."""
+def nearness_from(views: Views, known: Float32, place_mm: NDArray[np.floating]) -> Float32:
+    """1 / Z (v, u) of the nearest thing that a pinhole at a place sees.
+
+    Holes are filled from what lies farther, and beyond the borders of the views what is next to them goes on.
+
+    `known` (t, s, v, u) is that of the views, NaN where it is not known. Raises InputError where it never is.
+    """
+    height, width = views.height_px, views.width_px
+    nearest = np.full(height * width, -1.0, np.float32)
+    for index in np.ndindex(views.rows, views.cols):
+        if not np.isfinite(known[index]).any():
+            continue
+        u, v = landed(views, index, place_mm, known[index])
+        inside = np.isfinite(u) & (u > -0.5) & (u < width - 0.5) & (v > -0.5) & (v < height - 0.5)
+        cells = np.rint(v[inside]).astype(np.intp) * width + np.rint(u[inside]).astype(np.intp)
+        np.maximum.at(nearest, cells, known[index][inside])
+    found = nearest.reshape(height, width)
+    if not (found >= 0).any():
+        raise InputError("no depth is known in any view, expected some to render by")
+    whole = filled(np.where(found < 0, np.float32(np.nan), found), 2.0 * AGREE_PX / px_per_nearness(views))
+    return np.asarray(cv2.medianBlur(whole.astype(np.float32), 3), dtype=np.float32)
+
+
+def _seen_by(views: Views, reference: tuple[int, int], nearness: Float32, known: Float32) -> NDArray[np.bool_]:
+    """Mask (t, s, v, u) of the pixels whose points the reference view has at the same depth (v, u)."""
     apart = np.float32(AGREE_PX / px_per_nearness(views))
-    indices = list(np.ndindex(views.rows, views.cols))
-    least = min(FEWEST_AGREEING, len(indices) - 1)
-    confirmed = np.zeros(nearness.shape, dtype=bool)
-    for index in indices:
-        agreeing = np.zeros(nearness.shape[2:], np.int64)
-        for other in indices:
-            if other != index:
-                u, v = landed(views, index, views.positions_mm[other], nearness[index])
-                theirs = at(nearness[other], u, v)
-                agreeing += np.abs(theirs - nearness[index]) <= apart
-        confirmed[index] = agreeing >= least
-    return confirmed
+    seen = np.zeros(nearness.shape, dtype=bool)
+    for index in np.ndindex(views.rows, views.cols):
+        u, v = landed(views, index, views.positions_mm[reference], nearness[index])
+        seen[index] = np.abs(at(known, u, v) - nearness[index]) <= apart
+    return seen
 
 
 def at(values: Float32, u: Float32, v: Float32) -> Float32:

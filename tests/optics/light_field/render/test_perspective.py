@@ -9,20 +9,10 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
-from mirrorcam.optics.light_field.render.view_depths import ViewDepths, referred_to, without_nearer
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, met, photograph
 from tests.optics.light_field.render.scenes import CARD, POST, SCENE, WALL, behind_mm, inside, seen_at, true_depths
 from tests.optics.light_field.render.test_refocusing import psnr, truth
-
-
-def test_any_view_can_be_the_reference() -> None:
-    views = grid_views()
-    light_field = photograph(views, SCENE)[0]
-    moved = referred_to(light_field, (0, 2))
-    assert (moved.positions_mm[0, 2] == 0).all()
-    points = np.random.default_rng(4).uniform(-40.0, 40.0, (20, 3)) + np.array([0.0, 400.0, 90.0])
-    np.testing.assert_allclose(moved.project(points), light_field.project(points), atol=1e-9)
-    np.testing.assert_allclose(moved.matrices, light_field.matrices, atol=1e-9)
 
 
 def test_everything_is_sharp_with_less_noise() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, landed, without_nearer
 from tests.optics.light_field.depth.surfaces import grid_views, photograph
@@ -41,15 +40,26 @@ def test_bad_depths_are_refused() -> None:
         without_nearer(light_field, nothing, behind_mm(views) - 5.0)
 
 
-def test_what_other_views_do_not_confirm_is_not_sure() -> None:
+def test_depth_of_the_reference_view_is_carried_to_the_others() -> None:
     views = grid_views()
-    light_field = photograph(views, SCENE)[0]
-    samples = light_field.samples.copy()
-    samples[1, 1, 20:70, 70:110] = np.random.default_rng(2).integers(0, 256, (50, 40, 3))
-    depths = ViewDepths.measured(LightField.of(views, samples, light_field.weights))
-    assert depths.sure[1, 1, 20:70, 20:40].mean() > 0.8
-    assert depths.sure[1, 1, 25:65, 75:105].mean() < 0.5
-    assert (depths.nearness[depths.sure] > 0).all()
+    true = true_depths(views, SCENE)
+    depths = ViewDepths.of_reference(views, true.depth_mm(views)[1, 1])
+    np.testing.assert_allclose(depths.nearness[1, 1], true.nearness[1, 1], rtol=1e-6)
+    assert depths.sure[1, 1].all()
+    close = np.abs(depths.nearness / true.nearness - 1.0) < 0.01
+    assert close[depths.sure].mean() > 0.99
+    # Beside the card is what the reference view does not see: it is filled with the wall, and not sure.
+    assert close[:, :, 10:-10, 20:-20].mean() > 0.98
+    hidden = ~depths.sure[1, 0, 25:60, 40:80]
+    assert 0.02 < hidden.mean() < 0.5
+    assert close[1, 0, 25:60, 40:80][hidden].mean() > 0.7
+    holes = true.depth_mm(views)[1, 1].copy()
+    holes[10:20, 10:20] = np.nan
+    depths = ViewDepths.of_reference(views, holes)
+    assert not depths.sure[1, 1, 10:20, 10:20].any()
+    assert np.isfinite(depths.nearness).all()
+    with pytest.raises(InputError, match="depth has shape"):
+        ViewDepths.of_reference(views, holes[1:])
 
 
 def test_samples_just_around_what_is_left_out_are_too() -> None:
