@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import tyro
 from pydantic import Field, model_validator
@@ -12,6 +12,9 @@ from mirrorcam.commands.light_fields import LightFieldsOptions, check_range, say
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.bounds import DEPTH_MM, DEPTH_OR_INF_MM, OFFSET_MM, Bounds, DepthOrInf
+
+if TYPE_CHECKING:
+    from mirrorcam.workflow.refocusing_files import UsedDepth
 
 TILT_DEG = Bounds(-85.0, 85.0)
 Tilt = Annotated[float, TILT_DEG.each]
@@ -72,6 +75,13 @@ class RefocusOptions(LightFieldsOptions):
             description=f"farthest depth that is searched, and end of the focus sweep, {DEPTH_OR_INF_MM}",
         )
     )
+    depth_folder: Path = Field(
+        default=Path("output/depth"),
+        description=(
+            "folder of mirrorcam depth: pictures that need depth use that of the same light field, from there or from "
+            "--out; else it is measured and kept in --out as NAME_depth.npz"
+        ),
+    )
     out: Path = Field(
         default=Path("output/refocus"),
         description=(
@@ -106,10 +116,18 @@ def run(options: RefocusOptions) -> int:
         sweep=options.sweep,
         near_mm=options.near_mm,
         far_mm=options.far_mm,
+        depth_folder=options.depth_folder,
     )
     inputs = options.inputs()
     with long_work("refocus", options.counted, "files") as advance:
-        grey = write_refocused(inputs, options.out, request, force=options.force, progress=advance)
-    say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in grey])
+        made = write_refocused(inputs, options.out, request, force=options.force, progress=advance)
+    say_some("refocus", [_of_depth(each) for each in made.depths])
+    say_some("refocus", [f"{each.name}: no view shows {each.hidden:.0%} of it (grey)" for each in made.grey])
     say("refocus", f"pictures and arrays (.npz) written to {options.out}")
-    return 1 if any(each.hidden == 1.0 for each in grey) else 0
+    return 1 if any(each.hidden == 1.0 for each in made.grey) else 0
+
+
+def _of_depth(used: UsedDepth) -> str:
+    if not used.measured:
+        return f"{used.name}: by the depth of {used.path}"
+    return f"{used.name}: depth measured" + (f", kept in {used.path}" if used.path else "")

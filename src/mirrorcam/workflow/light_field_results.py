@@ -17,12 +17,12 @@ from mirrorcam.figures.features_figure import draw_features
 from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.depth.depth_files import save_depth
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
 from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
+from mirrorcam.workflow.kept_depths import keep_depth
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.output_folder import output_folder
 
@@ -75,7 +75,7 @@ def write_depths(
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field)
             with output.staged(complete=False) as staged:
-                save_depth(staged / f"{each.name}_depth.npz", depth)
+                keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
             sure = depth.valid & (depth.confidence > SURE)

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
+from mirrorcam.workflow.kept_depths import keep_depth, kept_depth
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
-from mirrorcam.workflow.output_folder import output_folder
+from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
 SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
@@ -56,6 +58,8 @@ class RefocusRequest:
         Format of a loop around the views, and of one of the focus from near to far and back.
     near_mm, far_mm
         Depths between which depth is measured and focus swept; without them, those that a file states.
+    depth_folder
+        Folder of `mirrorcam depth`, whose depth of the same light field is used.
     """
 
     depths_mm: tuple[float, ...] = ()
@@ -69,6 +73,7 @@ class RefocusRequest:
     sweep: LoopFormat | None = None
     near_mm: float | None = None
     far_mm: float | None = None
+    depth_folder: Path | None = None
 
     @property
     def needs_depths(self) -> bool:
@@ -84,6 +89,23 @@ class GreyPicture:
     hidden: float
 
 
+@dataclass(frozen=True)
+class UsedDepth:
+    """The depth that pictures of a light field were made by: the file that holds it, if any, and whether it is new."""
+
+    name: str
+    path: Path | None
+    measured: bool
+
+
+@dataclass(frozen=True)
+class Refocused:
+    """The pictures that are partly grey, and the depths that pictures were made by."""
+
+    grey: tuple[GreyPicture, ...]
+    depths: tuple[UsedDepth, ...]
+
+
 def write_refocused(
     inputs: LightFieldInputs,
     folder: Path,
@@ -91,25 +113,48 @@ def write_refocused(
     *,
     force: bool = False,
     progress: Progress = no_progress,
-) -> list[GreyPicture]:
-    """Write the pictures and loops of a request of every light field; returns the pictures that are partly grey.
+) -> Refocused:
+    """Write the pictures and loops of a request of every light field.
 
-    With `force`, files of others in the folder are replaced, too.
+    Depth that they need is that of the folder of the request or, from an earlier run, of this one; else it is measured,
+    and kept here as NAME_depth.npz where that replaces no file of others. With `force`, pictures replace them.
     """
-    grey = []
+    grey, used = [], []
     with output_folder(folder, "refocus", force=force) as output:
         for each in inputs.each(progress):
             names = endings(each.light_field, request)
             output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in names))
             with output.staged(complete=False) as staged:
-                grey += _write(each, staged, request)
-    return grey
+                depths = None
+                if request.needs_depths:
+                    depth, depths = _depths(each, output, staged, request)
+                    used.append(depth)
+                grey += _write(each, depths, staged, request)
+    return Refocused(tuple(grey), tuple(used))
 
 
-def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list[GreyPicture]:
-    light_field, name = each.light_field, each.name
+def _depths(
+    each: NamedLightField, output: OutputFolder, staged: Path, request: RefocusRequest
+) -> tuple[UsedDepth, ViewDepths]:
+    """The depth to make pictures by: one that is kept, or measured now and kept."""
+    light_field, folder = each.light_field, request.depth_folder
     near, far = each.depths_to_search(request.near_mm, request.far_mm)
-    depths = ViewDepths.measured(light_field, near_mm=near, far_mm=far) if request.needs_depths else None
+    places = (output.path,) if folder is None else (folder, output.path)
+    kept = kept_depth(places, each.name, light_field, near, far)
+    if kept is not None:
+        return UsedDepth(each.name, kept[0], measured=False), ViewDepths.of_reference(light_field, kept[1])
+    estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
+    depth, name, path = estimator.estimate(light_field), f"{each.name}_depth.npz", None
+    if output.is_free(name):
+        keep_depth(staged / name, depth, light_field, estimator)
+        path = output.path / name
+    return UsedDepth(each.name, path, measured=True), ViewDepths.of_reference(light_field, depth.depth_mm)
+
+
+def _write(
+    each: NamedLightField, depths: ViewDepths | None, folder: Path, request: RefocusRequest
+) -> list[GreyPicture]:
+    light_field, name = each.light_field, each.name
     if depths is not None and request.behind_mm is not None:
         light_field = without_nearer(light_field, depths, request.behind_mm)
     grey = []
@@ -124,7 +169,7 @@ def _write(each: NamedLightField, folder: Path, request: RefocusRequest) -> list
         pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
         write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
     if request.sweep is not None:
-        pictures = _focal_sweep(light_field, request, near, far)
+        pictures = _focal_sweep(light_field, request, *each.depths_to_search(request.near_mm, request.far_mm))
         write_loop(folder / f"{name}_sweep.{request.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
     return grey
 

@@ -91,7 +91,8 @@ def test_everything_is_sharp_seen_from_elsewhere_and_past_the_card(
 ) -> None:
     path = str(inputs / "card.npz")
     assert main(["refocus", path, "--all-in-focus", "--from-mm", "19", "0", "--out", str(tmp_path)]) == 0
-    assert names(tmp_path) == [f"card_{what}.{kind}" for what in ("all_in_focus", "from") for kind in ("npz", "png")]
+    pictures = [f"card_{what}.{kind}" for what in ("all_in_focus", "from") for kind in ("npz", "png")]
+    assert names(tmp_path) == sorted([*pictures, "card_depth.npz"])
     central, right = (light_field.samples[1, s].astype(int) for s in (1, 2))
     inner = slice(10, -10), slice(20, -20)
     sharp, moved = (read_image(tmp_path / f"card_{what}.png").astype(int) for what in ("all_in_focus", "from"))
@@ -113,7 +114,7 @@ def test_infinity_is_a_depth(inputs: Path, tmp_path: Path) -> None:
 def test_loops_are_written(inputs: Path, tmp_path: Path) -> None:
     asked = ["--orbit", "gif", "--sweep", "mp4", "--near-mm", "300", "--far-mm", "600", "--out", str(tmp_path)]
     assert main(["refocus", str(inputs / "card.npz"), *asked]) == 0
-    assert names(tmp_path) == ["card_orbit.gif", "card_sweep.mp4"]
+    assert names(tmp_path) == ["card_depth.npz", "card_orbit.gif", "card_sweep.mp4"]
     read, animation = cv2.imreadanimation(str(tmp_path / "card_orbit.gif"))
     assert read
     assert len(animation.frames) == 36

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
+from mirrorcam.workflow.light_field_results import write_depths
 from mirrorcam.workflow.refocusing_files import RefocusRequest, stills, write_refocused
 from tests.mirrorcam.command_line import results
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -42,9 +44,34 @@ def test_a_picture_and_its_array_are_written_under_the_name_of_the_light_field(t
     light_field = photograph(grid_views(), [Surface(500.0)])[0]
     save_npz(tmp_path / "wall.npz", light_field)
     inputs = LightFieldInputs((tmp_path / "wall.npz",))
-    grey = write_refocused(inputs, tmp_path / "out", RefocusRequest(depths_mm=(500.0,)))
+    made = write_refocused(inputs, tmp_path / "out", RefocusRequest(depths_mm=(500.0,)))
     names = results(tmp_path / "out")
     assert names == ["wall_focus_500mm.npz", "wall_focus_500mm.png"]
     with np.load(tmp_path / "out" / "wall_focus_500mm.npz") as arrays:
         hidden = float((arrays["weights"] == 0).mean())
-    assert [each.hidden for each in grey] == ([pytest.approx(hidden)] if hidden > 0.01 else [])
+    assert [each.hidden for each in made.grey] == ([pytest.approx(hidden)] if hidden > 0.01 else [])
+
+
+def test_depth_is_measured_once(tmp_path: Path) -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    save_npz(tmp_path / "wall.npz", light_field)
+    inputs, request = LightFieldInputs((tmp_path / "wall.npz",)), RefocusRequest(all_in_focus=True)
+    first = write_refocused(inputs, tmp_path / "out", request).depths[0]
+    assert (first.path, first.measured) == (tmp_path / "out/wall_depth.npz", True)
+    picture = (tmp_path / "out/wall_all_in_focus.png").read_bytes()
+    again = write_refocused(inputs, tmp_path / "out", request).depths[0]
+    assert (again.path, again.measured) == (first.path, False)
+    assert (tmp_path / "out/wall_all_in_focus.png").read_bytes() == picture
+    # Depth of `mirrorcam depth` is used where it lies, and nothing is kept.
+    write_depths(inputs, tmp_path / "depths")
+    by_folder = replace(request, depth_folder=tmp_path / "depths")
+    used = write_refocused(inputs, tmp_path / "elsewhere", by_folder).depths[0]
+    assert (used.path, used.measured) == (tmp_path / "depths/wall_depth.npz", False)
+    assert not (tmp_path / "elsewhere/wall_depth.npz").exists()
+    # Another range is another depth: measured, and what is kept here already is replaced by it, as it is our own.
+    narrow = replace(by_folder, near_mm=400.0, far_mm=700.0)
+    assert write_refocused(inputs, tmp_path / "out", narrow).depths[0].measured
+    (tmp_path / "out/wall_depth.npz").write_bytes((tmp_path / "depths/wall_depth.npz").read_bytes())
+    mine = write_refocused(inputs, tmp_path / "out", replace(narrow, depth_folder=None)).depths[0]
+    assert (mine.path, mine.measured) == (None, True)
+    assert (tmp_path / "out/wall_depth.npz").read_bytes() == (tmp_path / "depths/wall_depth.npz").read_bytes()
