@@ -45,6 +45,9 @@ class RefocusOptions(LightFieldsOptions):
         ),
     )
     scale: int = Bounds(1, 8).field(1, "super-sampling: picture pixels per view pixel, along each side")
+    between: int = Bounds(0, 8).field(
+        0, "views to interpolate between neighbours, by measured depth: what is out of focus blurs without ghost edges"
+    )
     all_in_focus: bool = Field(
         default=False, description="also write a picture with everything in focus, from measured depth"
     )
@@ -109,6 +112,7 @@ def run(options: RefocusOptions) -> int:
         tilt_deg=options.tilt_deg,
         combine=options.combine,
         scale=options.scale,
+        between=options.between,
         all_in_focus=options.all_in_focus,
         from_mm=options.from_mm,
         behind_mm=options.behind_mm,

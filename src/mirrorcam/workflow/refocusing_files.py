@@ -17,6 +17,7 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.between_views import with_views_between
 from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
@@ -48,6 +49,8 @@ class RefocusRequest:
         How views become one picture; "weighted" counts those far from the central view less.
     scale
         Pixels of the picture along one of a view.
+    between
+        Views interpolated between neighbours by depth, for the blur of what is out of focus.
     all_in_focus
         Make a picture with everything sharp, too.
     from_mm
@@ -66,6 +69,7 @@ class RefocusRequest:
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     combine: Literal["mean", "median", "weighted"] = "mean"
     scale: int = 1
+    between: int = 0
     all_in_focus: bool = False
     from_mm: tuple[float, float] | None = None
     behind_mm: float | None = None
@@ -78,7 +82,8 @@ class RefocusRequest:
     @property
     def needs_depths(self) -> bool:
         """True if depth must be measured for the pictures."""
-        return self.all_in_focus or self.from_mm is not None or self.behind_mm is not None or self.orbit is not None
+        rendered = self.all_in_focus or self.from_mm is not None or self.orbit is not None
+        return rendered or self.behind_mm is not None or self.between > 0
 
 
 @dataclass(frozen=True)
@@ -169,7 +174,8 @@ def _write(
         pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
         write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
     if request.sweep is not None:
-        pictures = _focal_sweep(light_field, request, *each.depths_to_search(request.near_mm, request.far_mm))
+        dense = _dense(light_field, depths, request)
+        pictures = _focal_sweep(dense, request, *each.depths_to_search(request.near_mm, request.far_mm))
         write_loop(folder / f"{name}_sweep.{request.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
     return grey
 
@@ -207,12 +213,21 @@ def stills(
     light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
 ) -> Iterator[tuple[str, RenderedPicture]]:
     """The pictures of a request, each with what its name ends in."""
-    for depth_mm in _depths_mm(light_field, request):
-        yield f"focus_{depth_mm:g}mm", focused(light_field, request, depth_mm)
+    if planes := _depths_mm(light_field, request):
+        dense = _dense(light_field, depths, request)
+        for depth_mm in planes:
+            yield f"focus_{depth_mm:g}mm", focused(dense, request, depth_mm)
     if depths is not None and request.all_in_focus:
         yield "all_in_focus", all_in_focus(light_field, depths)
     if depths is not None and request.from_mm is not None:
         yield "from", seen_from(light_field, depths, np.array([*request.from_mm, 0.0]))
+
+
+def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
+    """The views that pictures out of focus are made of."""
+    if depths is None or not request.between:
+        return light_field
+    return with_views_between(light_field, depths, request.between)
 
 
 def _focal_sweep(

@@ -24,6 +24,7 @@ from tests.optics.light_field.depth.surfaces import Surface, grid_views, photogr
         (RefocusRequest(all_in_focus=True), True),
         (RefocusRequest(from_mm=(0.0, 0.0)), True),
         (RefocusRequest(behind_mm=300.0), True),
+        (RefocusRequest(between=2), True),
         (RefocusRequest(orbit="mp4"), True),
     ],
 )
