@@ -5,7 +5,7 @@ So is how a camera's grey levels grow with light, by which views are brightened 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -30,6 +30,8 @@ LEAST_CORRELATION = 0.95
 LEAST_CONTRAST = 0.02
 LEAST_PLACES = 40
 DARK, BRIGHT = 16.0, 250.0
+ALIKE = 0.03
+"""Difference of brightness that is not seen, and that views which are alike are measured to differ by at most."""
 
 
 class Equalisation(Value):
@@ -102,22 +104,49 @@ def measure(light_fields: Iterable[LightField]) -> Equalisation:
         fading.append(Fading.of(light_field))
     if views is None:
         raise InputError("no light field to measure the brightness of views in, expected at least one")
-    gain = np.ones((views.rows, views.cols, views.samples.shape[4]))
-    for number, (t, s) in enumerate(np.ndindex(views.rows, views.cols)):
-        medians, most = [], 0
-        for places in found:
-            textured, plain = places[number].textured, places[number].plain
-            chosen = textured if len(textured) >= LEAST_PLACES else plain
-            most = max(most, len(chosen))
-            if len(chosen) >= LEAST_PLACES:
-                medians.append(np.median(chosen, axis=0))
-        if not medians:
-            raise InputError(
-                f"view ({t}, {s}) has {most} places to compare its brightness in, expected {LEAST_PLACES}: "
-                "give frames of a scene that is neither dark nor overexposed"
-            )
-        gain[t, s] = np.exp(np.median(medians, axis=0))
+    gain, most = _gain(found, views)
+    if np.isnan(gain).any():
+        t, s = np.argwhere(np.isnan(gain))[0][:2]
+        raise InputError(
+            f"view ({t}, {s}) has {most[t, s]} places to compare its brightness in, expected {LEAST_PLACES}: "
+            "give frames of a scene that is neither dark nor overexposed"
+        )
     return Equalisation(layout_identity=views.layout_identity, gain=gain, exponent=measured_exponent(fading))
+
+
+def unequal(light_field: LightField) -> Equalisation | None:
+    """What makes the views of a light field alike, or None where none differs visibly from the central one.
+
+    A view that shows too little to be compared stays as it is.
+    """
+    if light_field.rows * light_field.cols < 2:
+        return None
+    gain, _ = _gain([list(_compared(light_field))], light_field)
+    gain[np.isnan(gain)] = 1.0
+    if np.abs(gain - 1.0).max() <= ALIKE:
+        return None
+    return Equalisation(layout_identity=light_field.layout_identity, gain=gain)
+
+
+def matched(light_field: LightField, equalisation: Equalisation) -> LightField:
+    """The light field with its views made alike; raises InputError for an equalisation of others."""
+    equalisation.check_belongs_to(light_field)
+    samples = light_field.samples.copy()
+    equalisation.apply(samples)
+    return LightField.of(light_field, samples, light_field.weights)
+
+
+def _gain(found: Sequence[Sequence[_Places]], views: LightField) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Factors (t, s, c) by the places of each light field, NaN where they are too few, and how many (t, s) they are."""
+    gain = np.full((views.rows, views.cols, views.samples.shape[4]), np.nan)
+    most = np.zeros(gain.shape[:2], np.intp)
+    for number, view in enumerate(np.ndindex(most.shape)):
+        chosen = [places[number].chosen for places in found]
+        most[view] = max((len(each) for each in chosen), default=0)
+        medians = [np.median(each, axis=0) for each in chosen if len(each) >= LEAST_PLACES]
+        if medians:
+            gain[view] = np.exp(np.median(medians, axis=0))
+    return gain, most
 
 
 @dataclass(frozen=True)
@@ -126,6 +155,11 @@ class _Places:
 
     textured: FloatArray
     plain: FloatArray
+
+    @property
+    def chosen(self) -> FloatArray:
+        """Those with texture, which match, or where they are too few, those without."""
+        return self.textured if len(self.textured) >= LEAST_PLACES else self.plain
 
 
 def _small(light_field: LightField) -> tuple[NDArray[np.float32], NDArray[np.bool_], FloatArray]:
@@ -187,7 +221,8 @@ def _distances(views: Views, matrix: FloatArray, central: FloatArray, position: 
     """Distances of planes from the central view, a pixel of disparity apart, near to far."""
     near, far = 1.0 / (NEAREST * views.reference_distance_mm), 1.0 / (FARTHEST * views.reference_distance_mm)
     moves_px = central[0, 0] * float(np.linalg.norm(position[:2])) * (near - far)
-    return 1.0 / np.linspace(near, far, max(2, int(np.ceil(moves_px)) + 1))
+    with np.errstate(divide="ignore"):
+        return 1.0 / np.linspace(near, far, max(2, int(np.ceil(moves_px)) + 1))
 
 
 def _mean(picture: NDArray[Any]) -> NDArray[np.float32]:

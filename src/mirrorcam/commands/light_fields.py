@@ -81,9 +81,10 @@ class LightFieldsOptions(GeometryOptions):
 
     def inputs(self) -> LightFieldInputs:
         """The light fields to work through; raises InputError for two that would write the same results."""
+        from mirrorcam.console.reporter import TERMINAL
         from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 
-        return LightFieldInputs(self.light_fields, self.layout, self.assumed)
+        return LightFieldInputs(self.light_fields, self.layout, self.assumed, TERMINAL)
 
     @property
     def counted(self) -> str:

@@ -132,6 +132,4 @@ def run(options: RefocusOptions) -> int:
 
 
 def _of_depth(used: UsedDepth) -> str:
-    if not used.measured:
-        return f"{used.name}: by the depth of {used.path}"
-    return f"{used.name}: depth measured" + (f", kept in {used.path}" if used.path else "")
+    return f"{used.name}: " + (f"depth measured, kept in {used.path}" if used.measured else f"depth of {used.path}")

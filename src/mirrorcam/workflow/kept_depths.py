@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import read_npz
 from mirrorcam.optics.base.fingerprint import digest
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import WHAT, load_depth, save_depth
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
@@ -49,13 +50,18 @@ def kept_depth(
 ) -> tuple[Path, NDArray[np.float32]] | None:
     """The first NAME_depth.npz of folders that was measured in this light field, and its depth (v, u) in mm, or None.
 
-    Where a nearest or farthest depth is given, it must have been searched between just those. Raises InputError for a
-    file of that name that is no depth map.
+    Where a nearest or farthest depth is given, it must have been searched between just those.
     """
     content = content_digest(light_field)
     for folder in folders:
         path = folder / f"{name}_depth.npz"
-        if path.is_file() and _belongs(read_npz(path, (CONTENT, SEARCHED), WHAT), content, near_mm, far_mm):
+        if not path.is_file():
+            continue
+        try:
+            arrays = read_npz(path, (CONTENT, SEARCHED), WHAT)
+        except InputError:
+            continue  # a file of the user's that is called so
+        if _belongs(arrays, content, near_mm, far_mm):
             return path, load_depth(path, light_field)
     return None
 

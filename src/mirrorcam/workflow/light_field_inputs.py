@@ -6,11 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.pictures import is_picture
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import Equalisation, matched, unequal
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
@@ -36,12 +40,13 @@ class LightFieldInputs:
     """Files and folders of light fields, whose names differ because results are called by them.
 
     `layout` is the `layout.json` of frames that are still to be decoded, `assumed` the geometry for files that do not
-    state it.
+    state it. `reporter` is told of views that are made alike.
     """
 
     paths: tuple[Path, ...]
     layout: Path | None = None
     assumed: Assumed = NOTHING
+    reporter: Reporter = SILENT
 
     def __post_init__(self) -> None:
         names = [path.stem for path in self.paths]
@@ -62,15 +67,28 @@ class LightFieldInputs:
         has_frames = any(is_picture(path) for path in self.paths)
         decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
         for done, path in enumerate(self.paths, start=1):
-            yield from opened(path, self.assumed, decoder)
+            yield from opened(path, self.assumed, decoder, self.reporter)
             progress(done, len(self.paths))
 
 
-def opened(path: Path, assumed: Assumed, decoder: Decoder | None) -> Iterator[NamedLightField]:
-    """The light fields of a file or folder; a recording has one for each frame."""
+def opened(
+    path: Path, assumed: Assumed, decoder: Decoder | None, reporter: Reporter = SILENT
+) -> Iterator[NamedLightField]:
+    """The light fields of a file or folder; a recording has one for each frame.
+
+    Views that differ visibly in brightness or colour are made like the central one, in a recording all frames by what
+    the first shows, and the reporter is told; others are what the file holds, to the bit.
+    """
     contents = open_light_fields(path, assumed=assumed, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
+    equalisation: Equalisation | None = None
     for number, light_field in enumerate(contents.frames):
         own_name = f"{name}_{number:06d}" if contents.is_recording else name
         time_s = None if contents.times_s is None else contents.times_s[number]
-        yield NamedLightField(own_name, light_field, contents.depth_range_mm, time_s)
+        if number == 0:
+            equalisation = unequal(light_field)
+            if equalisation is not None:
+                apart = np.abs(equalisation.gain - 1.0).max()
+                reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")
+        alike = light_field if equalisation is None else matched(light_field, equalisation)
+        yield NamedLightField(own_name, alike, contents.depth_range_mm, time_s)

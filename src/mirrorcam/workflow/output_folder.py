@@ -101,9 +101,9 @@ class OutputFolder:
             found = (path for path in matching if path.is_symlink() or not path.is_dir())
             self._refuse(path.relative_to(self.path).as_posix() for path in found)
 
-    def is_free(self, name: str) -> bool:
-        """Return whether a file can be put there without replacing one of others, or one that was changed."""
-        return not os.path.lexists(self.path / name) or self._written.holds(self.path, name)
+    def has_written(self, name: str) -> bool:
+        """Return whether this command has written a file of that name, changed since or not."""
+        return name in self._written.names
 
     def refuse_unknown(self) -> None:
         """Raise InputError where the folder holds files, and none that this command has written."""

@@ -96,10 +96,10 @@ class GreyPicture:
 
 @dataclass(frozen=True)
 class UsedDepth:
-    """The depth that pictures of a light field were made by: the file that holds it, if any, and whether it is new."""
+    """The depth that pictures of a light field were made by: the file that holds it, and whether it is new."""
 
     name: str
-    path: Path | None
+    path: Path
     measured: bool
 
 
@@ -122,7 +122,7 @@ def write_refocused(
     """Write the pictures and loops of a request of every light field.
 
     Depth that they need is that of the folder of the request or, from an earlier run, of this one; else it is measured,
-    and kept here as NAME_depth.npz where that replaces no file of others. With `force`, pictures replace them.
+    and kept here as NAME_depth.npz. With `force`, files of others in the folder are replaced, too.
     """
     grey, used = [], []
     with output_folder(folder, "refocus", force=force) as output:
@@ -145,15 +145,16 @@ def _depths(
     light_field, folder = each.light_field, request.depth_folder
     near, far = each.depths_to_search(request.near_mm, request.far_mm)
     places = (output.path,) if folder is None else (folder, output.path)
-    kept = kept_depth(places, each.name, light_field, near, far)
+    kept, name = kept_depth(places, each.name, light_field, near, far), f"{each.name}_depth.npz"
+    if kept is None or output.has_written(name):
+        output.refuse_others(glob.escape(name))
     if kept is not None:
         return UsedDepth(each.name, kept[0], measured=False), ViewDepths.of_reference(light_field, kept[1])
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
-    depth, name, path = estimator.estimate(light_field), f"{each.name}_depth.npz", None
-    if output.is_free(name):
-        keep_depth(staged / name, depth, light_field, estimator)
-        path = output.path / name
-    return UsedDepth(each.name, path, measured=True), ViewDepths.of_reference(light_field, depth.depth_mm)
+    depth = estimator.estimate(light_field)
+    keep_depth(staged / name, depth, light_field, estimator)
+    used = UsedDepth(each.name, output.path / name, measured=True)
+    return used, ViewDepths.of_reference(light_field, depth.depth_mm)
 
 
 def _write(

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -40,3 +42,19 @@ def test_names_that_would_meet_and_frames_without_a_layout_are_refused(tmp_path:
     write_image(tmp_path / "frame.png", np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(InputError, match="--layout"):
         list(LightFieldInputs((tmp_path / "frame.png",)).each())
+
+
+def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    light_field = photograph(grid_views(), [Surface(500.0)])[0]
+    samples = light_field.samples.copy()
+    samples[0, 2] = np.rint(samples[0, 2] * np.array([0.8, 1.0, 0.9])).astype(np.uint8)
+    save_npz(tmp_path / "tinted.npz", LightField.of(light_field, samples, light_field.weights))
+    save_npz(tmp_path / "alike.npz", light_field)
+    paths = tmp_path / "tinted.npz", tmp_path / "alike.npz"
+    tinted, alike = LightFieldInputs(paths, reporter=TERMINAL).each()
+    assert (alike.light_field.samples == light_field.samples).all()
+    off = tinted.light_field.samples.astype(float) - light_field.samples
+    assert np.abs(off.mean(axis=(2, 3))).max() < 0.02 * light_field.samples.mean()
+    said = capsys.readouterr().out
+    assert "tinted: views differ by up to 25% in brightness or colour, matched" in " ".join(said.split())
+    assert "alike" not in said

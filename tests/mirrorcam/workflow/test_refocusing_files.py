@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.light_field_results import write_depths
@@ -73,6 +74,8 @@ def test_depth_is_measured_once(tmp_path: Path) -> None:
     narrow = replace(by_folder, near_mm=400.0, far_mm=700.0)
     assert write_refocused(inputs, tmp_path / "out", narrow).depths[0].measured
     (tmp_path / "out/wall_depth.npz").write_bytes((tmp_path / "depths/wall_depth.npz").read_bytes())
-    mine = write_refocused(inputs, tmp_path / "out", replace(narrow, depth_folder=None)).depths[0]
-    assert (mine.path, mine.measured) == (None, True)
-    assert (tmp_path / "out/wall_depth.npz").read_bytes() == (tmp_path / "depths/wall_depth.npz").read_bytes()
+    with pytest.raises(InputError, match=r"wall_depth\.npz: was changed since this command wrote it"):
+        write_refocused(inputs, tmp_path / "out", replace(narrow, depth_folder=None))
+    # In the folder of `mirrorcam depth` itself, its file serves and stays.
+    beside = write_refocused(inputs, tmp_path / "depths", request).depths[0]
+    assert (beside.path, beside.measured) == (tmp_path / "depths/wall_depth.npz", False)
