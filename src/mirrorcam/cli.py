@@ -38,6 +38,7 @@ from mirrorcam.commands import (
     epi,
     export,
     features,
+    filter,
     picture,
     refocus,
     render,
@@ -76,6 +77,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     epi.EpiOptions: epi.run,
     depth.DepthOptions: depth.run,
     features.FeaturesOptions: features.run,
+    filter.FilterOptions: filter.run,
     track.TrackOptions: track.run,
     export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
@@ -106,6 +108,7 @@ class Command:
         | Annotated[epi.EpiOptions, subcommand("epi")]
         | Annotated[depth.DepthOptions, subcommand("depth")]
         | Annotated[features.FeaturesOptions, subcommand("features")]
+        | Annotated[filter.FilterOptions, subcommand("filter")]
         | Annotated[track.TrackOptions, subcommand("track")]
         | Annotated[export.ExportOptions, subcommand("export")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]

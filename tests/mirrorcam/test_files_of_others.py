@@ -100,6 +100,9 @@ CASES = {
     "epi": Case("epi picture.npz --out out", "mirrorcam.workflow.light_field_results:epi"),
     "depth": Case("depth picture.npz --out out", "mirrorcam.workflow.light_field_results:DepthEstimator"),
     "features": Case("features picture.npz --out out", "mirrorcam.workflow.light_field_results:FeatureFinder"),
+    "filter": Case(
+        "filter picture.npz --near-mm 300 --far-mm 500 --out out", "mirrorcam.workflow.filtering:filter_light_field"
+    ),
     "track": Case("track picture.npz second.npz --out out", "mirrorcam.workflow.tracking:LightFieldTracker"),
     "export": Case("export picture.npz --to hci --out out", "mirrorcam.workflow.exporting:open_light_fields"),
 }

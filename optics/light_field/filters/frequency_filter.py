@@ -1,0 +1,151 @@
+"""4-D filters of light fields in the frequency domain.
+
+Views are extended beyond their borders by as much as the passband moves anything between two of them, so that nothing
+wraps around. Samples beyond the borders, missing ones, and the missing part of those that weigh less than 1 are first a
+plain guess, then what the filter makes of the others, in a few passes: expectation and maximisation for missing data
+(Dempster, Laird and Rubin, Journal of the Royal Statistical Society B 39, 1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from mirrorcam.optics.light_field.filters.passband import Passband
+from mirrorcam.optics.light_field.filters.spectrum import (
+    Power,
+    filtered_spectra,
+    frequencies_of,
+    measured_power,
+)
+from mirrorcam.optics.light_field.light_field import LightField
+
+Float32 = NDArray[np.float32]
+
+PASSES = 3
+OUTLIER_PASSES = 12
+OUTLYING = 14.0
+"""Residual, in robust standard deviations, from which on a sample counts a quarter and less."""
+LEAST_VARIANCE = (1.0 / 255.0) ** 2
+"""Of residuals: where they are less than a grey level, none of them is told from rounding."""
+MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
+"""Of chi-square distributions."""
+MARGIN_PX = 8
+BRIGHTNESS_AND_COLOUR = (np.array([[1, 1, 1], [1, 0, -1], [1, -2, 1]]) / np.sqrt([[3], [2], [6]])).astype(np.float32)
+"""Rotation of RGB: surfaces vary more in brightness than in colour, noise does not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """A filtered light field.
+
+    Attributes
+    ----------
+    light_field
+        With the geometry, weights and type of samples of the given one.
+    outside
+        Root mean square per sample, 0 to 1, of what did not agree with the passband: noise, what lies at other depths,
+        occlusions and reflections.
+    left_out
+        Share of the samples that counted less than half.
+    """
+
+    light_field: LightField
+    outside: float
+    left_out: float
+
+
+def filter_light_field(light_field: LightField, passband: Passband, *, leave_out: bool = False) -> Filtered:
+    """Keep of all views what lies in a passband, weighed against noise as measured in the light field.
+
+    Parameters
+    ----------
+    light_field
+        Samples at views in any places. Views before or behind the others are taken as beside them: what is kept is then
+        off by up to |z_i| |1 / Z - 1 / Z0| of its distance from the principal point.
+    passband
+        What is kept, of these views.
+    leave_out
+        Whether samples that are far from what the filter keeps are left out as if they were missing: rain, snow and
+        particles before the depths that pass.
+
+    Returns
+    -------
+    Filtered
+        Every view, filtered; zero where the given light field has no sample.
+    """
+    grid, channels = light_field.samples.shape[:2], light_field.samples.shape[-1]
+    is_bytes = light_field.samples.dtype == np.uint8
+    samples: Any = light_field.samples.reshape(-1, *light_field.samples.shape[2:]).astype(np.float32)
+    weights = np.minimum(light_field.weights.reshape(samples.shape[:3]), np.float32(1.0))
+    turn = BRIGHTNESS_AND_COLOUR if channels == 3 else np.ones((1, 1), np.float32)
+    scale = np.float32(255.0 if is_bytes else 1.0)
+    kept, power, counted = _kept(samples / scale @ turn.T, weights, passband, leave_out)
+    shown: Any = np.clip(kept @ turn, 0.0, 1.0).reshape(*grid, *samples.shape[1:]) * scale
+    shown = np.where(light_field.valid[..., None], np.rint(shown) if is_bytes else shown, 0.0)
+    had = weights > 0
+    return Filtered(
+        LightField.of(light_field, shown.astype(light_field.samples.dtype), light_field.weights),
+        float(np.sqrt(power.noise_of_sample / channels)),
+        float((counted[had] < 0.5 * weights[had]).mean()) if had.any() else 0.0,
+    )
+
+
+def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: bool) -> tuple[Float32, Power, Float32]:
+    """What of samples (n, v, u, c) is kept, the power of it and of the rest, and what samples counted, (n, v, u)."""
+    pads, inside = _extension(samples.shape[1:3], passband)
+    given = _extended(samples, weights, pads)
+    known = counted = np.pad(weights, pads[:3])[..., None]
+    frequencies = frequencies_of(*given.shape[1:3])
+    lag = np.exp(1j * passband.phases(frequencies)).astype(np.complex64)[..., None]
+    filled = kept = given
+    for number in range(OUTLIER_PASSES if leave_out else PASSES):
+        if number:
+            counted = known * _agreement(given, kept, known) if leave_out else known
+            filled = counted * given + (1 - counted) * kept
+        spectra = scipy.fft.rfft2(filled, axes=(1, 2), norm="ortho") * lag
+        vectors = np.moveaxis(spectra, 0, 2).reshape(-1, spectra.shape[0], spectra.shape[3])
+        power = measured_power(vectors, passband, frequencies.reshape(-1, 2), float(counted.mean()))
+        passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
+        spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
+        kept = scipy.fft.irfft2(spectra, given.shape[1:3], axes=(1, 2), norm="ortho").astype(np.float32)
+    return kept[:, *inside], power, counted[:, *inside, 0]
+
+
+def _extension(size: tuple[int, ...], passband: Passband) -> tuple[list[tuple[int, int]], tuple[slice, slice]]:
+    """What `np.pad` adds to samples (n, v, u) of a size (v, u), and where they then are."""
+    least = int(np.ceil(passband.largest_shift_px)) + MARGIN_PX
+    sides = [scipy.fft.next_fast_len(side + 2 * least, real=True) for side in size]
+    added = [(least, side - length - least) for side, length in zip(sides, size, strict=True)]
+    down, across = (slice(least, least + length) for length in size)
+    return [(0, 0), *added], (down, across)
+
+
+def _extended(samples: Float32, weights: Float32, pads: list[tuple[int, int]]) -> Float32:
+    """Samples with a guess where there are none: the mean of views at a pixel, beyond borders a ramp to that of all.
+
+    At both ends of the extension stands the same colour: nothing is cut where it wraps around.
+    """
+    weight = weights[..., None]
+    total = weight.sum(axis=0)
+    mean = (weight * samples).sum(axis=(0, 1, 2)) / max(float(weight.sum()), 1e-6)
+    guess = np.where(total > 1e-3, (weight * samples).sum(axis=0) / np.maximum(total, 1e-3), mean)
+    whole = weight * samples + (1 - weight) * guess
+    ramps = [
+        np.pad(whole[..., c], pads, mode="linear_ramp", end_values=float(mean[c])) for c in range(samples.shape[-1])
+    ]
+    return np.stack(ramps, axis=-1).astype(np.float32)
+
+
+def _agreement(given: Float32, kept: Float32, known: Float32) -> Float32:
+    """How much samples count (n, v, u, 1), 0 to 1, by how far they are from what is kept."""
+    squares = np.square(given - kept).sum(axis=-1)
+    smooth = np.stack([cv2.GaussianBlur(each, (0, 0), 1.0) for each in squares])
+    variance = np.median(squares[known[..., 0] > 0.5]) / MEDIAN_OF_SQUARES[given.shape[-1]]
+    ratio = smooth / np.float32(max(float(variance), LEAST_VARIANCE) * OUTLYING**2)
+    return (1.0 / np.square(1.0 + np.square(ratio)))[..., None].astype(np.float32)
