@@ -1,50 +1,81 @@
-"""Depth of a light field: a sweep of planes, semi-global aggregation, and refinement to parts of a pixel.
+"""Depth of the reference view from all views of a light field, with its uncertainty.
 
-Where things move by many pixels between the views, half the size is enough for the sweep, and four times as fast.
+A sweep of planes gives each pixel a cost at each depth (`cost`); paths along surfaces that lean choose among them
+(`semiglobal`), first with views in competition, then again with what hides what known from the first depth
+(`visibility`); edges follow the picture (`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.depth import cost
-from mirrorcam.optics.light_field.depth.cost import Planes
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS, channels, matching_costs
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.geometry import halved, other_views, plane_inverse_distances, reference_index
-from mirrorcam.optics.light_field.depth.photometry import grey, normalised
-from mirrorcam.optics.light_field.depth.refine import MatchStatistics, Refiner, enlarged, guided
-from mirrorcam.optics.light_field.depth.semiglobal import aggregate
+from mirrorcam.optics.light_field.depth.edges import follow_edges
+from mirrorcam.optics.light_field.depth.geometry import (
+    Parallax,
+    halved,
+    other_views,
+    parallax,
+    plane_inverse_distances,
+    reference_index,
+)
+from mirrorcam.optics.light_field.depth.photometry import (
+    GAIN_STRIDE_PX,
+    ViewPicture,
+    first_gain,
+    matching_gain,
+    patches,
+)
+from mirrorcam.optics.light_field.depth.refine import Match, Refiner, SlopePictures
+from mirrorcam.optics.light_field.depth.semiglobal import aggregate, leans_of, least_planes
+from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
+from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
+from mirrorcam.optics.light_field.depth.visibility import nearest_planes
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
+Quality = Literal["best", "fast"]
 
 NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is searched by default, in reference depths."""
-FULL_STEP_PX, HALF_STEP_PX = 0.5, 1.0
+STEP_PX = 0.5
 """How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
-FULL_PLANES = 64
-"""More planes than that are not searched at full size but at half."""
-COST_PX = 3
-"""Side of the square over which costs are averaged."""
-NEXT_PLANE = 6 * cost.UNITS
-ANY_PLANE = 45 * cost.UNITS
-NEAR_REACH_PX, FAR_REACHES_PX = 7, (9, 25)
-"""Sides of the squares whose nearest, or farthest, depth a pixel may take: what is near comes out too wide."""
-SMOOTH_RADIUS_PX = 5
-SMOOTH_PX = 0.3
-"""Waves of a surface up to that many px of the farthest view are smoothed, larger ones kept."""
-DISTINCT = 0.25
-"""By what part the next best depth must be worse for full confidence."""
+MOST_CELLS = 2**26
+"""Most pixels times planes that are searched at full size in the best quality."""
+NEXT_PLANE, ANY_PLANE = 3.0, 24.0
+"""Penalties, in contrasts, of eight views; more views are surer."""
+PENALTY_POWER = 0.4
+JUMP_PX = 0.6
 SMALLEST_PX = 16
-QUANTISATION = 1.0 / 6.0
-"""Variance of the difference of two rounded numbers."""
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """Of a quality: whether the search is at half size, its rounds along leaning surfaces, and steps of refinement."""
+
+    halve: bool
+    rounds: int
+    hiding: bool
+    steps: int
+
+
+EFFORTS = {"best": _Effort(False, 2, True, 2), "fast": _Effort(True, 1, False, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Planes (v, u) of the reference view at some size, and by how much the next best was dearer, in contrasts."""
+
+    planes: Float32
+    margin: Float32
 
 
 class DepthEstimator:
@@ -57,6 +88,8 @@ class DepthEstimator:
     near_mm, far_mm
         Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
         plane. Infinity is a depth.
+    quality
+        "best", or "fast" for videos: searched at half size.
     workers
         Number of threads; by default as many as OpenCV uses.
 
@@ -73,6 +106,7 @@ class DepthEstimator:
         *,
         near_mm: float | None = None,
         far_mm: float | None = None,
+        quality: Quality = "best",
         workers: int | None = None,
     ) -> None:
         geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
@@ -84,33 +118,23 @@ class DepthEstimator:
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
-        self._halve = False
-        searched, self._inverse_distances = self.views, self._spaced(self.views, FULL_STEP_PX)
-        if self.planes > FULL_PLANES:
-            self._halve = True
-            searched = halved(self.views)
-            self._inverse_distances = self._spaced(searched, HALF_STEP_PX)
-        seen = np.zeros((searched.rows, searched.cols, searched.height_px, searched.width_px), np.float32)
-        for index in np.ndindex(searched.rows, searched.cols):
-            seen[index] = self._sized(grey(light_field, index)) >= 0
-        self._planes = Planes(searched, seen, self._inverse_distances)
-        self._refiner = Refiner(self.views, self._run)
-
-    def _spaced(self, views: Views, step_px: float) -> FloatArray:
-        return plane_inverse_distances(views, self.near_mm, self.far_mm, step_px)
-
-    def _sized(self, picture: Float32) -> Float32:
-        """A grey picture at the size searched at: two by two pixels joined, negative where one has no sample."""
-        if not self._halve:
-            return picture
-        rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
-        even = picture[: 2 * rows, : 2 * columns]
-        return np.asarray(cv2.resize(even, (columns, rows), interpolation=cv2.INTER_AREA))
+        self._effort = EFFORTS[quality]
+        full = sweep(self.views, plane_inverse_distances(self.views, self.near_mm, self.far_mm, STEP_PX))
+        self._halve = self._effort.halve or full.planes * self.views.width_px * self.views.height_px > MOST_CELLS
+        self._sweep = full
+        if self._halve:
+            small = halved(self.views)
+            self._sweep = sweep(small, plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX))
+        self._full = full
+        self._parallaxes = [parallax(self.views, index) for index in self.others]
+        self._refiner = Refiner(
+            full, self._parallaxes, (self.views.height_px, self.views.width_px), self._run
+        )
 
     @property
     def planes(self) -> int:
         """Number of planes swept."""
-        return len(self._inverse_distances)
+        return self._sweep.planes
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights that this estimator was built for."""
@@ -125,82 +149,84 @@ class DepthEstimator:
         """
         if not self.fits(light_field):
             raise InputError("light field has other views or weights than the one the estimator was built for")
-        reference, *pictures = self._run(lambda index: grey(light_field, index), [self.reference, *self.others])
-        coarse, distinct = self._coarse(reference, pictures)
-        nearest, *farthest = (
-            _square(side // 2 + 1 if self._halve else side) for side in (NEAR_REACH_PX, *FAR_REACHES_PX)
-        )
-        candidates: list[Any] = [coarse, cv2.dilate(coarse, nearest), *(cv2.erode(coarse, far) for far in farthest)]
+        pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
+        reference, others = pictures[0], pictures[1:]
+        gains = [first_gain(other.grey, reference.grey) for other in others]
+        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        found, others = self._searched(reference, others)
+        planes = self._at_full_size(found.planes, reference.known.shape)
+        planes = follow_edges(planes, reference.colours, JUMP_PX / self._full.reach_px, self._run)
+        own, *slopes = self._run(lambda each: SlopePictures.of(_grey(each), each.seen), [reference, *others])
+        planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
+        margin = found.margin
         if self._halve:
-            *candidates, distinct = (enlarged(small, reference.shape) for small in (*candidates, distinct))
-        pictures = self._refiner.matched(pictures, reference, candidates[0])
-        known = reference >= 0
-        reference = np.where(known, reference, np.float32(0.0))
-        found = self._refiner.chosen(candidates, pictures, reference)
-        step = float(self._inverse_distances[1] - self._inverse_distances[0])
-        found, statistics = self._refiner.stepped(found, pictures, reference, step)
-        px = self.views.focal_px * float(np.abs(self.views.positions_mm[..., :2]).max())
-        moved = found * np.float32(px)
-        # Where the views carry no information, this small weight lets neighbouring pixels decide.
-        usual = max(float(statistics.information.mean()), float(np.finfo(np.float32).tiny))
-        trust = statistics.information * np.float32(1.0 / usual) + np.float32(1e-3)
-        found = guided(moved, moved, SMOOTH_RADIUS_PX, SMOOTH_PX, trust) * np.float32(1.0 / px)
-        return self._depth_map(found, statistics, distinct, known, step)
+            margin = _enlarged(margin, reference.known.shape)
+        return self._depth_map(planes, match, smooth, margin, reference.known)
 
-    def _coarse(self, reference: Float32, pictures: list[Float32]) -> tuple[Float32, Float32]:
-        """Inverse distances (v, u) to part of a plane, at the size searched at, and how much worse the next best is."""
-        own, *others = self._run(lambda picture: normalised(self._sized(picture)), [reference, *pictures])
-        count = self.planes
-        prepared = self._planes.prepared(others, self._run)
-        volume = np.empty((own.shape[0], count, own.shape[1]), np.uint16)
+    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
+        """Planes of the sweep at the size searched at, and the other views (full size) as bright as the reference."""
+        size = (lambda each: each.halved()) if self._halve else (lambda each: each)
+        own, small = size(reference), [size(other) for other in others]
+        power = (8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0
+        penalties = (round(NEXT_PLANE * UNITS * power), round(ANY_PLANE * UNITS * power))
+        colours = own.colours
+        compared = channels(colours)
+        seen = np.stack([each.seen for each in small])
+        volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run)
+        level = np.zeros(own.known.shape, np.float32)
+        planes, margin = least_planes(aggregate(volume, colours, (level, level), penalties, self._run), self._run)
+        for _ in range(self._effort.rounds):
+            total = aggregate(volume, colours, leans_of(planes), penalties, self._run)
+            planes, margin = least_planes(total, self._run)
+        gains = self._gains(reference, others, self._at_full_size(planes, reference.known.shape))
+        others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
+        if self._effort.hiding:
+            nearest = nearest_planes(planes, self._sweep, self._run)
+            small = [size(other) for other in others]
+            volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run, nearest)
+            total = aggregate(volume, colours, leans_of(planes), penalties, self._run)
+            planes, margin = least_planes(total, self._run)
+        return _Found(planes, margin * np.float32(1.0 / (8.0 * UNITS))), others
 
-        def fill(plane: int) -> None:
-            cv2.blur(self._planes.cost(plane, prepared, own), (COST_PX, COST_PX), volume[:, plane])
+    def _channels(self, pictures: list[ViewPicture]) -> Float32:
+        return np.stack(list(self._run(lambda each: channels(each.colours), pictures)))
 
-        list(self._run(fill, range(count)))
-        total = aggregate(volume, NEXT_PLANE, ANY_PLANE, self._run)
-        # The least cost and where it is, in one pass: the plane's number is the lower half of each word.
-        words = total.astype(np.uint32)
-        words <<= np.uint32(16)
-        words |= np.arange(count, dtype=np.uint32)[:, None]
-        best = words.min(axis=1)
-        plane = (best & np.uint32(0xFFFF)).astype(np.int16)
-        inner = np.clip(plane, 1, count - 2).astype(np.int64)
-        before, at, after = (
-            np.take_along_axis(total, (inner + offset)[:, None], axis=1)[:, 0].astype(np.float32)
-            for offset in (-1, 0, 1)
+    def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
+        """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
+        every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
+        rows, columns = (
+            axis[every, every].astype(np.float32) for axis in np.indices(planes.shape)
         )
-        curvature = np.maximum(before - 2.0 * at + after, np.float32(1.0))
-        part = np.clip((before - after) / (2.0 * curvature), np.float32(-1.0), np.float32(1.0))
-        first, step = self._inverse_distances[0], self._inverse_distances[1] - self._inverse_distances[0]
-        next_best = np.full(plane.shape, 0xFFFF, np.uint16)
-        for number in range(count):
-            apart = np.abs(plane - np.int16(number)) > 2
-            np.minimum(next_best, total[:, number], out=next_best, where=apart)
-        least = (best >> np.uint32(16)).astype(np.float32)
-        distinct = 1.0 - least / np.maximum(next_best, np.uint16(1)).astype(np.float32)
-        return (first + step * (inner + part)).astype(np.float32), distinct
+        inverse, ours = self._full.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
+
+        def one(view: Parallax, other: ViewPicture) -> Float32:
+            return matching_gain(other.grey, *view.pixels(columns, rows, inverse), ours)
+
+        return list(self._run(one, self._parallaxes, others))
+
+    def _at_full_size(self, planes: Float32, shape: tuple[int, int]) -> Float32:
+        """Planes (v, u) of the sweep searched in those of the full-size sweep."""
+        if not self._halve:
+            return planes
+        inverse = self._sweep.inverse_distance(_enlarged(planes, shape))
+        first, step = np.float32(self._full.inverse_distances[0]), np.float32(1.0 / self._full.step)
+        return np.asarray((inverse - first) * step)
 
     def _depth_map(
-        self, found: Float32, statistics: MatchStatistics, distinct: Float32, known: NDArray[np.bool_], step: float
+        self, planes: Float32, match: Match, smooth: Float32, margin: Float32, known: NDArray[np.bool_]
     ) -> DepthMap:
-        """The depth map of inverse distances (v, u) and what is known of them."""
-        low, high = self._inverse_distances[[0, -1]]
-        found = np.clip(found, np.float32(max(low - step, 0.0)), np.float32(high + step))
-        known = known & (statistics.seeing >= min(2, len(self.others)))
-        # Without information, any depth of the range is as likely as any other.
-        flat = np.float32((high - low) / np.sqrt(12.0))
-        deviation = np.sqrt(
-            (statistics.variance + np.float32(QUANTISATION)) / np.maximum(statistics.information, 1e-30)
-        )
-        deviation = np.minimum(deviation, flat)
+        """The depth map of planes (v, u) and what is known of them."""
+        full = self._full
+        found = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
+        found = np.maximum(found, np.float32(0.0))
+        known = known & (match.seeing >= min(2, len(self.others)))
+        sigma_px = standard_deviation_px(match, smooth, full.planes * full.reach_px)
+        deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / found
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
-        agreeing = np.minimum(2.0 * statistics.agreeing / len(self.others), 1.0)
-        sharp = 1.0 / (1.0 + np.square(deviation / np.float32(step)))
-        confidence = agreeing * sharp * np.clip(distinct / DISTINCT, 0.0, 1.0)
+        confidence = np.clip(margin, 0.0, 1.0)
         return DepthMap(
             views=self.views,
             view=self.reference,
@@ -210,8 +236,15 @@ class DepthEstimator:
         )
 
 
-def _square(side_px: int) -> NDArray[np.uint8]:
-    return np.ones((side_px, side_px), np.uint8)
+def _grey(picture: ViewPicture) -> Float32:
+    return np.asarray(cv2.cvtColor(picture.colours, cv2.COLOR_RGB2GRAY))
+
+
+def _enlarged(small: Float32, shape: tuple[int, int]) -> Float32:
+    """A map of two by two pixels (v, u) at full size; an odd last row or column repeats the one before."""
+    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
+    below, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
+    return np.asarray(cv2.copyMakeBorder(full, 0, below, 0, right, cv2.BORDER_REPLICATE))
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

@@ -1,10 +1,11 @@
-"""Making pictures of views comparable: equal local contrast for the search, equal brightness for the refinement.
+"""Making pictures of views comparable: equal brightness, roughly before depth is known and to a plane after.
 
 Mirrors reflect unevenly and a lens darkens its corners, so that the same thing differs by up to a fifth between views.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -17,45 +18,89 @@ Float32 = NDArray[np.float32]
 
 NO_SAMPLE = -1e4
 """What a grey picture holds where there is no sample: whatever is blended with some of it is negative."""
-WINDOW_PX = 7
-"""Side of the square over which brightness and contrast are made alike."""
-NOISE = 4.0
-"""Standard deviation, of 255, below which contrast is not raised further."""
-CONTRAST = 50.0
+FILL_PX = 5
+"""Side of the square whose mean stands where a sample is missing, so that no false edge is seen beside it."""
 LEAST_GAIN, MOST_GAIN = np.float32(0.4), np.float32(2.5)
 GAIN_STRIDE_PX = 8
 GAIN_PATCH_PX = 5
 FEWEST_SAMPLES = 50
+SURE_GAIN = 0.03
+"""Part by which views must differ in brightness before anything is known of depth, to be made alike."""
 HIDDEN = (24.0, 12.0, 6.0, 6.0)
 """Difference, of 255, from which on two samples probably do not show the same place, round after round."""
 
 
-def grey(light_field: LightField, index: tuple[int, int]) -> Float32:
-    """A view (v, u) in grey, 0 to 255, `NO_SAMPLE` where there is none."""
-    samples: Any = light_field.samples[index]
-    picture: Any = samples[..., 0] if samples.shape[-1] == 1 else cv2.cvtColor(samples, cv2.COLOR_RGB2GRAY)
-    if samples.dtype == np.uint8:
-        picture = picture.astype(np.float32)
-    else:
-        picture = np.clip(picture, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
-    picture[light_field.weights[index] <= 0] = NO_SAMPLE
-    return np.asarray(picture)
+@dataclass(frozen=True, eq=False)
+class ViewPicture:
+    """A view made ready for comparison.
 
-
-def normalised(picture: Float32) -> NDArray[np.uint8]:
-    """A grey picture (v, u) with its local mean taken off and its local contrast made alike; mid-grey has no contrast.
-
-    Local means leave out what is no sample; there the result is mid-grey.
+    Attributes
+    ----------
+    colours
+        (v, u, 3), 0 to 255, the means of samples near by where there is none.
+    known
+        Mask (v, u) of samples.
     """
-    size = (WINDOW_PX, WINDOW_PX)
-    known = (picture >= 0).astype(np.float32)
-    part = np.maximum(cv2.boxFilter(known, -1, size), np.float32(1e-3))
-    centred = picture - cv2.boxFilter(picture * known, -1, size) / part
-    centred *= known
-    variance = np.maximum(cv2.boxFilter(np.square(centred), -1, size) / part, np.float32(0.0))
-    centred *= np.float32(CONTRAST) / (np.sqrt(variance) + np.float32(NOISE))
-    centred += np.float32(128.5)
-    return np.clip(centred, 0.0, 255.0).astype(np.uint8)
+
+    colours: Float32
+    known: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
+        """View (t, s) of a light field; a grey one has three like colours."""
+        samples: Any = light_field.samples[index]
+        colours = samples.astype(np.float32)
+        if samples.dtype == np.float32:
+            colours = np.clip(colours, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
+        colours = np.ascontiguousarray(np.broadcast_to(colours, (*samples.shape[:2], 3)))
+        known = light_field.weights[index] > 0
+        if not known.all():
+            share = cv2.blur(known.astype(np.float32), (FILL_PX, FILL_PX))
+            mean = cv2.blur(colours * known[..., None], (FILL_PX, FILL_PX)) / np.maximum(share, 1e-3)[..., None]
+            colours[~known] = mean[~known]
+        return cls(colours, known)
+
+    @property
+    def grey(self) -> Float32:
+        """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is none."""
+        return np.where(self.known, cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY), np.float32(NO_SAMPLE))
+
+    @property
+    def seen(self) -> NDArray[np.uint8]:
+        """Mask (v, u) of samples whose neighbours are samples, too, as uint8."""
+        return np.asarray(cv2.erode(self.known.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
+
+    def halved(self) -> ViewPicture:
+        """Two by two pixels joined; what one of them lacks is unknown. An odd last column or row is left out."""
+        rows, columns = self.known.shape[0] // 2, self.known.shape[1] // 2
+        even = (slice(2 * rows), slice(2 * columns))
+        joined = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
+        known = self.known[even].reshape(rows, 2, columns, 2).all(axis=(1, 3))
+        return ViewPicture(np.asarray(joined), known)
+
+    def brighter(self, gain: Float32 | float) -> ViewPicture:
+        """The view with its brightness times a gain, a number or a map (v, u)."""
+        factor = np.asarray(gain, dtype=np.float32)
+        return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.known)
+
+
+def first_gain(picture: Float32, reference: Float32) -> float:
+    """Factor that makes a grey view (v, u) about as bright as the reference view, before depth is known; else 1.
+
+    The median ratio of means over large squares; below `SURE_GAIN`, depth itself may explain it.
+    """
+    side = max(3, min(picture.shape) // 8)
+    both = (picture >= 0) & (reference >= 0)
+
+    def mean(of: Float32) -> Float32:
+        return np.asarray(cv2.blur(np.where(both, of, np.float32(0.0)), (side, side)))[side // 2 :: side, side // 2 :: side]
+
+    ours, theirs = mean(reference), mean(picture)
+    usable = (ours > 1.0) & (theirs > 1.0)
+    if not usable.any():
+        return 1.0
+    gain = float(np.median(ours[usable] / theirs[usable]))
+    return float(np.clip(gain, LEAST_GAIN, MOST_GAIN)) if abs(gain - 1.0) > SURE_GAIN else 1.0
 
 
 def patches(picture: Float32) -> Float32:
@@ -63,8 +108,8 @@ def patches(picture: Float32) -> Float32:
     return np.asarray(cv2.blur(picture, (GAIN_PATCH_PX, GAIN_PATCH_PX)))
 
 
-def brightened(picture: Float32, across: Float32, down: Float32, reference: Float32) -> Float32:
-    """A grey view (v, u) brought to the brightness of the reference view.
+def matching_gain(picture: Float32, across: Float32, down: Float32, reference: Float32) -> Float32:
+    """Gain (v, u) that brings a grey view to the brightness of the reference view; ones where too little is shared.
 
     The gain is a plane over the view, g = a + b u + c v, fitted to what both show of the same places; places that
     differ too much, hidden in one of them, lose their say round after round (Geman-McClure weights).
@@ -83,7 +128,7 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     )
     both = (theirs >= 0) & (reference >= 0)
     if np.count_nonzero(both) < FEWEST_SAMPLES:
-        return picture
+        return np.ones_like(picture)
     height, width = picture.shape
     basis = np.stack([np.ones_like(across), across / width - 0.5, down / height - 0.5], axis=-1)[both].astype(float)
     target = reference[both].astype(float)
@@ -96,4 +141,4 @@ def brightened(picture: Float32, across: Float32, down: Float32, reference: Floa
     columns = np.arange(width, dtype=np.float32) / np.float32(width) - np.float32(0.5)
     rows = np.arange(height, dtype=np.float32)[:, None] / np.float32(height) - np.float32(0.5)
     plane = (np.float32(gain[0]) + np.float32(gain[1]) * columns) + np.float32(gain[2]) * rows
-    return np.asarray(np.clip(plane, LEAST_GAIN, MOST_GAIN) * picture)
+    return np.asarray(np.clip(plane, LEAST_GAIN, MOST_GAIN))

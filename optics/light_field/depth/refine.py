@@ -1,183 +1,283 @@
-"""Refinement of a coarse map of inverse distance: edges to the pixel, surfaces to a small part of one."""
+"""Refinement of a depth map to a small part of a pixel: all views together, over surfaces that may bend but not ripple.
+
+Slopes of brightness in the views are fitted by Gauss-Newton steps; second differences of the map are held small where
+no depth edge is (robust weights). Both give the information from which the uncertainty follows.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNSEEN, best_half, sides
-from mirrorcam.optics.light_field.depth.geometry import Parallax, other_views, parallax
-from mirrorcam.optics.light_field.depth.photometry import GAIN_STRIDE_PX, NO_SAMPLE, brightened, patches
-from mirrorcam.optics.light_field.depth.semiglobal import Map
-from mirrorcam.optics.light_field.light_field import Views
+from mirrorcam.optics.light_field.depth.cost import bands
+from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.sweep import Sweep
+from mirrorcam.optics.light_field.depth.visibility import nearest_planes
 
 Float32 = NDArray[np.float32]
+Map = Callable[..., Any]
 
-TRUNCATION_GREY = 10
-"""Difference of brightness, of 255, that counts as `cost.TRUNCATION`."""
-EDGE_RADIUS_PX = 1
-EDGE_GREY = 4.5
-"""Contrast that makes an edge of the picture when costs are gathered."""
-PATCH_PX = 5
-"""Side of the square over which one step is solved for."""
-OUTLIER_GREY = 6.0
-NOISE_SLOPE = 236.0 / 1024.0
-"""Variance of a Scharr slope, per px, of noise of variance one."""
-FAKE = 1.5
-"""A slope is significant where its square exceeds the one expected of noise by this factor."""
-RIDGE = 0.01
-MEDIAN_PX = 5
+NOISE_GREY = 0.25
+"""Standard deviation, of 255, that a difference of slopes of brightness is taken to have."""
+OUTLIER = 3.0
+"""Multiple of it from which on a view probably shows something else."""
+OUTLIER_PX = 3
+HIDING_PX = 1.0
+"""Motion of the farthest view by which a surface must be nearer to hide another."""
+SMOOTH = 300.0
+"""Inverse variance of second differences of a surface, 1/px^2 of the farthest view's motion."""
+EDGE_PX = 0.15
+"""Second difference, px of the farthest view's motion, from which on there is probably a depth edge."""
+HELD = 1.0
+"""Inverse variance with which a value is held where it was, 1/px^2."""
+SOLVER_STEPS = 30
+LONGEST_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class MatchStatistics:
-    """Statistics of the match at an inverse distance (v, u), from the step towards it.
+class Match:
+    """Statistics (v, u) of the match of the views with the reference view at a depth map.
 
     Attributes
     ----------
     information
-        Sum of squared slopes of brightness by inverse distance over views and patch, (grey mm)^2, less the sum that is
-        expected of noise alone.
-    variance
-        Variance of the differences between views, grey^2.
-    agreeing
-        Number of other views that show the same there, as a sum of weights from 0 to 1.
-    seeing
-        Number of other views that have a sample there.
+        Inverse variance of the plane that the slopes of a pixel itself give at NOISE_GREY, 1/px^2 of the farthest
+        view's motion.
+    agreeing, seeing
+        Sums of weights of the other views that show the same there, and number of those that see it.
+    residual
+        Weighted mean square difference of slopes, grey^2.
     """
 
     information: Float32
-    variance: Float32
     agreeing: Float32
     seeing: Float32
+    residual: Float32
 
 
-def guided(values: Float32, guide: Float32, radius_px: int, spread: float, weights: Float32) -> Float32:
-    """Weighted guided filter (v, u): locally, values become a linear function of the guide (He, PAMI 35(6), 2013).
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _cubic(t, out):  # type: ignore[no-untyped-def]
+    """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
+    half, one = np.float32(0.5), np.float32(1.0)
+    out[0] = ((-half * t + one) * t - half) * t
+    out[1] = (np.float32(1.5) * t - np.float32(2.5)) * t * t + one
+    out[2] = ((np.float32(-1.5) * t + np.float32(2.0)) * t + half) * t
+    out[3] = (half * t - half) * t * t
 
-    `spread` is the contrast of the guide that is kept as an edge.
+
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _sampled(first, last, columns, rows, move_across, move_down, pictures, derivatives, seen, values, slopes):  # type: ignore[no-untyped-def]
+    """Values (c, v, u) of pictures (c, v, u) at places (v, u), and their change with the plane; NaN where not seen."""
+    count, height, width = pictures.shape
+    across, down = np.empty(4, np.float32), np.empty(4, np.float32)
+    for y in range(first, last):
+        for x in range(columns.shape[1]):
+            column, row = columns[y, x], rows[y, x]
+            if not (column >= 0 and row >= 0 and column <= width - 1 and row <= height - 1):
+                values[:, y, x], slopes[:, y, x] = np.nan, 0.0
+                continue
+            x0, y0 = int(column), int(row)
+            if seen[y0, x0] == 0:
+                values[:, y, x], slopes[:, y, x] = np.nan, 0.0
+                continue
+            tx, ty = column - np.float32(x0), row - np.float32(y0)
+            _cubic(tx, across)
+            _cubic(ty, down)
+            x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
+            w00, w01 = (np.float32(1.0) - tx) * (np.float32(1.0) - ty), tx * (np.float32(1.0) - ty)
+            w10, w11 = (np.float32(1.0) - tx) * ty, tx * ty
+            for c in range(count):
+                value = np.float32(0.0)
+                for j in range(4):
+                    line = pictures[c, min(max(y0 - 1 + j, 0), height - 1)]
+                    part = np.float32(0.0)
+                    for i in range(4):
+                        part += across[i] * line[min(max(x0 - 1 + i, 0), width - 1)]
+                    value += down[j] * part
+                values[c, y, x] = value
+                slope = np.float32(0.0)
+                for axis in range(2):
+                    d = derivatives[c, axis]
+                    rise = w00 * d[y0, x0] + w01 * d[y0, x1] + w10 * d[y1, x0] + w11 * d[y1, x1]
+                    slope += rise * (move_across[y, x] if axis == 0 else move_down[y, x])
+                slopes[c, y, x] = slope
+
+
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _bends(values, across, down, bend_across, bend_down):  # type: ignore[no-untyped-def]
+    """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
+    height, width = values.shape
+    for y in range(height):
+        for x in range(width):
+            value = np.float32(2.0) * values[y, x]
+            bend_across[y, x], bend_down[y, x] = 0.0, 0.0
+            if 0 < x < width - 1:
+                bend_across[y, x] = across[y, x] * (values[y, x - 1] - value + values[y, x + 1])
+            if 0 < y < height - 1:
+                bend_down[y, x] = down[y, x] * (values[y - 1, x] - value + values[y + 1, x])
+
+
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _applied(held, values, bend_across, bend_down, out):  # type: ignore[no-untyped-def]
+    """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
+    height, width = values.shape
+    two = np.float32(2.0)
+    for y in range(height):
+        for x in range(width):
+            total = -two * (bend_across[y, x] + bend_down[y, x])
+            if x > 0:
+                total += bend_across[y, x - 1]
+            if x < width - 1:
+                total += bend_across[y, x + 1]
+            if y > 0:
+                total += bend_down[y - 1, x]
+            if y < height - 1:
+                total += bend_down[y + 1, x]
+            out[y, x] = held[y, x] * values[y, x] + total
+
+
+def _solved(held: Float32, across: Float32, down: Float32, target: Float32, start: Float32) -> Float32:
+    """Values (v, u) near `target` / `held` whose second differences are small: conjugate gradients, Jacobi's scaling."""
+    work: Any = np.empty_like(start), np.empty_like(start)
+    out = np.empty_like(start)
+
+    def matrix(values: Float32) -> Float32:
+        _bends(values, across, down, *work)
+        _applied(held, values, *work, out)
+        return out
+
+    def beside(weights: Float32, axis: int) -> Float32:
+        return np.roll(weights, 1, axis) + np.roll(weights, -1, axis)
+
+    four = np.float32(4.0)
+    scaling = 1.0 / (held + four * (across + down) + beside(across, 1) + beside(down, 0))
+    values = start.copy()
+    left = target - matrix(values)
+    scaled = scaling * left
+    way = scaled.copy()
+    size = float(np.vdot(left, scaled))
+    for _ in range(SOLVER_STEPS):
+        moved = matrix(way)
+        length = np.float32(size / max(float(np.vdot(way, moved)), 1e-30))
+        values += length * way
+        left -= length * moved
+        np.multiply(scaling, left, out=scaled)
+        before, size = size, float(np.vdot(left, scaled))
+        way *= np.float32(size / max(before, 1e-30))
+        way += scaled
+    return values
+
+
+def slopes_of(picture: Float32) -> Float32:
+    """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
+    return np.stack([cv2.Scharr(picture, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1))])
+
+
+@dataclass(frozen=True, eq=False)
+class SlopePictures:
+    """Slopes of brightness of a picture and their own slopes.
+
+    Attributes
+    ----------
+    slopes
+        (2, v, u), grey per px.
+    derivatives
+        (2, 2, v, u): of each slope, across and down.
+    seen
+        (v, u), uint8: 0 where there is no sample near.
     """
-    size = (2 * radius_px + 1,) * 2
 
-    def mean(array: Float32) -> Float32:
-        return np.asarray(cv2.boxFilter(array, -1, size))
+    slopes: Float32
+    derivatives: Float32
+    seen: NDArray[np.uint8]
 
-    total = mean(weights) + np.float32(1e-12)
-    weighted = weights * guide
-    mean_guide, mean_values = mean(weighted) / total, mean(weights * values) / total
-    covariance = mean(weighted * values) / total - mean_guide * mean_values
-    variance = np.maximum(mean(weighted * guide) / total - np.square(mean_guide), np.float32(0.0))
-    slope = covariance / (variance + np.float32(spread * spread))
-    offset = mean_values - slope * mean_guide
-    return mean(slope) * guide + mean(offset)
+    @classmethod
+    def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePictures:
+        slopes = slopes_of(grey)
+        return cls(slopes, np.stack([slopes_of(slope) for slope in slopes]), seen)
 
 
 class Refiner:
-    """Refines maps (v, u) of inverse distance in the reference view of one geometry."""
+    """Refines maps (v, u) of planes of a sweep."""
 
-    def __init__(self, views: Views, run: Map = map):
-        self.run = run
-        self.parallaxes = [parallax(views, index) for index in other_views(views)]
-        self.groups = sides(views)
-        self.columns = np.arange(views.width_px, dtype=np.float32)[None]
-        self.rows = np.arange(views.height_px, dtype=np.float32)[:, None]
+    def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], shape: tuple[int, int], run: Map = map):
+        self.sweep, self.parallaxes, self.run = sweep, parallaxes, run
+        self.columns = np.arange(shape[1], dtype=np.float32)[None]
+        self.rows = np.arange(shape[0], dtype=np.float32)[:, None]
 
-    def matched(self, pictures: Sequence[Float32], reference: Float32, found: Float32) -> list[Float32]:
-        """The grey pictures of the other views, as bright as the reference view where they show the same."""
-        every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-        columns, rows, known, ours = self.columns[:, every], self.rows[every], found[every, every], patches(reference)
+    def _one(
+        self, planes: Float32, reference: SlopePictures, other: SlopePictures, view: Parallax, nearest: Float32
+    ) -> tuple[Float32, ...]:
+        """Information, gradient, weight, sight and weighted square residual (v, u) of one view."""
+        sweep = self.sweep
+        inverse = sweep.inverse_distance(planes)
+        columns, rows = view.pixels(self.columns, self.rows, inverse)
+        across, down = (way * np.float32(sweep.step) for way in view.slopes(self.columns, self.rows, inverse))
+        values = np.empty_like(reference.slopes)
+        rises = np.empty_like(values)
+        for band in bands(planes.shape[0]):
+            _sampled(*band, columns, rows, across, down, other.slopes, other.derivatives, other.seen, values, rises)
+        own = reference.derivatives
+        residual, rise = values - reference.slopes, rises + own[:, 0] * across + own[:, 1] * down
+        rise *= np.float32(0.5)
+        sight = np.isfinite(residual[0])
+        residual[:, ~sight] = 0.0
+        near_column = np.clip(np.rint(np.where(sight, columns, 0)), 0, planes.shape[1] - 1).astype(np.intp)
+        near_row = np.clip(np.rint(np.where(sight, rows, 0)), 0, planes.shape[0] - 1).astype(np.intp)
+        hidden = nearest[near_row, near_column] > planes + np.float32(HIDING_PX / sweep.reach_px)
+        seeing = (sight & ~hidden).astype(np.float32)
+        square = np.square(residual).sum(axis=0)
+        unlike: Any = cv2.blur(square * seeing, (OUTLIER_PX, OUTLIER_PX))
+        weight = seeing / np.square(1.0 + unlike * np.float32(1.0 / (OUTLIER * NOISE_GREY) ** 2))
+        information = weight * np.square(rise).sum(axis=0)
+        gradient = weight * (rise * residual).sum(axis=0)
+        return information, gradient, weight, sight.astype(np.float32), weight * square
 
-        def one(view: Parallax, picture: Float32) -> Float32:
-            return brightened(picture, *view.pixels(columns, rows, known), ours[every, every])
-
-        return list(self.run(one, self.parallaxes, pictures))
-
-    def _look(self, view: Parallax, picture: Float32, found: Float32) -> Float32:
-        """Sample a view (v, u) at the places at inverse distances (v, u); negative where it does not see them."""
-        across, down = view.pixels(self.columns, self.rows, found)
-        shown: Any = cv2.remap(
-            picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=NO_SAMPLE
+    def match(
+        self, planes: Float32, reference: SlopePictures, others: Sequence[SlopePictures]
+    ) -> tuple[Match, Float32]:
+        """The match at a map (v, u), and the gradient that goes with its information."""
+        nearest = nearest_planes(planes, self.sweep, self.run)
+        jobs = [(planes, reference, *each) for each in zip(others, self.parallaxes, nearest, strict=True)]
+        information, gradient, agreeing, seeing, squares = (
+            sum(part[1:], part[0]) for part in zip(*self.run(lambda job: self._one(*job), jobs), strict=True)
         )
-        return np.asarray(shown)
+        # Per px of the farthest view's motion, at the noise that is assumed.
+        unit = np.float32(1.0 / (NOISE_GREY**2 * self.sweep.reach_px**2))
+        gradient *= np.float32(1.0 / (NOISE_GREY**2 * self.sweep.reach_px))
+        residual = squares / np.maximum(agreeing, np.float32(1e-6))
+        return Match(information * unit, agreeing, seeing, residual), gradient
 
-    def chosen(self, candidates: Sequence[Float32], pictures: Sequence[Float32], reference: Float32) -> Float32:
-        """Choose among inverse distances (v, u), at each pixel, the one on which the best half of the views agrees."""
-        numbers = range(len(pictures))
+    def refined(
+        self, planes: Float32, reference: SlopePictures, others: Sequence[SlopePictures], steps: int
+    ) -> tuple[Float32, Match, Float32]:
+        """The map (v, u) after some steps, the match at it, and the weight (v, u), 0 to 1, of no depth edge's being there."""
+        reach = np.float32(self.sweep.reach_px)
+        moved = planes * reach
+        first = moved.copy()
+        for _ in range(steps):
+            match, gradient = self.match(moved / reach, reference, others)
+            across, down = self._smoothness(moved)
+            held = match.information + np.float32(HELD)
+            solved = _solved(held, across, down, held * moved - gradient, moved)
+            moved = np.clip(solved, first - np.float32(LONGEST_PX), first + np.float32(LONGEST_PX))
+        match, _ = self.match(moved / reach, reference, others)
+        across, down = self._smoothness(moved)
+        return moved / reach, match, np.minimum(across, down) * np.float32(1.0 / SMOOTH)
 
-        def cost(job: tuple[int, int]) -> NDArray[np.uint8]:
-            candidate, number = job
-            shown = self._look(self.parallaxes[number], pictures[number], candidates[candidate])
-            difference: Any = cv2.absdiff(shown, reference)
-            np.minimum(difference, np.float32(TRUNCATION_GREY), out=difference)
-            difference *= np.float32(TRUNCATION / TRUNCATION_GREY)
-            difference[shown < 0] = UNSEEN
-            return np.asarray(difference.astype(np.uint8))
-
-        costs = list(
-            self.run(cost, [(candidate, number) for candidate in range(len(candidates)) for number in numbers])
-        )
-        even = np.ones_like(reference)
-
-        def gathered(candidate: int) -> Float32:
-            best = best_half(costs[candidate * len(numbers) : (candidate + 1) * len(numbers)], self.groups)
-            return guided(best.astype(np.float32), reference, EDGE_RADIUS_PX, EDGE_GREY, even)
-
-        totals = list(self.run(gathered, range(len(candidates))))
-        best, least = candidates[0], totals[0]
-        for candidate, total in zip(candidates[1:], totals[1:], strict=True):
-            best, least = np.where(total < least, candidate, best), np.minimum(total, least)
-        return np.asarray(cv2.medianBlur(best, MEDIAN_PX))
-
-    def stepped(
-        self, found: Float32, pictures: Sequence[Float32], reference: Float32, longest: float
-    ) -> tuple[Float32, MatchStatistics]:
-        """One Gauss-Newton step of the inverse distances (v, u) towards equal brightness in all views.
-
-        Views that differ over the whole patch, since something hides the place, lose their say (Geman-McClure weights).
-        `longest` bounds the step.
-        """
-        size = (PATCH_PX, PATCH_PX)
-        slope_across, slope_down = (
-            np.asarray(cv2.Scharr(reference, cv2.CV_32F, *way, scale=1.0 / 32.0)) for way in ((1, 0), (0, 1))
-        )
-
-        def one(view: Parallax, picture: Float32) -> tuple[Float32, ...]:
-            shown = self._look(view, picture, found)
-            seen = (shown >= 0).astype(np.float32)
-            residual = (shown - reference) * seen
-            move_across, move_down = view.slopes(self.columns, self.rows, found)
-            move_across *= slope_across
-            move_down *= slope_down
-            slope = move_across + move_down
-            square = np.square(residual)
-            unlike: Any = cv2.boxFilter(square, -1, size)
-            unlike *= np.float32(1.0 / OUTLIER_GREY**2)
-            unlike += np.float32(1.0)
-            trust = seen / np.square(unlike)
-            weighted = trust * slope
-            motion = np.float32(view.focal_px**2 * (view.position_mm[0] ** 2 + view.position_mm[1] ** 2))
-            return weighted * slope, weighted * residual, trust, trust * square, seen, trust * motion
-
-        curvature, gradient, agreeing, squares, seeing, motion = (
-            sum(part[1:], part[0]) for part in zip(*self.run(one, self.parallaxes, pictures), strict=True)
-        )
-        curvature, gradient = cv2.boxFilter(curvature, -1, size), cv2.boxFilter(gradient, -1, size)
-        ridge = np.float32(RIDGE * float(np.median(curvature))) + np.finfo(np.float32).tiny
-        step = np.clip(gradient / (curvature + ridge), np.float32(-longest), np.float32(longest))
-        variance = cv2.boxFilter(squares, -1, size) / np.maximum(cv2.boxFilter(agreeing, -1, size), np.float32(1e-6))
-        # A difference has the noise of two pictures.
-        fake = cv2.boxFilter(motion, -1, size) * variance * np.float32(FAKE * NOISE_SLOPE / 2.0)
-        information = np.maximum(curvature - fake, np.float32(0.0)) * np.float32(PATCH_PX**2)
-        return found - step, MatchStatistics(information, variance, agreeing, seeing)
-
-
-def enlarged(small: Float32, shape: tuple[int, int]) -> Float32:
-    """A map of two by two pixels (v, u) at full size; an odd last row or column repeats the one before."""
-    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
-    below, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, below, 0, right, cv2.BORDER_REPLICATE))
+    def _smoothness(self, moved: Float32) -> tuple[Float32, Float32]:
+        """Weights (v, u) of the second differences across and down."""
+        result = []
+        for axis in (1, 0):
+            bend = np.roll(moved, 1, axis) - 2.0 * moved + np.roll(moved, -1, axis)
+            weight = np.float32(SMOOTH) / np.square(1.0 + np.square(bend * np.float32(1.0 / EDGE_PX)))
+            ends = (slice(None), [0, -1]) if axis == 1 else ([0, -1], slice(None))
+            weight[ends] = 0.0
+            result.append(weight)
+        return result[0], result[1]

@@ -1,4 +1,7 @@
-"""Semi-global aggregation of a cost volume along four directions (Hirschmueller, PAMI 30(2), 2008)."""
+"""Semi-global aggregation of a cost volume along eight directions, along surfaces that lean, up to the picture's edges.
+
+After Hirschmueller, PAMI 30(2), 2008, and, for surfaces that lean, Scharstein, Taniai and Sinha, 3DV 2017.
+"""
 
 from __future__ import annotations
 
@@ -7,59 +10,165 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-Cost = NDArray[np.uint16]
+from mirrorcam.optics.light_field.depth.cost import Volume, bands
+
+Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 
-
-def _add_paths(volume: Cost, total: Cost, next_plane: int, any_plane: int, order: range) -> None:
-    """Add to `total` the costs of the cheapest paths through `volume` (rows, planes, columns), row after row."""
-    path, dearer, on = (np.empty_like(volume[0]) for _ in range(3))
-    path[:] = volume[order[0]]
-    total[order[0]] += path
-    for row in order[1:]:
-        least = path.min(axis=0)
-        np.minimum(path, least + np.uint16(any_plane), out=on)
-        np.add(path, np.uint16(next_plane), out=dearer)
-        np.minimum(on[1:], dearer[:-1], out=on[1:])
-        np.minimum(on[:-1], dearer[1:], out=on[:-1])
-        on -= least
-        np.add(on, volume[row], out=path)
-        total[row] += path
+WAYS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+EDGE_GREY = 10.0
+"""Step of a colour, of 255, that makes leaving a surface cheaper by a factor of e."""
+EDGE_LEAST = 0.2
+"""Part of the penalty that remains at the strongest edge."""
+LEAST_RATIO = 1.5
+"""Least ratio of the penalty of any step to that of a step to the next plane."""
+SLOPE_REACH_PX, SLOPE_MEDIAN_PX, SLOPE_MEAN_PX = 3, 21, 9
+STEEPEST = 2.0
+"""Steepest lean, in planes a pixel."""
+LEVEL = 0.02
+"""Leans below that, in planes a pixel, count as none."""
+LINES = 32
 
 
-def _turned(volume: Cost) -> Cost:
-    """The volume (u, n, v) of one of (v, n, u)."""
-    rows, planes, columns = volume.shape
-    turned = np.empty((columns, planes, rows), np.uint16)
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_plane, any_plane, path, on):  # type: ignore[no-untyped-def]
+    """Add to `total` the costs of the cheapest paths along one line; `path` and `on` are work space (n + 2,)."""
+    height, width, planes = volume.shape
+    carried = np.float32(0.0)
+    path[0], path[planes + 1] = np.uint16(60000), np.uint16(60000)
     for plane in range(planes):
-        cv2.transpose(volume[:, plane], turned[:, plane])
-    return turned
+        path[plane + 1] = volume[y, x, plane]
+        total[y, x, plane] += volume[y, x, plane]
+    y, x = y + dy, x + dx
+    while 0 <= y < height and 0 <= x < width:
+        carried += lean_across[y, x] * np.float32(dx) + lean_down[y, x] * np.float32(dy)
+        shift = int(np.floor(carried + np.float32(0.5)))
+        carried -= np.float32(shift)
+        least = path[1]
+        for plane in range(1, planes):
+            least = min(least, path[plane + 1])
+        edge = np.float32(0.0)
+        for colour in range(3):
+            edge = max(edge, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
+        kept = np.float32(EDGE_LEAST) + np.float32(1.0 - EDGE_LEAST) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
+        penalty = np.uint16(max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(any_plane) * kept))
+        if shift == 0:
+            for plane in range(planes):
+                step = min(path[plane], path[plane + 2]) + next_plane
+                best = min(min(path[plane + 1], step), least + penalty)
+                on[plane + 1] = np.uint16(volume[y, x, plane] + np.uint16(best - least))
+        else:
+            for plane in range(planes):
+                source = plane - shift
+                best = least + penalty
+                if 0 <= source < planes:
+                    best = min(best, path[source + 1])
+                if -1 <= source < planes + 1:
+                    if source >= 1:
+                        best = min(best, path[source] + next_plane)
+                    if source <= planes - 2:
+                        best = min(best, path[source + 2] + next_plane)
+                on[plane + 1] = np.uint16(volume[y, x, plane] + np.uint16(best - least))
+        for plane in range(planes):
+            path[plane + 1] = on[plane + 1]
+            total[y, x, plane] += on[plane + 1]
+        y, x = y + dy, x + dx
 
 
-def aggregate(volume: Cost, next_plane: int, any_plane: int, run: Map = map) -> Cost:
-    """The summed path costs (v, n, u) of a cost volume (v, n, u): along rows and columns, both ways.
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _paths(first, last, dy, dx, volume, total, picture, lean_across, lean_down, next_plane, any_plane):  # type: ignore[no-untyped-def]
+    """All lines `first` to `last` of one direction: those that start in the first row, then those of the first column."""
+    height, width, planes = volume.shape
+    path, on = np.empty(planes + 2, np.uint16), np.empty(planes + 2, np.uint16)
+    for line in range(first, last):
+        if dy == 0:
+            y, x = line, 0 if dx > 0 else width - 1
+        elif line < width:
+            y, x = 0 if dy > 0 else height - 1, line
+        else:
+            x = 0 if dx > 0 else width - 1
+            y = line - width + 1 if dy > 0 else height - 2 - (line - width)
+        _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_plane, any_plane, path, on)
+
+
+def aggregate(
+    volume: Volume,
+    picture: Float32,
+    leans: tuple[Float32, Float32],
+    penalties: tuple[int, int],
+    run: Map = map,
+) -> Volume:
+    """The summed path costs (v, u, n) of a cost volume (v, u, n).
 
     Parameters
     ----------
     volume
-        Matching costs (v, n, u); four times (the largest + `any_plane`) must fit 16 bits.
-    next_plane
-        Penalty of a step to a neighbouring plane.
-    any_plane
-        Penalty of a step to any other plane.
+        Matching costs; eight times (the largest + the second penalty) must fit 16 bits.
+    picture
+        Colours (v, u, 3) of the reference view, 0 to 255: where they change, surfaces may end.
+    leans
+        Planes (v, u) that the surface rises per pixel, across and down: a path follows them free of charge.
+    penalties
+        Of a step to the next plane, and of one to any other.
     run
         `map`, or that of a pool of threads.
     """
-    rows, _, columns = volume.shape
-    across = _turned(volume)
-    sums = [np.zeros_like(volume), np.zeros_like(volume), np.zeros_like(across), np.zeros_like(across)]
-    volumes = (volume, volume, across, across)
-    ways = (range(rows), range(rows - 1, -1, -1), range(columns), range(columns - 1, -1, -1))
-    list(run(_add_paths, volumes, sums, (next_plane,) * 4, (any_plane,) * 4, ways))
-    sums[2] += sums[3]
-    total = _turned(sums[2])
-    total += sums[0]
-    total += sums[1]
+    height, width, _ = volume.shape
+    total = np.zeros_like(volume)
+    next_plane, any_plane = (np.uint16(penalty) for penalty in penalties)
+    for dy, dx in WAYS:
+        lines = height if dy == 0 else width if dx == 0 else width + height - 1
+        jobs = [(first, min(first + LINES, lines)) for first in range(0, lines, LINES)]
+
+        def fill(job: tuple[int, int], dy: int = dy, dx: int = dx) -> None:
+            _paths(*job, dy, dx, volume, total, picture, *leans, next_plane, any_plane)
+
+        list(run(fill, jobs))
     return total
+
+
+@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+def _least(first, last, total, best, margin):  # type: ignore[no-untyped-def]
+    planes = total.shape[2]
+    for y in range(first, last):
+        for x in range(total.shape[1]):
+            at = 0
+            for plane in range(1, planes):
+                if total[y, x, plane] < total[y, x, at]:
+                    at = plane
+            place, least = np.float32(at), np.float32(total[y, x, at])
+            if 0 < at < planes - 1:
+                before, after = np.float32(total[y, x, at - 1]), np.float32(total[y, x, at + 1])
+                bend = before + after - np.float32(2.0) * least
+                if bend > 0:
+                    place += np.float32(0.5) * (before - after) / bend
+            other = np.float32(65535.0)
+            for plane in range(planes):
+                if abs(plane - at) > 2:
+                    other = min(other, np.float32(total[y, x, plane]))
+            best[y, x], margin[y, x] = place, other - least
+
+
+def least_planes(total: Volume, run: Map = map) -> tuple[Float32, Float32]:
+    """The plane (v, u) of least cost of a volume (v, u, n), to part of one, and by how much the next best is dearer."""
+    best, margin = np.empty(total.shape[:2], np.float32), np.empty(total.shape[:2], np.float32)
+    list(run(lambda band: _least(*band, total, best, margin), bands(total.shape[0])))
+    return best, margin
+
+
+def leans_of(planes: Float32) -> tuple[Float32, Float32]:
+    """Planes (v, u) that the surfaces of a map (v, u) rise per pixel, across and down: medians over a square."""
+    result = []
+    for axis in (1, 0):
+        ahead, behind = (np.roll(planes, shift, axis) for shift in (-SLOPE_REACH_PX, SLOPE_REACH_PX))
+        rise = (ahead - behind) * np.float32(0.5 / SLOPE_REACH_PX)
+        coded = np.clip(rise * np.float32(127.0 / STEEPEST) + np.float32(128.5), 0.0, 255.0).astype(np.uint8)
+        median: Any = cv2.medianBlur(coded, SLOPE_MEDIAN_PX).astype(np.float32)
+        lean = (median - np.float32(128.0)) * np.float32(STEEPEST / 127.0)
+        lean = cv2.blur(lean, (SLOPE_MEAN_PX, SLOPE_MEAN_PX))
+        lean[np.abs(lean) < LEVEL] = 0.0
+        result.append(np.asarray(lean, dtype=np.float32))
+    return result[0], result[1]

@@ -1,0 +1,92 @@
+"""The planes of a sweep: where each view shows the pixels of the reference view, and which views compete."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
+from mirrorcam.optics.light_field.light_field import Views
+
+Float32 = NDArray[np.float32]
+
+DIRECTIONS = 16
+"""Directions from the reference view that are told apart: what hides a place hides it from neighbouring directions."""
+MOST_RINGS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Planes across the view axis, evenly spaced in inverse distance, seen by the K views other than the reference.
+
+    Plane i shows pixel (u, v) of the reference view at (scale u + across, scale v + down) of view k.
+
+    Attributes
+    ----------
+    inverse_distances : ndarray
+        (n,), 1/mm from the reference view.
+    scale, across, down : ndarray of float32
+        (n, K).
+    positions_mm : ndarray
+        (K, 3) of the views.
+    sector : ndarray of int64
+        (K,): views at like distance from the reference view form a ring, those of one ring in like direction a sector.
+    rings : ndarray of int64
+        (r + 1,): the first sector of each ring, and the number of sectors.
+    weight : ndarray of float32
+        (K,), part of the largest distance: a view says the more of depth the farther away it is.
+    reach_px : float
+        Px that the farthest view moves from one plane to the next.
+    """
+
+    inverse_distances: FloatArray
+    scale: Float32
+    across: Float32
+    down: Float32
+    positions_mm: FloatArray
+    sector: NDArray[np.int64]
+    rings: NDArray[np.int64]
+    weight: Float32
+    reach_px: float
+
+    @property
+    def planes(self) -> int:
+        """Number of planes."""
+        return len(self.inverse_distances)
+
+    @property
+    def step(self) -> float:
+        """Inverse distance from one plane to the next, 1/mm."""
+        return float(self.inverse_distances[1] - self.inverse_distances[0])
+
+    def inverse_distance(self, planes: Float32) -> Float32:
+        """Inverse distances of places between planes, counted from the first plane."""
+        return np.asarray(planes * np.float32(self.step) + np.float32(self.inverse_distances[0]))
+
+
+def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
+    """The sweep of views over planes at inverse distances (n,) from the reference view, evenly spaced."""
+    others = other_views(views)
+    matrices = np.array([[parallax(views, index).affine(q) for index in others] for q in inverse_distances])
+    positions = np.array([views.positions_mm[index] for index in others])
+    distance = np.linalg.norm(positions[:, :2], axis=1)
+    far = np.abs(positions[:, :2]).max(axis=1)
+    share = far / far.max()
+    rings = min(MOST_RINGS, len(np.unique(np.round(share, 2))))
+    angle = np.arctan2(positions[:, 1], positions[:, 0])
+    ring = np.clip(np.ceil(share * rings - 1e-6).astype(np.int64) - 1, 0, rings - 1)
+    direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
+    sectors, sector = np.unique(ring * DIRECTIONS + direction, return_inverse=True)
+    step = float(inverse_distances[1] - inverse_distances[0])
+    return Sweep(
+        np.asarray(inverse_distances, dtype=np.float64),
+        *(matrices[..., row, col].astype(np.float32) for row, col in ((0, 0), (0, 2), (1, 2))),
+        positions,
+        sector.astype(np.int64),
+        np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
+        (distance / distance.max()).astype(np.float32),
+        float(views.focal_px * far.max() * step),
+    )
