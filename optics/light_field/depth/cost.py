@@ -188,7 +188,24 @@ def _add_seeing(cost, seen, surface, behind, scale, start, weight, total, part):
 
 
 @njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _costs(first, last, reference, others, seen, scale, across, down, sector, rings, view_weight, weights, contrast, nearest, hiding, volume):  # type: ignore[no-untyped-def]
+def _costs(
+    first,
+    last,
+    reference,
+    others,
+    seen,
+    scale,
+    across,
+    down,
+    sector,
+    rings,
+    view_weight,
+    weights,
+    contrast,
+    nearest,
+    hiding,
+    volume,
+):  # type: ignore[no-untyped-def]
     """Fill rows `first` to `last` of a volume (v, u, n); `nearest` (K, v, u) or (0, v, u): surfaces that hide."""
     views, height, width = len(others), reference.shape[1], reference.shape[2]
     limit, half = np.float32(TRUNCATION), np.float32(0.5)
@@ -209,13 +226,27 @@ def _costs(first, last, reference, others, seen, scale, across, down, sector, ri
                 x0, x1 = _row_costs(reference, others[view], stretch, offset, y0, share, weights, y, cost)
                 at = sector[view]
                 _add_view(
-                    cost[x0:x1], contrast[y, x0:x1], seen[view, y0], stretch, stretch * np.float32(x0) + offset,
-                    view_weight[view], sums[0, at, x0:x1], parts[0, at, x0:x1], limit,
+                    cost[x0:x1],
+                    contrast[y, x0:x1],
+                    seen[view, y0],
+                    stretch,
+                    stretch * np.float32(x0) + offset,
+                    view_weight[view],
+                    sums[0, at, x0:x1],
+                    parts[0, at, x0:x1],
+                    limit,
                 )
                 if len(nearest) > 0:
                     _add_seeing(
-                        cost[x0:x1], seen[view, y0], nearest[view, int(row + half)], np.float32(plane) + hiding, stretch,
-                        stretch * np.float32(x0) + offset, view_weight[view], sums[1, at, x0:x1], parts[1, at, x0:x1],
+                        cost[x0:x1],
+                        seen[view, y0],
+                        nearest[view, int(row + half)],
+                        np.float32(plane) + hiding,
+                        stretch,
+                        stretch * np.float32(x0) + offset,
+                        view_weight[view],
+                        sums[1, at, x0:x1],
+                        parts[1, at, x0:x1],
                     )
             _decide(sums, parts, rings, work, ring_work, decided)
             for x in range(width):
@@ -286,8 +317,21 @@ def matching_costs(
 
     def fill(band: tuple[int, int]) -> None:
         _costs(
-            *band, reference, wider, seen, planes.scale, planes.across, planes.down, planes.sector, planes.rings,
-            planes.weight, weights, contrast, surfaces, hiding, volume,
+            *band,
+            reference,
+            wider,
+            seen,
+            planes.scale,
+            planes.across,
+            planes.down,
+            planes.sector,
+            planes.rings,
+            planes.weight,
+            weights,
+            contrast,
+            surfaces,
+            hiding,
+            volume,
         )
 
     list(run(fill, bands(height)))

@@ -26,9 +26,9 @@ class DepthMap:
     depth_mm : ndarray of float32
         (v, u), from the pupil along view z; NaN where fewer than two other views see the pixel.
     sigma_mm : ndarray of float32
-        (v, u), standard deviation of the depth, propagated from the noise of the pictures; NaN with depth.
+        (v, u), standard deviation of the depth where it is right (see `confidence`); NaN with depth.
     confidence : ndarray of float32
-        (v, u), from 0 to 1: how distinctly the views agree on this depth rather than another.
+        (v, u), the probability that the depth is right to half a pixel of the farthest view's motion; 0 without depth.
     """
 
     views: Views

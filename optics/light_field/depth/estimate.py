@@ -8,7 +8,7 @@ A sweep of planes gives each pixel a cost at each depth (`cost`); paths along su
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import cv2
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS, channels, matching_costs
+from mirrorcam.optics.light_field.depth.cost import UNITS, Volume, channels, matching_costs
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.edges import follow_edges
 from mirrorcam.optics.light_field.depth.geometry import (
@@ -35,9 +35,9 @@ from mirrorcam.optics.light_field.depth.photometry import (
     patches,
 )
 from mirrorcam.optics.light_field.depth.refine import Match, Refiner, SlopePictures
-from mirrorcam.optics.light_field.depth.semiglobal import aggregate, leans_of, least_planes
-from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
-from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
+from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
+from mirrorcam.optics.light_field.depth.sweep import sweep
+from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN, probability, standard_deviation_px
 from mirrorcam.optics.light_field.depth.visibility import nearest_planes
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -52,7 +52,7 @@ MOST_CELLS = 2**26
 """Most pixels times planes that are searched at full size in the best quality."""
 NEXT_PLANE, ANY_PLANE = 3.0, 24.0
 """Penalties, in contrasts, of eight views; more views are surer."""
-PENALTY_POWER = 0.4
+PENALTY_POWER = 0.63
 JUMP_PX = 0.6
 SMALLEST_PX = 16
 
@@ -68,14 +68,6 @@ class _Effort:
 
 
 EFFORTS = {"best": _Effort(False, 2, True, 2), "fast": _Effort(True, 1, False, 1)}
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Planes (v, u) of the reference view at some size, and by how much the next best was dearer, in contrasts."""
-
-    planes: Float32
-    margin: Float32
 
 
 class DepthEstimator:
@@ -127,9 +119,7 @@ class DepthEstimator:
             self._sweep = sweep(small, plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX))
         self._full = full
         self._parallaxes = [parallax(self.views, index) for index in self.others]
-        self._refiner = Refiner(
-            full, self._parallaxes, (self.views.height_px, self.views.width_px), self._run
-        )
+        self._refiner = Refiner(full, self._parallaxes, (self.views.height_px, self.views.width_px), self._run)
 
     @property
     def planes(self) -> int:
@@ -158,35 +148,39 @@ class DepthEstimator:
         planes = follow_edges(planes, reference.colours, JUMP_PX / self._full.reach_px, self._run)
         own, *slopes = self._run(lambda each: SlopePictures.of(_grey(each), each.seen), [reference, *others])
         planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
-        margin = found.margin
         if self._halve:
-            margin = _enlarged(margin, reference.known.shape)
-        return self._depth_map(planes, match, smooth, margin, reference.known)
+            found = Cheapest(*(_enlarged(getattr(found, each.name), planes.shape) for each in fields(Cheapest)))
+        return self._depth_map(planes, match, smooth, found, reference.known)
 
-    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
+    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[Cheapest, list[ViewPicture]]:
         """Planes of the sweep at the size searched at, and the other views (full size) as bright as the reference."""
         size = (lambda each: each.halved()) if self._halve else (lambda each: each)
         own, small = size(reference), [size(other) for other in others]
-        power = (8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0
-        penalties = (round(NEXT_PLANE * UNITS * power), round(ANY_PLANE * UNITS * power))
+        # One contrast of the cost of a path where there are eight views.
+        unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
+        penalties = (round(NEXT_PLANE * unit), round(ANY_PLANE * unit))
         colours = own.colours
         compared = channels(colours)
         seen = np.stack([each.seen for each in small])
+
+        def chosen(volume: Volume, leans: tuple[Float32, Float32]) -> Cheapest:
+            total = aggregate(volume, colours, leans, penalties, self._run)
+            return cheapest(total, volume, DOUBTFUL_MARGIN * len(WAYS) * unit, self._run)
+
         volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run)
         level = np.zeros(own.known.shape, np.float32)
-        planes, margin = least_planes(aggregate(volume, colours, (level, level), penalties, self._run), self._run)
+        found = chosen(volume, (level, level))
         for _ in range(self._effort.rounds):
-            total = aggregate(volume, colours, leans_of(planes), penalties, self._run)
-            planes, margin = least_planes(total, self._run)
-        gains = self._gains(reference, others, self._at_full_size(planes, reference.known.shape))
+            found = chosen(volume, leans_of(found.planes))
+        gains = self._gains(reference, others, self._at_full_size(found.planes, reference.known.shape))
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.hiding:
-            nearest = nearest_planes(planes, self._sweep, self._run)
+            nearest = nearest_planes(found.planes, self._sweep, self._run)
             small = [size(other) for other in others]
             volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run, nearest)
-            total = aggregate(volume, colours, leans_of(planes), penalties, self._run)
-            planes, margin = least_planes(total, self._run)
-        return _Found(planes, margin * np.float32(1.0 / (8.0 * UNITS))), others
+            found = chosen(volume, leans_of(found.planes))
+        margin = found.margin * np.float32(1.0 / (len(WAYS) * unit))
+        return replace(found, margin=margin), others
 
     def _channels(self, pictures: list[ViewPicture]) -> Float32:
         return np.stack(list(self._run(lambda each: channels(each.colours), pictures)))
@@ -194,9 +188,7 @@ class DepthEstimator:
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
         every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-        rows, columns = (
-            axis[every, every].astype(np.float32) for axis in np.indices(planes.shape)
-        )
+        rows, columns = (axis[every, every].astype(np.float32) for axis in np.indices(planes.shape))
         inverse, ours = self._full.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
 
         def one(view: Parallax, other: ViewPicture) -> Float32:
@@ -213,20 +205,26 @@ class DepthEstimator:
         return np.asarray((inverse - first) * step)
 
     def _depth_map(
-        self, planes: Float32, match: Match, smooth: Float32, margin: Float32, known: NDArray[np.bool_]
+        self,
+        planes: Float32,
+        match: Match,
+        smooth: Float32,
+        found: Cheapest,
+        known: NDArray[np.bool_],
     ) -> DepthMap:
         """The depth map of planes (v, u) and what is known of them."""
         full = self._full
-        found = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
-        found = np.maximum(found, np.float32(0.0))
+        inverse = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
+        inverse = np.maximum(inverse, np.float32(0.0))
         known = known & (match.seeing >= min(2, len(self.others)))
-        sigma_px = standard_deviation_px(match, smooth, full.planes * full.reach_px)
+        reach = np.float32(full.reach_px)
+        sigma_px = standard_deviation_px(match, smooth, found.margin, len(self.others), full.planes * full.reach_px)
         deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.float32(1.0) / found
+            distance = np.float32(1.0) / inverse
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
-        confidence = np.clip(margin, 0.0, 1.0)
+        confidence = probability(planes * reach, found.rivals, found.mismatch)
         return DepthMap(
             views=self.views,
             view=self.reference,

@@ -52,7 +52,7 @@ class ViewPicture:
         colours = samples.astype(np.float32)
         if samples.dtype == np.float32:
             colours = np.clip(colours, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
-        colours = np.ascontiguousarray(np.broadcast_to(colours, (*samples.shape[:2], 3)))
+        colours = np.broadcast_to(colours, (*samples.shape[:2], 3)).copy()
         known = light_field.weights[index] > 0
         if not known.all():
             share = cv2.blur(known.astype(np.float32), (FILL_PX, FILL_PX))
@@ -93,7 +93,9 @@ def first_gain(picture: Float32, reference: Float32) -> float:
     both = (picture >= 0) & (reference >= 0)
 
     def mean(of: Float32) -> Float32:
-        return np.asarray(cv2.blur(np.where(both, of, np.float32(0.0)), (side, side)))[side // 2 :: side, side // 2 :: side]
+        return np.asarray(cv2.blur(np.where(both, of, np.float32(0.0)), (side, side)))[
+            side // 2 :: side, side // 2 :: side
+        ]
 
     ours, theirs = mean(reference), mean(picture)
     usable = (ours > 1.0) & (theirs > 1.0)

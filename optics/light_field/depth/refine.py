@@ -25,6 +25,8 @@ Map = Callable[..., Any]
 
 NOISE_GREY = 0.25
 """Standard deviation, of 255, that a difference of slopes of brightness is taken to have."""
+MISPLACED_PX = 0.1
+"""Shift to which interpolation is exact: it makes slopes differ the more the finer the texture is."""
 OUTLIER = 3.0
 """Multiple of it from which on a view probably shows something else."""
 OUTLIER_PX = 3
@@ -37,7 +39,10 @@ EDGE_PX = 0.15
 HELD = 1.0
 """Inverse variance with which a value is held where it was, 1/px^2."""
 SOLVER_STEPS = 30
-LONGEST_PX = 1.0
+LONGEST_PX, LONGEST_BESIDE_PX = 1.0, 0.15
+"""Longest way of a value from where it was, px of the farthest view's motion: elsewhere, and beside a depth edge."""
+JUMP_PX = 0.6
+"""Difference within 3x3 pixels, px of the farthest view's motion, that is a depth edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +52,11 @@ class Match:
     Attributes
     ----------
     information
-        Inverse variance of the plane that the slopes of a pixel itself give at NOISE_GREY, 1/px^2 of the farthest
-        view's motion.
+        Inverse variance of the place that the slopes of a pixel itself give, 1/px^2 of the farthest view's motion.
     agreeing, seeing
         Sums of weights of the other views that show the same there, and number of those that see it.
     residual
-        Weighted mean square difference of slopes, grey^2.
+        Weighted mean square difference of the two slopes, in their variances: 2 where these are true.
     """
 
     information: Float32
@@ -179,6 +183,12 @@ def slopes_of(picture: Float32) -> Float32:
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1))])
 
 
+def jumps(moved: Float32) -> NDArray[np.bool_]:
+    """Mask (v, u) of pixels at a depth edge, whose slopes of brightness are of two surfaces."""
+    three = np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(moved, three)) - np.asarray(cv2.erode(moved, three)) > np.float32(JUMP_PX)
+
+
 @dataclass(frozen=True, eq=False)
 class SlopePictures:
     """Slopes of brightness of a picture and their own slopes.
@@ -189,18 +199,23 @@ class SlopePictures:
         (2, v, u), grey per px.
     derivatives
         (2, 2, v, u): of each slope, across and down.
+    variance
+        (v, u), grey^2 per px^2: of the difference of a slope between views, for noise and for interpolation.
     seen
         (v, u), uint8: 0 where there is no sample near.
     """
 
     slopes: Float32
     derivatives: Float32
+    variance: Float32
     seen: NDArray[np.uint8]
 
     @classmethod
     def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePictures:
         slopes = slopes_of(grey)
-        return cls(slopes, np.stack([slopes_of(slope) for slope in slopes]), seen)
+        derivatives = np.stack([slopes_of(slope) for slope in slopes])
+        detail: Any = cv2.blur(np.square(derivatives).sum(axis=(0, 1)) * np.float32(0.5), (OUTLIER_PX, OUTLIER_PX))
+        return cls(slopes, derivatives, np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail, seen)
 
 
 class Refiner:
@@ -232,11 +247,12 @@ class Refiner:
         near_row = np.clip(np.rint(np.where(sight, rows, 0)), 0, planes.shape[0] - 1).astype(np.intp)
         hidden = nearest[near_row, near_column] > planes + np.float32(HIDING_PX / sweep.reach_px)
         seeing = (sight & ~hidden).astype(np.float32)
-        square = np.square(residual).sum(axis=0)
+        square = np.square(residual).sum(axis=0) / reference.variance
         unlike: Any = cv2.blur(square * seeing, (OUTLIER_PX, OUTLIER_PX))
-        weight = seeing / np.square(1.0 + unlike * np.float32(1.0 / (OUTLIER * NOISE_GREY) ** 2))
-        information = weight * np.square(rise).sum(axis=0)
-        gradient = weight * (rise * residual).sum(axis=0)
+        weight = seeing / np.square(1.0 + unlike * np.float32(1.0 / OUTLIER**2))
+        say = weight / reference.variance
+        information = say * np.square(rise).sum(axis=0)
+        gradient = say * (rise * residual).sum(axis=0)
         return information, gradient, weight, sight.astype(np.float32), weight * square
 
     def match(
@@ -248,11 +264,10 @@ class Refiner:
         information, gradient, agreeing, seeing, squares = (
             sum(part[1:], part[0]) for part in zip(*self.run(lambda job: self._one(*job), jobs), strict=True)
         )
-        # Per px of the farthest view's motion, at the noise that is assumed.
-        unit = np.float32(1.0 / (NOISE_GREY**2 * self.sweep.reach_px**2))
-        gradient *= np.float32(1.0 / (NOISE_GREY**2 * self.sweep.reach_px))
+        # Per px of the farthest view's motion.
+        reach = np.float32(self.sweep.reach_px)
         residual = squares / np.maximum(agreeing, np.float32(1e-6))
-        return Match(information * unit, agreeing, seeing, residual), gradient
+        return Match(information / np.square(reach), agreeing, seeing, residual), gradient / reach
 
     def refined(
         self, planes: Float32, reference: SlopePictures, others: Sequence[SlopePictures], steps: int
@@ -261,15 +276,24 @@ class Refiner:
         reach = np.float32(self.sweep.reach_px)
         moved = planes * reach
         first = moved.copy()
+        beside = jumps(moved)
+        longest = np.where(beside, np.float32(LONGEST_BESIDE_PX), np.float32(LONGEST_PX))
+        inside = np.float32(1.0) - beside
         for _ in range(steps):
             match, gradient = self.match(moved / reach, reference, others)
             across, down = self._smoothness(moved)
-            held = match.information + np.float32(HELD)
-            solved = _solved(held, across, down, held * moved - gradient, moved)
-            moved = np.clip(solved, first - np.float32(LONGEST_PX), first + np.float32(LONGEST_PX))
+            say = inside / self._noise(match)
+            held = match.information * say + np.float32(HELD)
+            solved = _solved(held, across, down, held * moved - gradient * say, moved)
+            moved = np.clip(solved, first - longest, first + longest)
         match, _ = self.match(moved / reach, reference, others)
         across, down = self._smoothness(moved)
         return moved / reach, match, np.minimum(across, down) * np.float32(1.0 / SMOOTH)
+
+    def _noise(self, match: Match) -> np.float32:
+        """Variance of the differences of slopes in most of the picture, in those assumed; one at least."""
+        usual = match.residual[match.agreeing > 0]
+        return np.float32(max(1.0, float(np.median(usual)) / 2.0)) if usual.size else np.float32(1.0)
 
     def _smoothness(self, moved: Float32) -> tuple[Float32, Float32]:
         """Weights (v, u) of the second differences across and down."""

@@ -6,6 +6,7 @@ After Hirschmueller, PAMI 30(2), 2008, and, for surfaces that lean, Scharstein, 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.depth.cost import Volume, bands
+from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS, Volume, bands
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
@@ -30,6 +31,11 @@ STEEPEST = 2.0
 """Steepest lean, in planes a pixel."""
 LEVEL = 0.02
 """Leans below that, in planes a pixel, count as none."""
+SAME_PLANES = 2
+"""Planes so near each other are one place, when it is asked whether another is as cheap."""
+PLACE_PLANES = 3
+"""Planes that are right together, to half a pixel of the farthest view's motion."""
+MISMATCH_PX = 3
 LINES = 32
 
 
@@ -131,8 +137,8 @@ def aggregate(
 
 
 @njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _least(first, last, total, best, margin):  # type: ignore[no-untyped-def]
-    planes = total.shape[2]
+def _least(first, last, total, volume, doubtful, best, margin, rivals, mismatch):  # type: ignore[no-untyped-def]
+    planes, one = total.shape[2], np.float32(1.0)
     for y in range(first, last):
         for x in range(total.shape[1]):
             at = 0
@@ -145,18 +151,49 @@ def _least(first, last, total, best, margin):  # type: ignore[no-untyped-def]
                 bend = before + after - np.float32(2.0) * least
                 if bend > 0:
                     place += np.float32(0.5) * (before - after) / bend
-            other = np.float32(65535.0)
+            other, near = np.float32(65535.0), np.float32(0.0)
             for plane in range(planes):
-                if abs(plane - at) > 2:
-                    other = min(other, np.float32(total[y, x, plane]))
-            best[y, x], margin[y, x] = place, other - least
+                if abs(plane - at) > SAME_PLANES:
+                    cost = np.float32(total[y, x, plane])
+                    other = min(other, cost)
+                    dearer = (cost - least) / doubtful
+                    near += max(one - dearer * dearer, np.float32(0.0)) ** 2
+            mismatch[y, x] = np.float32(volume[y, x, at])
+            best[y, x], margin[y, x], rivals[y, x] = place, other - least, near / np.float32(PLACE_PLANES)
 
 
-def least_planes(total: Volume, run: Map = map) -> tuple[Float32, Float32]:
-    """The plane (v, u) of least cost of a volume (v, u, n), to part of one, and by how much the next best is dearer."""
-    best, margin = np.empty(total.shape[:2], np.float32), np.empty(total.shape[:2], np.float32)
-    list(run(lambda band: _least(*band, total, best, margin), bands(total.shape[0])))
-    return best, margin
+@dataclass(frozen=True, eq=False)
+class Cheapest:
+    """The planes of least cost.
+
+    Attributes
+    ----------
+    planes
+        Plane (v, u), to part of one.
+    margin
+        By how much (v, u) the next best is dearer that is farther than SAME_PLANES away.
+    rivals
+        Number (v, u) of other places that are about as cheap, as a sum of weights.
+    mismatch
+        Matching cost (v, u) there, as a part of the largest that there is.
+    """
+
+    planes: Float32
+    margin: Float32
+    rivals: Float32
+    mismatch: Float32
+
+
+def cheapest(total: Volume, volume: Volume, doubtful: float, run: Map = map) -> Cheapest:
+    """The planes of least summed path cost (v, u, n) of a volume of matching costs (v, u, n).
+
+    A place that is dearer by `doubtful` is no rival.
+    """
+    found = Cheapest(*(np.empty(total.shape[:2], np.float32) for _ in range(4)))
+    parts = (found.planes, found.margin, found.rivals, found.mismatch)
+    list(run(lambda band: _least(*band, total, volume, np.float32(doubtful), *parts), bands(total.shape[0])))
+    found.mismatch[:] = cv2.blur(found.mismatch, (MISMATCH_PX, MISMATCH_PX)) * np.float32(1.0 / (TRUNCATION * UNITS))
+    return found
 
 
 def leans_of(planes: Float32) -> tuple[Float32, Float32]:
