@@ -13,9 +13,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, Sweep
 
 Float32 = NDArray[np.float32]
@@ -62,8 +62,10 @@ def bands(rows: int) -> list[tuple[int, int]]:
     return [(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS)]
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _row_costs(reference, other, scale, across, y0, share, weights, y, out):  # type: ignore[no-untyped-def]
+@compiled
+def _row_costs(
+    reference: Any, other: Any, scale: Any, across: Any, y0: Any, share: Any, weights: Any, y: Any, out: Any
+) -> tuple[int, int]:
     """Weighted absolute differences of row `y` of the reference to a view; return the range [x0, x1) that is seen.
 
     `other` is one sample wider and higher than the reference. Within a run of pixels the view's samples follow each
@@ -100,8 +102,8 @@ def _row_costs(reference, other, scale, across, y0, share, weights, y, out):  # 
     return x0, x1
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _sorted(costs):  # type: ignore[no-untyped-def]
+@compiled
+def _sorted(costs: Any) -> None:
     """Sort costs (m, u) along their first axis in place, all columns side by side (odd-even transposition)."""
     count = len(costs)
     for turn in range(count):
@@ -113,8 +115,8 @@ def _sorted(costs):  # type: ignore[no-untyped-def]
                 upper[x] = b if a < b else a
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_better(costs, count, share, weight, total):  # type: ignore[no-untyped-def]
+@compiled
+def _add_better(costs: Any, count: Any, share: Any, weight: Any, total: Any) -> None:
     """Add, times a weight (u,), the mean of the least share (u,) of `count` (u,) sorted costs (m, u)."""
     one, fewer = np.float32(1.0), np.float32(FEWER)
     for x in range(len(total)):
@@ -129,8 +131,8 @@ def _add_better(costs, count, share, weight, total):  # type: ignore[no-untyped-
         total[x] += weight[x] * min(mean / take, mean_of_less / less + fewer)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _decide(sums, weights, rings, work, ring_work, out):  # type: ignore[no-untyped-def]
+@compiled
+def _decide(sums: Any, weights: Any, rings: Any, work: Any, ring_work: Any, out: Any) -> None:
     """Costs (u,) of a row of sums and weights (2, sectors, u): of all views, and of those that see it by a first depth.
 
     `rings` (r + 1,) has the first sector of each ring and the number of sectors.
@@ -163,8 +165,10 @@ def _decide(sums, weights, rings, work, ring_work, out):  # type: ignore[no-unty
         out[x] = out[x] / every[x] if every[x] > 0 else np.float32(0.5 * TRUNCATION)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_view(cost, contrast, seen, scale, start, weight, total, part, limit):  # type: ignore[no-untyped-def]
+@compiled
+def _add_view(
+    cost: Any, contrast: Any, seen: Any, scale: Any, start: Any, weight: Any, total: Any, part: Any, limit: Any
+) -> None:
     """Truncate costs (u,) in contrasts, and add them where the view sees; `start`: its column at the first."""
     for x in range(len(cost)):
         here = weight if seen[np.uint32(scale * np.float32(x) + start)] != 0 else np.float32(0.0)
@@ -175,8 +179,10 @@ def _add_view(cost, contrast, seen, scale, start, weight, total, part, limit):  
         part[x] += here
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _add_seeing(cost, seen, surface, behind, scale, start, weight, total, part):  # type: ignore[no-untyped-def]
+@compiled
+def _add_seeing(
+    cost: Any, seen: Any, surface: Any, behind: Any, scale: Any, start: Any, weight: Any, total: Any, part: Any
+) -> None:
     """Add costs (u,) where the view sees and nothing nearer hides the place from it."""
     half = np.float32(0.5)
     for x in range(len(cost)):
@@ -187,25 +193,25 @@ def _add_seeing(cost, seen, surface, behind, scale, start, weight, total, part):
         part[x] += here
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _costs(
-    first,
-    last,
-    reference,
-    others,
-    seen,
-    scale,
-    across,
-    down,
-    sector,
-    rings,
-    view_weight,
-    weights,
-    contrast,
-    nearest,
-    hiding,
-    volume,
-):  # type: ignore[no-untyped-def]
+    first: Any,
+    last: Any,
+    reference: Any,
+    others: Any,
+    seen: Any,
+    scale: Any,
+    across: Any,
+    down: Any,
+    sector: Any,
+    rings: Any,
+    view_weight: Any,
+    weights: Any,
+    contrast: Any,
+    nearest: Any,
+    hiding: Any,
+    volume: Any,
+) -> None:
     """Fill rows `first` to `last` of a volume (v, u, n); `nearest` (K, v, u) or (0, v, u): surfaces that hide."""
     views, height, width = len(others), reference.shape[1], reference.shape[2]
     limit, half = np.float32(TRUNCATION), np.float32(0.5)
@@ -253,8 +259,8 @@ def _costs(
                 volume[y, x, plane] = np.uint16(decided[x] * np.float32(UNITS) + half)
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _across_sums(first, last, volume, sums):  # type: ignore[no-untyped-def]
+@compiled
+def _across_sums(first: Any, last: Any, volume: Any, sums: Any) -> None:
     """Sums over WEAK_PX columns; at the sides the last column is repeated."""
     width, reach = volume.shape[1], WEAK_PX // 2
     for y in range(first, last):
@@ -264,8 +270,8 @@ def _across_sums(first, last, volume, sums):  # type: ignore[no-untyped-def]
                 sums[y, x, :] += volume[y, min(max(x + offset, 0), width - 1), :]
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _averaged(first, last, sums, weak, volume):  # type: ignore[no-untyped-def]
+@compiled
+def _averaged(first: Any, last: Any, sums: Any, weak: Any, volume: Any) -> None:
     """Blend costs with their mean over a square, the more the weaker the texture (v, u) is."""
     height, width, planes = volume.shape
     reach = WEAK_PX // 2

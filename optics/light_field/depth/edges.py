@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
 
 Float32 = NDArray[np.float32]
@@ -20,8 +20,8 @@ COLOUR_GREY = 20.0
 """Sum of the differences of three colours, of 255 each, at which a neighbour's say falls by a factor of e."""
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _medians(first, last, planes, picture, jump, out):  # type: ignore[no-untyped-def]
+@compiled
+def _medians(first: Any, last: Any, planes: Any, picture: Any, jump: Any, out: Any) -> None:
     height, width = planes.shape
     most = (2 * RADIUS_PX + 1) ** 2
     values, weights = np.empty(most, np.float32), np.empty(most, np.float32)

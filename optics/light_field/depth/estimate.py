@@ -154,8 +154,7 @@ class DepthEstimator:
 
     def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[Cheapest, list[ViewPicture]]:
         """Planes of the sweep at the size searched at, and the other views (full size) as bright as the reference."""
-        size = (lambda each: each.halved()) if self._halve else (lambda each: each)
-        own, small = size(reference), [size(other) for other in others]
+        own, *small = self._sized([reference, *others])
         # One contrast of the cost of a path where there are eight views.
         unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
         penalties = (round(NEXT_PLANE * unit), round(ANY_PLANE * unit))
@@ -176,11 +175,15 @@ class DepthEstimator:
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.hiding:
             nearest = nearest_planes(found.planes, self._sweep, self._run)
-            small = [size(other) for other in others]
+            small = self._sized(others)
             volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run, nearest)
             found = chosen(volume, leans_of(found.planes))
         margin = found.margin * np.float32(1.0 / (len(WAYS) * unit))
         return replace(found, margin=margin), others
+
+    def _sized(self, pictures: list[ViewPicture]) -> list[ViewPicture]:
+        """Pictures at the size that is searched at."""
+        return [picture.halved() for picture in pictures] if self._halve else pictures
 
     def _channels(self, pictures: list[ViewPicture]) -> Float32:
         return np.stack(list(self._run(lambda each: channels(each.colours), pictures)))
@@ -188,7 +191,7 @@ class DepthEstimator:
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
         every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-        rows, columns = (axis[every, every].astype(np.float32) for axis in np.indices(planes.shape))
+        rows, columns = np.indices(planes.shape, dtype=np.float32)[:, every, every]
         inverse, ours = self._full.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
 
         def one(view: Parallax, other: ViewPicture) -> Float32:

@@ -12,9 +12,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.geometry import Parallax
 from mirrorcam.optics.light_field.depth.sweep import Sweep
@@ -65,8 +65,8 @@ class Match:
     residual: Float32
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _cubic(t, out):  # type: ignore[no-untyped-def]
+@compiled
+def _cubic(t: Any, out: Any) -> None:
     """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
     half, one = np.float32(0.5), np.float32(1.0)
     out[0] = ((-half * t + one) * t - half) * t
@@ -75,8 +75,20 @@ def _cubic(t, out):  # type: ignore[no-untyped-def]
     out[3] = (half * t - half) * t * t
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _sampled(first, last, columns, rows, move_across, move_down, pictures, derivatives, seen, values, slopes):  # type: ignore[no-untyped-def]
+@compiled
+def _sampled(
+    first: Any,
+    last: Any,
+    columns: Any,
+    rows: Any,
+    move_across: Any,
+    move_down: Any,
+    pictures: Any,
+    derivatives: Any,
+    seen: Any,
+    values: Any,
+    slopes: Any,
+) -> None:
     """Values (c, v, u) of pictures (c, v, u) at places (v, u), and their change with the plane; NaN where not seen."""
     count, height, width = pictures.shape
     across, down = np.empty(4, np.float32), np.empty(4, np.float32)
@@ -113,8 +125,8 @@ def _sampled(first, last, columns, rows, move_across, move_down, pictures, deriv
                 slopes[c, y, x] = slope
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _bends(values, across, down, bend_across, bend_down):  # type: ignore[no-untyped-def]
+@compiled
+def _bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any) -> None:
     """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
     height, width = values.shape
     for y in range(height):
@@ -127,8 +139,8 @@ def _bends(values, across, down, bend_across, bend_down):  # type: ignore[no-unt
                 bend_down[y, x] = down[y, x] * (values[y - 1, x] - value + values[y + 1, x])
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _applied(held, values, bend_across, bend_down, out):  # type: ignore[no-untyped-def]
+@compiled
+def _applied(held: Any, values: Any, bend_across: Any, bend_down: Any, out: Any) -> None:
     """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
     height, width = values.shape
     two = np.float32(2.0)
@@ -147,7 +159,7 @@ def _applied(held, values, bend_across, bend_down, out):  # type: ignore[no-unty
 
 
 def _solved(held: Float32, across: Float32, down: Float32, target: Float32, start: Float32) -> Float32:
-    """Values (v, u) near `target` / `held` whose second differences are small: conjugate gradients, Jacobi's scaling."""
+    """Values (v, u) near `target` / `held` whose second differences are small (conjugate gradients, Jacobi scaling)."""
     work: Any = np.empty_like(start), np.empty_like(start)
     out = np.empty_like(start)
 
@@ -272,7 +284,7 @@ class Refiner:
     def refined(
         self, planes: Float32, reference: SlopePictures, others: Sequence[SlopePictures], steps: int
     ) -> tuple[Float32, Match, Float32]:
-        """The map (v, u) after some steps, the match at it, and the weight (v, u), 0 to 1, of no depth edge's being there."""
+        """The map (v, u) after some steps, the match there, and the weight (v, u), 0 to 1, of its being smooth."""
         reach = np.float32(self.sweep.reach_px)
         moved = planes * reach
         first = moved.copy()

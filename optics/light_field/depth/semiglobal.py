@@ -11,9 +11,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS, Volume, bands
 
 Float32 = NDArray[np.float32]
@@ -39,8 +39,22 @@ MISMATCH_PX = 3
 LINES = 32
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_plane, any_plane, path, on):  # type: ignore[no-untyped-def]
+@compiled
+def _path(
+    volume: Any,
+    total: Any,
+    picture: Any,
+    lean_across: Any,
+    lean_down: Any,
+    y: Any,
+    x: Any,
+    dy: Any,
+    dx: Any,
+    next_plane: Any,
+    any_plane: Any,
+    path: Any,
+    on: Any,
+) -> None:
     """Add to `total` the costs of the cheapest paths along one line; `path` and `on` are work space (n + 2,)."""
     height, width, planes = volume.shape
     carried = np.float32(0.0)
@@ -64,7 +78,7 @@ def _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_pla
         if shift == 0:
             for plane in range(planes):
                 step = min(path[plane], path[plane + 2]) + next_plane
-                best = min(min(path[plane + 1], step), least + penalty)
+                best = min(path[plane + 1], step, least + penalty)
                 on[plane + 1] = np.uint16(volume[y, x, plane] + np.uint16(best - least))
         else:
             for plane in range(planes):
@@ -84,9 +98,21 @@ def _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_pla
         y, x = y + dy, x + dx
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _paths(first, last, dy, dx, volume, total, picture, lean_across, lean_down, next_plane, any_plane):  # type: ignore[no-untyped-def]
-    """All lines `first` to `last` of one direction: those that start in the first row, then those of the first column."""
+@compiled
+def _paths(
+    first: Any,
+    last: Any,
+    dy: Any,
+    dx: Any,
+    volume: Any,
+    total: Any,
+    picture: Any,
+    lean_across: Any,
+    lean_down: Any,
+    next_plane: Any,
+    any_plane: Any,
+) -> None:
+    """All lines `first` to `last` of one direction: from the first row, then from the first column."""
     height, width, planes = volume.shape
     path, on = np.empty(planes + 2, np.uint16), np.empty(planes + 2, np.uint16)
     for line in range(first, last):
@@ -136,8 +162,10 @@ def aggregate(
     return total
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _least(first, last, total, volume, doubtful, best, margin, rivals, mismatch):  # type: ignore[no-untyped-def]
+@compiled
+def _least(
+    first: Any, last: Any, total: Any, volume: Any, doubtful: Any, best: Any, margin: Any, rivals: Any, mismatch: Any
+) -> None:
     planes, one = total.shape[2], np.float32(1.0)
     for y in range(first, last):
         for x in range(total.shape[1]):

@@ -83,7 +83,9 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     step = float(inverse_distances[1] - inverse_distances[0])
     return Sweep(
         np.asarray(inverse_distances, dtype=np.float64),
-        *(matrices[..., row, col].astype(np.float32) for row, col in ((0, 0), (0, 2), (1, 2))),
+        matrices[..., 0, 0].astype(np.float32),
+        matrices[..., 0, 2].astype(np.float32),
+        matrices[..., 1, 2].astype(np.float32),
         positions,
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),

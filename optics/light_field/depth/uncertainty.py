@@ -23,7 +23,7 @@ SIGMA_PX = 0.036
 INFORMATION = 50.0
 ROOT = 0.2
 VIEWS_ROOT = 0.2
-"""Views see the same texture by the same interpolation: their errors go together, and eight say nearly what eighty do."""
+"""Views see one texture by one interpolation: their errors go together, and eight say nearly what eighty do."""
 LEAST_NOISE = 0.3
 SURE_MARGIN, LEAST_MARGIN = 12.0, 0.1
 LEAST_SMOOTH = 0.2

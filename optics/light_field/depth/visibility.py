@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.depth.sweep import Sweep
 
 Float32 = NDArray[np.float32]
@@ -18,8 +18,8 @@ NOTHING = np.float32(-1e9)
 """Plane of what no pixel of the reference view is seen at: it hides nothing."""
 
 
-@njit(nogil=True, cache=True)  # type: ignore[untyped-decorator]
-def _splat(planes, scale, across, down, out):  # type: ignore[no-untyped-def]
+@compiled
+def _splat(planes: Any, scale: Any, across: Any, down: Any, out: Any) -> None:
     """The nearest of the surfaces that land in each pixel (v, u) of a view, and single gaps between two closed."""
     height, width = planes.shape
     last = len(scale) - 1

@@ -69,7 +69,7 @@ def test_every_frame_of_a_recording_gets_its_depth(inputs: Path, tmp_path: Path)
     found = read_pfm(tmp_path / "out/film_000000_depth.pfm")
     assert np.nanmedian(np.abs(found - truth) / truth) < 0.003
     with np.load(tmp_path / "out/film_000001_depth.npz") as arrays:
-        assert arrays["confidence"].max() < 0.1
+        assert arrays["confidence"].max() < 0.2
 
 
 def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: Path) -> None:

@@ -7,16 +7,25 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.semiglobal import aggregate
+from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS
+from mirrorcam.optics.light_field.depth.semiglobal import EDGE_GREY, EDGE_LEAST, WAYS, aggregate, cheapest, leans_of
+
+EVEN = np.full((7, 9, 3), 90.0, np.float32)
+LEVEL = (np.zeros((7, 9), np.float32), np.zeros((7, 9), np.float32))
 
 
-def plainly(volume: np.ndarray, next_plane: int, any_plane: int) -> np.ndarray:
-    """L(p, d) = C(p, d) + min(L(p', d), L(p', d +- 1) + next, min L(p', .) + any) - min L(p', .), over four ways."""
-    cost = volume.transpose(0, 2, 1).astype(int)
+def plainly(
+    volume: np.ndarray, next_plane: int, any_plane: int, picture: np.ndarray, leans: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """L(p, d) = C(p, d) + min(L(p', d'), L(p', d' +- 1) + next, min L(p', .) + any) - min L(p', .), over eight ways.
+
+    d' is d less the rise of the surface from p' to p.
+    """
+    cost = volume.astype(int)
     rows, columns, planes = cost.shape
     total = np.zeros_like(cost)
-    for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        path = np.zeros_like(cost)
+    for down, right in WAYS:
+        path, carried = np.zeros_like(cost), np.zeros((rows, columns))
         for v in range(rows)[:: down or 1]:
             for u in range(columns)[:: right or 1]:
                 before_v, before_u = v - down, u - right
@@ -24,29 +33,76 @@ def plainly(volume: np.ndarray, next_plane: int, any_plane: int) -> np.ndarray:
                 if not (0 <= before_v < rows and 0 <= before_u < columns):
                     continue
                 before = path[before_v, before_u]
+                rise = carried[before_v, before_u] + right * leans[0][v, u] + down * leans[1][v, u]
+                shift = int(np.floor(rise + 0.5))
+                carried[v, u] = rise - shift
+                edge = np.abs(picture[v, u] - picture[before_v, before_u]).max()
+                kept = EDGE_LEAST + (1 - EDGE_LEAST) * np.exp(-edge / EDGE_GREY)
+                jump = int(max(1.5 * next_plane, any_plane * kept))
                 for d in range(planes):
-                    ways = [before[d], before.min() + any_plane]
-                    ways += [before[other] + next_plane for other in (d - 1, d + 1) if 0 <= other < planes]
+                    ways = [before.min() + jump]
+                    ways += [
+                        before[other - shift] + (next_plane if other != d else 0)
+                        for other in (d - 1, d, d + 1)
+                        if 0 <= other - shift < planes
+                    ]
                     path[v, u, d] += min(ways) - before.min()
         total += path
-    return total.transpose(0, 2, 1)
+    return total
 
 
 @pytest.mark.parametrize(("next_plane", "any_plane"), [(3, 20), (0, 0), (10, 1000)])
-def test_paths_are_the_cheapest(next_plane: int, any_plane: int) -> None:
-    volume = np.random.default_rng(0).integers(0, 60, (7, 5, 9)).astype(np.uint16)
-    expected = plainly(volume, next_plane, any_plane)
-    assert np.array_equal(aggregate(volume, next_plane, any_plane), expected)
-    assert np.array_equal(aggregate(volume, next_plane, any_plane, ThreadPoolExecutor(2).map), expected)
+@pytest.mark.parametrize("leaning", [False, True])
+def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) -> None:
+    random = np.random.default_rng(0)
+    volume = random.integers(0, 60, (7, 9, 6)).astype(np.uint16)
+    picture = random.uniform(0, 40, (7, 9, 3)).astype(np.float32)
+    leans = LEVEL
+    if leaning:
+        across, down = random.uniform(-1.3, 1.3, (2, 7, 9)).astype(np.float32)
+        leans = (across, down)
+    expected = plainly(volume, next_plane, any_plane, picture, leans)
+    for found in (
+        aggregate(volume, picture, leans, (next_plane, any_plane)),
+        aggregate(volume, picture, leans, (next_plane, any_plane), ThreadPoolExecutor(2).map),
+    ):
+        # The penalty of an edge is rounded down in single precision: one at most on each of eight ways.
+        assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 
-def test_without_prices_each_pixel_stands_alone() -> None:
-    volume = np.random.default_rng(1).integers(0, 60, (4, 6, 5)).astype(np.uint16)
-    assert np.array_equal(aggregate(volume, 0, 0), 4 * volume)
+def test_without_penalties_each_pixel_stands_alone() -> None:
+    volume = np.random.default_rng(1).integers(0, 60, (7, 9, 5)).astype(np.uint16)
+    assert np.array_equal(aggregate(volume, EVEN, LEVEL, (0, 0)), 8 * volume)
 
 
-def test_what_is_told_nothing_follows_its_neighbours() -> None:
-    volume = np.full((9, 6, 9), 30, np.uint16)
-    volume[:, 2, :3] = volume[:, 2, 6:] = 0
-    assert (aggregate(volume, 5, 100).argmin(axis=1) == 2).all()
-    assert (volume.argmin(axis=1)[:, 4] == 0).all()
+def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
+    volume = np.full((7, 9, 9), 30, np.uint16)
+    volume[:, :3, 2] = volume[:, 6:, 2] = 0
+    assert (aggregate(volume, EVEN, LEVEL, (5, 100)).argmin(axis=2) == 2).all()
+    volume[:] = 30
+    volume[:, [0, 1], [0, 1]] = 0
+    rising = (np.ones((7, 9), np.float32), np.zeros((7, 9), np.float32))
+    assert (aggregate(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
+
+
+def test_the_least_plane_its_margin_its_rivals_and_its_mismatch() -> None:
+    total = np.full((8, 8, 12), 900, np.uint16)
+    total[..., 4] = 100
+    total[..., [3, 5]] = [400, 200]
+    total[..., 9] = 300
+    volume = np.full_like(total, round(0.25 * TRUNCATION * UNITS))
+    found = cheapest(total, volume, 400.0)
+    np.testing.assert_allclose(found.planes, 4.0 + 0.5 * (400 - 200) / (400 + 200 - 200))
+    np.testing.assert_allclose(found.margin, 200.0)
+    np.testing.assert_allclose(found.rivals, (1 - 0.5**2) ** 2 / 3, rtol=1e-6)
+    np.testing.assert_allclose(found.mismatch, 0.25)
+
+
+def test_leans_are_those_of_a_plane_and_ignore_a_jump() -> None:
+    v, u = np.mgrid[:60, :80].astype(np.float32)
+    planes = 0.3 * u - 0.7 * v + np.where(u > 60, np.float32(20.0), np.float32(0.0))
+    across, down = leans_of(planes)
+    # To an eight-bit code of 4 planes a pixel.
+    np.testing.assert_allclose(across[15:-15, 15:50], 0.3, atol=0.02)
+    np.testing.assert_allclose(down[15:-15, 15:50], -0.7, atol=0.02)
+    assert (leans_of(np.zeros((60, 80), np.float32))[0] == 0).all()
