@@ -75,7 +75,7 @@ class ViewPicture:
         rows, columns = self.known.shape[0] // 2, self.known.shape[1] // 2
         even = (slice(2 * rows), slice(2 * columns))
         joined = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
-        known = self.known[even].reshape(rows, 2, columns, 2).all(axis=(1, 3))
+        known: Any = self.known[even].reshape(rows, 2, columns, 2).all(axis=(1, 3))
         return ViewPicture(np.asarray(joined), known)
 
     def brighter(self, gain: Float32 | float) -> ViewPicture:
@@ -93,9 +93,8 @@ def first_gain(picture: Float32, reference: Float32) -> float:
     both = (picture >= 0) & (reference >= 0)
 
     def mean(of: Float32) -> Float32:
-        return np.asarray(cv2.blur(np.where(both, of, np.float32(0.0)), (side, side)))[
-            side // 2 :: side, side // 2 :: side
-        ]
+        means: Any = cv2.blur(np.where(both, of, np.float32(0.0)), (side, side))
+        return np.asarray(means[side // 2 :: side, side // 2 :: side])
 
     ours, theirs = mean(reference), mean(picture)
     usable = (ours > 1.0) & (theirs > 1.0)
