@@ -66,7 +66,7 @@ class LightFieldStream:
         self._estimator: DepthEstimator | None = None
         if settings.depth:
             near_mm, far_mm = settings.near_mm or None, settings.far_mm or None
-            self._estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm)
+            self._estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
         # Robots act on what they see now: no frame waits while another is decoded.
         self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, waiting=1)
         self._start_ns = self._camera.started_ns or time.time_ns()

@@ -46,8 +46,10 @@ Quality = Literal["best", "fast"]
 
 NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is searched by default, in reference depths."""
-STEP_PX = 0.5
+FINE_PX, COARSE_PX = 0.5, 1.0
 """How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
+MOST_FINE = 192
+"""More planes than that are taken farther apart."""
 MOST_CELLS = 2**26
 """Most pixels times planes that are searched at full size in the best quality."""
 NEXT_PLANE, ANY_PLANE = 3.0, 24.0
@@ -111,15 +113,20 @@ class DepthEstimator:
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._effort = EFFORTS[quality]
-        full = sweep(self.views, plane_inverse_distances(self.views, self.near_mm, self.far_mm, STEP_PX))
+        full = self._swept(self.views)
         self._halve = self._effort.halve or full.planes * self.views.width_px * self.views.height_px > MOST_CELLS
         self._sweep = full
         if self._halve:
-            small = halved(self.views)
-            self._sweep = sweep(small, plane_inverse_distances(small, self.near_mm, self.far_mm, STEP_PX))
+            self._sweep = self._swept(halved(self.views))
         self._full = full
         self._parallaxes = [parallax(self.views, index) for index in self.others]
         self._refiner = Refiner(full, self._parallaxes, (self.views.height_px, self.views.width_px), self._run)
+
+    def _swept(self, views: Views) -> Sweep:
+        planes = plane_inverse_distances(views, self.near_mm, self.far_mm, FINE_PX)
+        if len(planes) > MOST_FINE:
+            planes = plane_inverse_distances(views, self.near_mm, self.far_mm, COARSE_PX)
+        return sweep(views, planes)
 
     @property
     def planes(self) -> int:

@@ -25,6 +25,9 @@ class DepthOptions(LightFieldsOptions):
         float | None,
         tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth, or as a scene states)"),
     ] = DEPTH_MM.field(None, "farthest depth that is searched")
+    fast: bool = Field(
+        default=False, description="for videos: search at half size and refine once, several times faster and less exact"
+    )
     out: Path = Field(
         default=Path("output/depth"),
         description=(
@@ -47,7 +50,13 @@ def run(options: DepthOptions) -> int:
     inputs = options.inputs()
     with long_work("depth", options.counted, "files") as advance:
         found = write_depths(
-            inputs, options.out, near_mm=options.near_mm, far_mm=options.far_mm, force=options.force, progress=advance
+            inputs,
+            options.out,
+            near_mm=options.near_mm,
+            far_mm=options.far_mm,
+            quality="fast" if options.fast else "best",
+            force=options.force,
+            progress=advance,
         )
     lines = [f"{each.name}: no pixel has a depth" for each in found if not each.known]
     empty = bool(lines)

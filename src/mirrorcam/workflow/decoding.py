@@ -192,7 +192,7 @@ def _estimator(decoder: Decoder, request: DecodeRequest) -> DepthEstimator:
     """The estimator of the depth of all frames."""
     samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
     light_field = LightField.of(decoder.views, samples, decoder.weights)
-    return DepthEstimator(light_field, near_mm=request.near_mm, far_mm=request.far_mm)
+    return DepthEstimator(light_field, near_mm=request.near_mm, far_mm=request.far_mm, quality="fast")
 
 
 def _decode_pictures(

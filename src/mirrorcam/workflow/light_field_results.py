@@ -16,7 +16,7 @@ from mirrorcam.figures.epi_figure import draw_epi
 from mirrorcam.figures.features_figure import draw_features
 from mirrorcam.optics.base.files import write_npz
 from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth import DepthEstimator, Quality
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
 from mirrorcam.optics.light_field.io.pfm import write_pfm
@@ -57,10 +57,11 @@ def write_depths(
     *,
     near_mm: float | None = None,
     far_mm: float | None = None,
+    quality: Quality = "best",
     force: bool = False,
     progress: Progress = no_progress,
 ) -> list[DepthSummary]:
-    """Measure depth in light fields, between the depths given or those that their files state.
+    """Measure depth in light fields, between the depths given or those that their files state, in a quality.
 
     Writes NAME_depth.npz, .pfm and .png into a folder, where `force` also replaces files of others.
     """
@@ -71,7 +72,7 @@ def write_depths(
         for each in inputs.each(progress):
             if estimator is None or not estimator.fits(each.light_field):
                 near, far = each.depths_to_search(near_mm, far_mm)
-                estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far)
+                estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field)
             with output.staged(complete=False) as staged:
