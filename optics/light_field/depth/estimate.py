@@ -36,7 +36,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
 )
 from mirrorcam.optics.light_field.depth.refine import Match, Refiner, SlopePictures
 from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
-from mirrorcam.optics.light_field.depth.sweep import sweep
+from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN, probability, standard_deviation_px
 from mirrorcam.optics.light_field.depth.visibility import nearest_planes
 from mirrorcam.optics.light_field.light_field import LightField, Views

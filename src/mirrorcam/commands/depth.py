@@ -26,7 +26,7 @@ class DepthOptions(LightFieldsOptions):
         tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth, or as a scene states)"),
     ] = DEPTH_MM.field(None, "farthest depth that is searched")
     fast: bool = Field(
-        default=False, description="for videos: search at half size and refine once, several times faster and less exact"
+        default=False, description="for videos: search at half size and refine once, several times faster, less exact"
     )
     out: Path = Field(
         default=Path("output/depth"),
