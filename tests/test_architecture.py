@@ -20,7 +20,7 @@ FOLDERS = {
     "mirrorcam.render_scenes": ROOT / "render_scenes",
     "mirrorcam": ROOT / "src" / "mirrorcam",
 }
-OPTICS = {"numpy", "scipy", "cv2", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
+OPTICS = {"numpy", "scipy", "cv2", "numba", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
 # `render_scenes` import comes with the extras of these names, distributed and pyarrow with `cluster` and `parquet`,
 # rosbags and its backports.zstd with `robot`, rerun with `view`;
@@ -73,7 +73,7 @@ APART = {
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
     *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "numcodecs", "PIL", "h5py", "jinja2"),
-    *("rosbags", "rerun"),
+    *("rosbags", "rerun", "numba"),
 )
 
 KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}
