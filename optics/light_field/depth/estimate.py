@@ -34,7 +34,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     matching_gain,
     patches,
 )
-from mirrorcam.optics.light_field.depth.refine import Match, Refiner, SlopePictures
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePictures
 from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN, probability, standard_deviation_px
@@ -55,7 +55,6 @@ MOST_CELLS = 2**26
 NEXT_PLANE, ANY_PLANE = 3.0, 24.0
 """Penalties, in contrasts, of eight views; more views are surer."""
 PENALTY_POWER = 0.63
-JUMP_PX = 0.6
 SMALLEST_PX = 16
 
 
@@ -153,7 +152,7 @@ class DepthEstimator:
         found, others = self._searched(reference, others)
         planes = self._at_full_size(found.planes, reference.known.shape)
         planes = follow_edges(planes, reference.colours, JUMP_PX / self._full.reach_px, self._run)
-        own, *slopes = self._run(lambda each: SlopePictures.of(_grey(each), each.seen), [reference, *others])
+        own, *slopes = self._run(lambda each: SlopePictures.of(each.brightness, each.seen), [reference, *others])
         planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
         if self._halve:
             found = Cheapest(*(_enlarged(getattr(found, each.name), planes.shape) for each in fields(Cheapest)))
@@ -242,10 +241,6 @@ class DepthEstimator:
             sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
         )
-
-
-def _grey(picture: ViewPicture) -> Float32:
-    return np.asarray(cv2.cvtColor(picture.colours, cv2.COLOR_RGB2GRAY))
 
 
 def _enlarged(small: Float32, shape: tuple[int, int]) -> Float32:

@@ -61,9 +61,14 @@ class ViewPicture:
         return cls(colours, known)
 
     @property
+    def brightness(self) -> Float32:
+        """Brightness (v, u) of the colours, 0 to 255."""
+        return np.asarray(cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY))
+
+    @property
     def grey(self) -> Float32:
-        """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is none."""
-        return np.where(self.known, cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY), np.float32(NO_SAMPLE))
+        """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is no sample."""
+        return np.where(self.known, self.brightness, np.float32(NO_SAMPLE))
 
     @property
     def seen(self) -> NDArray[np.uint8]:
@@ -81,6 +86,8 @@ class ViewPicture:
     def brighter(self, gain: Float32 | float) -> ViewPicture:
         """The view with its brightness times a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
+        if factor.ndim == 0 and factor == 1:
+            return self
         return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.known)
 
 

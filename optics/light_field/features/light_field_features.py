@@ -176,10 +176,10 @@ class FeatureFinder:
         given = templates(pyramid, geometry.reference, pixels, at.scale_px[tried])
         others = np.delete(np.arange(len(images)), geometry.reference)
         start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in others])
-        start[~_shown(inner[others], start)] = np.nan
+        start[~shown_by_views(inner[others], start)] = np.nan
         distance = 1.0 / np.maximum(inverse_mm, 1e-6)
         aligned = align(pyramid, given, others, start, geometry.across_mm[others], distance, self._pool.map)
-        sure = (aligned.alike >= LEAST_ALIKE) & _shown(inner[others], aligned.pixels)
+        sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(inner[others], aligned.pixels)
         seen_px = np.full((len(images), len(tried), 2), np.nan)
         seen_px[others] = np.where(sure[..., None], aligned.pixels, np.nan)
         indices = np.concatenate([np.zeros(0, np.int64), *(each.index for each in given)])
@@ -283,7 +283,7 @@ def _ends(views: Views, reference: int) -> list[int]:
     return [view for view in dict.fromkeys([*row, *column]) if view != reference]
 
 
-def _shown(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
+def shown_by_views(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
     """Mask of what views (views, v, u) show at pixels (views, n, 2) and around; False at NaN."""
     _, height, width = inner.shape
     near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))

@@ -18,6 +18,7 @@ from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.features.align import Warp, align
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
+from mirrorcam.optics.light_field.features.light_field_features import shown_by_views
 from mirrorcam.optics.light_field.features.patches import Templates, templates
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
@@ -124,10 +125,10 @@ def see(
     """
     views = np.arange(len(geometry.focal_px))
     start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in views])
-    start[~_inside(frame.inner, start)] = np.nan
+    start[~shown_by_views(frame.inner, start)] = np.nan
     distance = 1.0 / np.maximum(inverse_mm, 1e-6)
     aligned = align(frame.pyramid, given, views, start, geometry.across_mm, distance, run, warp)
-    sure = (aligned.alike >= LEAST_ALIKE) & _inside(frame.inner, aligned.pixels)
+    sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
     seen_px = np.where(sure[..., None], aligned.pixels, np.nan)
     mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
     precision = aligned.precision / mean[:, None, None]
@@ -149,13 +150,3 @@ def see(
         shape_sigma_per_mm=np.sqrt(aligned.shape_covariance[:, 0, 0]) / focal,
         shapes=aligned.shapes,
     )
-
-
-def _inside(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
-    """Mask of what views (views, v, u) show at pixels (views, n, 2); False at NaN."""
-    _, height, width = inner.shape
-    near = np.rint(np.where(np.isfinite(pixels), pixels, -1.0))
-    u, v = np.moveaxis(np.clip(near, -1, [width, height]).astype(np.int64), -1, 0)
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    view = np.arange(len(inner))[:, None]
-    return inside & (inner[view, np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)] > 0)
