@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.light_field_depth_scenes import RIGHT_PX, at_edges, judged, sigma_px, truth_of
-from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.io.formats.hci import HciScene
+from benchmarks.light_field_depth_errors import RIGHT_PX
+from benchmarks.light_field_depth_scenes import judged, main, report, truth_of
+from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.formats.hci import HciScene, write_hci
 from mirrorcam.optics.light_field.io.pfm import write_pfm
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -29,26 +32,39 @@ def test_a_truth_that_lacks_a_border_is_put_in_the_middle(scene: HciScene, tmp_p
     np.testing.assert_allclose(truth[5:-5, 5:-5], scene.disparity_px[5:-5, 5:-5], rtol=1e-6)
 
 
-def test_edges_are_those_of_depth_and_not_of_a_slanted_plane() -> None:
-    v, u = np.mgrid[:60, :80].astype(np.float32)
-    truth = 0.05 * u + 0.02 * v + np.where(u > 40, np.float32(1.0), np.float32(0.0))
-    found = at_edges(truth.astype(np.float32), 1)
-    assert found[:, 37:45].all()
-    assert not found[:, 5:34].any()
+def test_a_scene_without_a_truth_is_refused(scene: HciScene) -> None:
+    with pytest.raises(InputError, match=r"expected gt_disp_lowres\.pfm in its folder, or SCENE=TRUTH\.pfm"):
+        truth_of(replace(scene, disparity_px=None), None, 1)
 
 
-def test_a_scene_is_judged_beside_stereo_with_errors_in_its_own_sigmas(
-    scene: HciScene, monkeypatch: pytest.MonkeyPatch
+def test_a_scene_is_judged_beside_stereo(
+    scene: HciScene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("benchmarks.light_field_depth_scenes.best_stereo", lambda *_: ({"bad": 9.0, "mse": 9.0}, {}))
+    monkeypatch.setattr("benchmarks.light_field_depth_scenes.best_stereo", lambda *_: ({"bad": 9.0, "mse": 8.0}, {}))
     assert scene.disparity_px is not None
     result = judged("plane", scene, scene.disparity_px, 1, "fast")
     assert result.ours["bad"] < 20.0
     assert result.seconds > 0 and result.pair_seconds > 0
-    assert len(result.error_px) == len(result.sigmas) == len(result.confidence) == (90 - 30) * (120 - 30)
-    assert np.mean(result.error_px < RIGHT_PX) > 0.9
-    found = DepthEstimator(scene.light_field).estimate(scene.light_field)
-    near = found.depth_mm < np.nanmedian(found.depth_mm)
-    # A pixel of the farthest view is less depth nearer by.
-    per_mm = sigma_px(found) / found.sigma_mm
-    assert np.nanmedian(per_mm[near]) > np.nanmedian(per_mm[~near])
+    assert result.sgbm == {"bad": 9.0, "mse": 8.0}
+    measured = result.measured
+    assert measured.judged.sum() == (90 - 30) * (120 - 30)
+    assert np.mean(measured.error_px[measured.judged] < RIGHT_PX) > 0.9
+    report([result])
+    said = capsys.readouterr().out
+    assert f"{result.ours['bad']:8.2f}" in said and "9.00 /   8.00" in said
+    shares = [float(line.split(";")[1].split("%")[0]) for line in said.splitlines() if "of the pixels" in line]
+    assert sum(shares) == pytest.approx(100.0, abs=0.05 * len(shares))
+
+
+def test_figures_are_made_without_the_search_for_the_best_stereo(
+    scene: HciScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def searched(*_: object) -> None:
+        raise AssertionError("it was searched")
+
+    monkeypatch.setattr("benchmarks.light_field_depth_scenes.best_stereo", searched)
+    write_hci(tmp_path / "plane", scene.light_field, scene.depth_mm)
+    figures = ["--figure", str(tmp_path / "figure.png"), "--pictures", str(tmp_path / "pictures")]
+    main(["--no-sgbm", "--fast", *figures, str(tmp_path / "plane")])
+    assert read_image(tmp_path / "figure.png").shape[1] > 1000
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["plane.png"]
