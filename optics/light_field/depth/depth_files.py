@@ -1,32 +1,76 @@
-"""Depth maps as NumPy's .npz."""
+"""Depth maps as NumPy's .npz, with a record of what they were measured in."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import read_npz, refusing
 from mirrorcam.optics.base.files import write_npz
+from mirrorcam.optics.base.fingerprint import digest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 
 WHAT = "a depth map of mirrorcam depth"
-LONGEST_IDENTITY = 64
+LONGEST_IDENTITY = LONGEST_DIGEST = 64
+CONTENT, SEARCHED = "light_field_sha256", "searched_mm"
 
 
-def save_depth(path: Path, depth: DepthMap) -> None:
-    """Write depth_mm, sigma_mm and confidence (v, u) of a view to an .npz file, atomically."""
-    arrays = {
+@dataclass(frozen=True)
+class DepthRecord:
+    """What a depth map was measured in: `content_digest` of the light field, and the nearest and farthest depth that
+    were searched, mm."""
+
+    light_field_sha256: str
+    searched_mm: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        near, far = self.searched_mm
+        if not 0.0 < near < far:
+            raise ValueError(f"searched from {near} to {far} mm, expected a nearest depth below the farthest")
+
+
+def content_digest(light_field: LightField) -> str:
+    """The sha256 of samples, weights and geometry: that of the same light field, whatever file it was read from."""
+    parts = []
+    for field in fields(LightField):
+        value = getattr(light_field, field.name)
+        array = np.ascontiguousarray(value) if isinstance(value, np.ndarray) else np.array(value)
+        parts += [f"{field.name} {array.dtype.str} {array.shape}".encode(), array.tobytes()]
+    return digest(*parts)
+
+
+def save_depth(path: Path, depth: DepthMap, record: DepthRecord | None = None) -> None:
+    """Write depth_mm, sigma_mm and confidence (v, u) of a view, and the record if there is one, to an .npz file,
+    atomically."""
+    arrays: dict[str, NDArray[Any]] = {
         "depth_mm": depth.depth_mm,
         "sigma_mm": depth.sigma_mm,
         "confidence": depth.confidence,
         "view": np.array(depth.view),
         "layout_identity": np.array(depth.views.layout_identity),
     }
+    if record is not None:
+        arrays[CONTENT] = np.array(record.light_field_sha256)
+        arrays[SEARCHED] = np.array(record.searched_mm, dtype=np.float64)
     write_npz(path, arrays)
+
+
+def load_record(path: Path) -> DepthRecord | None:
+    """The record that `save_depth` wrote, or None in a file without one; raises InputError for another file."""
+    arrays = read_npz(path, (CONTENT, SEARCHED), WHAT)
+    if CONTENT not in arrays or SEARCHED not in arrays:
+        return None
+    with refusing(path, WHAT):
+        searched = arrays[SEARCHED]
+        if searched.shape != (2,) or searched.dtype.kind != "f":
+            raise ValueError(f"{SEARCHED} is {searched.dtype} of shape {searched.shape}, expected two depths")
+        return DepthRecord(str(arrays[CONTENT])[: LONGEST_DIGEST + 1], (float(searched[0]), float(searched[1])))
 
 
 def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.workflow.kept_depths import content_digest, keep_depth, kept_depth
+from mirrorcam.workflow.kept_depths import keep_depth, kept_depth
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -41,15 +41,7 @@ def test_depth_of_another_light_field_or_range_is_not_used(wall: LightField, kep
     assert kept_depth([kept], "wall", wall, None, np.inf) is None
     samples = wall.samples.copy()
     samples[2, 0, 5, 7, 1] ^= 1
-    moved = wall.positions_mm.copy()
-    moved[0, 0, 0] += 1e-9
-    for changed in (
-        LightField.of(wall, samples, wall.weights),
-        replace(wall, weights=wall.weights * np.float32(0.5)),
-        replace(wall, positions_mm=moved),
-        replace(wall, layout_identity="another"),
-    ):
-        assert content_digest(changed) != content_digest(wall)
+    for changed in (LightField.of(wall, samples, wall.weights), replace(wall, layout_identity="another")):
         assert kept_depth([kept], "wall", changed, None, None) is None
 
 
