@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
+from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.light_field import LightField
 
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
@@ -25,7 +26,7 @@ _NS_PER_S = 10**9
 View = tuple[int, int]
 
 
-class StoredBag(Sequence[LightField]):
+class StoredBag(StoredFrames):
     """The light fields of a bag, an MCAP file or a folder of rosbag2, read one by one as they are asked for.
 
     The images of all views with one stamp are a frame. Frames that lack a view are left out, as the first and last ones
@@ -85,18 +86,8 @@ class StoredBag(Sequence[LightField]):
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    @overload
-    def __getitem__(self, index: int) -> LightField: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[LightField]: ...
-
-    def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
-        if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
-        stamp = self.stamps_ns[index]
+    def _frame(self, number: int) -> LightField:
+        stamp = self.stamps_ns[number]
         samples = np.empty_like(self._empty.samples)
         with _reading(self.path):
             first, last = self._times[stamp]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from mirrorcam.optics.base.array_files import check_bytes
 from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, read_journal
+from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.io.zarr_arrays import METADATA, ZarrArray, read_attributes
 from mirrorcam.optics.light_field.light_field import LightField
@@ -103,7 +103,7 @@ def _frame_array(path: Path, name: str, kind: str) -> Any:
     return array.whole()
 
 
-class StoredLightFields(Sequence[LightField]):
+class StoredLightFields(StoredFrames):
     """The light fields of a recording in Zarr, read from disk one by one as they are asked for.
 
     A recording that was cut off (NAME.partial) holds the frames that are whole.
@@ -147,18 +147,7 @@ class StoredLightFields(Sequence[LightField]):
     def __len__(self) -> int:
         return len(self.numbers)
 
-    @overload
-    def __getitem__(self, index: int) -> LightField: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[LightField]: ...
-
-    def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
-        if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
-        number = index % len(self)
+    def _frame(self, number: int) -> LightField:
         chunk = (number, 0, 0, 0, 0, 0)
         if not self._samples.has(chunk):
             raise InputError(f"{self.path}: frame {number} is missing, expected {self._samples.key(chunk)}")
