@@ -17,8 +17,8 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
-from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
 from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
+from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
