@@ -33,11 +33,14 @@ def class_of(message_type: str) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
-class LightFieldNode(Node):  # type: ignore[misc]  # rclpy is not typed
-    """Publishes the light field of one camera; raises InputError where its parameters do not allow that."""
+class LightFieldNode:
+    """Publishes the light field of one camera; raises InputError where its parameters do not allow that.
+
+    `node` is the node of rclpy, which serves its parameters and topics.
+    """
 
     def __init__(self) -> None:
-        super().__init__("light_field")
+        self.node = Node("light_field")
         # As text or number: 0 in a file of parameters is a number.
         any_type = ParameterDescriptor(dynamic_typing=True)
         settings = Settings(
@@ -49,7 +52,7 @@ class LightFieldNode(Node):  # type: ignore[misc]  # rclpy is not typed
             width_px=self._parameter("width_px", 0),
             reference_depth_mm=self._parameter("reference_depth_mm", 0.0),
         )
-        self._stream = LightFieldStream(settings, self.get_logger().warning)
+        self._stream = LightFieldStream(settings, self.node.get_logger().warning)
         latched, frames = self._stream.latched(), self._stream.topics()
         self._outputs = {each.topic: self._publisher(each) for each in (*latched, *frames)}
         self._publish(latched)
@@ -58,11 +61,11 @@ class LightFieldNode(Node):  # type: ignore[misc]  # rclpy is not typed
         self._thread.start()
 
     def _parameter(self, name: str, default: Any, descriptor: Any = None) -> Any:
-        return self.declare_parameter(name, default, descriptor or ParameterDescriptor()).value
+        return self.node.declare_parameter(name, default, descriptor or ParameterDescriptor()).value
 
     def _publisher(self, published: Published) -> Any:
         quality = LATCHED if published.latched else FRAMES
-        return self.create_publisher(class_of(published.message.type), published.topic, quality)
+        return self.node.create_publisher(class_of(published.message.type), published.topic, quality)
 
     def _publish(self, messages: list[Published]) -> None:
         for each in messages:
@@ -79,42 +82,42 @@ class LightFieldNode(Node):  # type: ignore[misc]  # rclpy is not typed
                 if self._over.is_set():
                     return
                 if isinstance(messages, Lost):
-                    self.get_logger().warning(f"frame {messages.number} {messages.reason}")
+                    self.node.get_logger().warning(f"frame {messages.number} {messages.reason}")
                     continue
                 self._publish(messages)
                 if self._stream.dropped > told:
                     told = self._stream.dropped
-                    self.get_logger().warning(
+                    self.node.get_logger().warning(
                         f"{told} frames left out, which came faster than decoded", throttle_duration_sec=TOLD_EVERY_S
                     )
-            self.get_logger().info("the recording is over")
+            self.node.get_logger().info("the recording is over")
         except InputError as error:
-            self.get_logger().fatal(str(error))
+            self.node.get_logger().fatal(str(error))
         rclpy.try_shutdown()
 
-    def destroy_node(self) -> None:
+    def close(self) -> None:
         """Stop decoding, and end the node."""
         self._over.set()
         self._stream.stop()
         self._thread.join(timeout=5.0)
-        super().destroy_node()
+        self.node.destroy_node()
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until it is interrupted; 2 where its parameters are of no use."""
     rclpy.init(args=arguments)
     try:
-        node = LightFieldNode()
+        light_field = LightFieldNode()
     except InputError as error:
         print(f"mirrorcam_ros: {error}", file=sys.stderr)
         rclpy.try_shutdown()
         return 2
     try:
-        rclpy.spin(node)
+        rclpy.spin(light_field.node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        node.destroy_node()
+        light_field.close()
         rclpy.try_shutdown()
     return 0
 

@@ -8,6 +8,7 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,8 +39,8 @@ def ros(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ros:
     return found
 
 
-def stamps_ns(messages: list[object]) -> list[int]:
-    return [each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in messages]  # type: ignore[attr-defined]
+def stamps_ns(messages: list[Any]) -> list[int]:
+    return [each.header.stamp.sec * 10**9 + each.header.stamp.nanosec for each in messages]
 
 
 def test_views_are_published_in_time_and_depth_where_somebody_listens(ros: Ros, tmp_path: Path) -> None:

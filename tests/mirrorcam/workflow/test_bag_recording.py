@@ -23,6 +23,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
+from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.workflow import decoding
@@ -78,7 +79,8 @@ def test_a_video_becomes_a_bag_with_the_times_of_its_frames(here: Path, layout: 
     stored, decoder = StoredBag(here / "out.mcap"), Decoder(layout)
     assert stored.stamps_ns == tuple(round(number * 1e9 / RATE) for number in range(COUNT))
     for found, frame in zip(stored, Video(here / "video.avi").frames(), strict=True):
-        assert np.array_equal(found.samples, decoder.decode(frame.pixels).samples)  # type: ignore[union-attr]
+        assert isinstance(frame, Frame)
+        assert np.array_equal(found.samples, decoder.decode(frame.pixels).samples)
         assert found.layout_identity == layout.identity
 
 

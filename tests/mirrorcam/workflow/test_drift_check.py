@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,13 +74,22 @@ def test_layouts_that_state_no_measured_mirrors_or_two_tell_nothing(
 
 def test_a_watched_source_gives_the_same_frames_and_keeps_a_few() -> None:
     class Source:
-        def frames(self, after: int = -1) -> list[Frame | Lost]:
-            every = [Frame(k, k / 30.0, np.full((2, 2, 3), k, np.uint8)) for k in range(after + 1, 40)]
-            return [*every, Lost(40, "is damaged")]
+        stopped = False
 
-    watched = WatchedSource(Source())  # type: ignore[arg-type]
+        def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+            for number in range(after + 1, 40):
+                yield Frame(number, number / 30.0, np.full((2, 2, 3), number, np.uint8))
+            yield Lost(40, "is damaged")
+
+        def stop(self) -> None:
+            self.stopped = True
+
+    source = Source()
+    watched = WatchedSource(source)
     assert [item.number for item in watched.frames(9)] == list(range(10, 41))
     assert [int(frame[0, 0, 0]) for frame in watched.seen.kept] == [10, 14, 18, 22, 26, 30, 34, 38]
+    watched.stop()
+    assert source.stopped
 
 
 def test_pictures_are_spread_and_damaged_ones_left_out(tmp_path: Path) -> None:

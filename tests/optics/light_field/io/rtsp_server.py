@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import threading
 from collections.abc import Iterator
@@ -21,7 +22,6 @@ def rtp_packets(frames: list[NDArray[np.uint8]], rate: int, over: threading.Even
     """Packets of RTP of H.264, in real time, of frames again and again; parameter sets come with every key frame."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(0.05)
         with av.open(f"rtp://127.0.0.1:{receiver.getsockname()[1]}?pkt_size=1200", "w", format="rtp") as container:
             options = {"g": "5", "preset": "ultrafast", "tune": "zerolatency", "x264-params": "repeat-headers=1"}
             stream: Any = container.add_stream("libx264", rate=rate, options=options)
@@ -33,12 +33,9 @@ def rtp_packets(frames: list[NDArray[np.uint8]], rate: int, over: threading.Even
                 picture = av.VideoFrame.from_ndarray(frames[number % len(frames)], format="rgb24")
                 picture.pts, picture.time_base = number, Fraction(1, rate)
                 container.mux(stream.encode(picture))
-                receiver.setblocking(False)
-                try:
-                    while True:
-                        yield receiver.recv(2048)
-                except BlockingIOError:
-                    pass
+                # What has arrived by now: the rest comes with the next picture.
+                while select.select([receiver], [], [], 0)[0]:
+                    yield receiver.recv(2048)
 
 
 def _serve(connection: socket.socket, frames: list[NDArray[np.uint8]], rate: int, over: threading.Event) -> None:
@@ -75,8 +72,8 @@ def _serve(connection: socket.socket, frames: list[NDArray[np.uint8]], rate: int
         try:
             for packet in rtp_packets(frames, rate, over):
                 connection.sendall(b"$\x00" + len(packet).to_bytes(2, "big") + packet)
-        except OSError:
-            pass  # the client has enough
+        except ConnectionError:
+            return  # the client has closed the connection, which is how it ends a stream that has no end
 
 
 @contextmanager
