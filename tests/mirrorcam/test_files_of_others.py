@@ -180,7 +180,7 @@ class Trial:
     monkeypatch: pytest.MonkeyPatch
     capture: pytest.CaptureFixture[str]
 
-    def refused(self, out: Path, name: str) -> None:
+    def assert_refused(self, out: Path, name: str) -> None:
         """The command names a file in one line, and leaves everything as it was."""
         before, there = results(out), places(out)
         self.capture.readouterr()
@@ -209,7 +209,7 @@ def _began(*arguments: object, **named: object) -> None:
 def test_files_of_others_stay(
     name: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    try_all(Trial(CASES[name], monkeypatch, capsys), here)
+    assert_others_stay(Trial(CASES[name], monkeypatch, capsys), here)
 
 
 @pytest.fixture(scope="session")
@@ -226,11 +226,11 @@ def test_files_of_others_stay_where_the_work_is_long(
     name: str, quick: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(quick, here / "quick")
-    try_all(Trial(SLOW[name], monkeypatch, capsys), here)
+    assert_others_stay(Trial(SLOW[name], monkeypatch, capsys), here)
 
 
-def try_all(trial: Trial, here: Path) -> None:
-    """Try a command with a file of somebody else in each place, with all of them and force, and with edited files."""
+def assert_others_stay(trial: Trial, here: Path) -> None:
+    """With a file of somebody else in each place, with all of them and force, and with edited files."""
     out, whole = here / "out", here / "whole"
     code = trial.done()
     written = results(out)
@@ -239,7 +239,7 @@ def try_all(trial: Trial, here: Path) -> None:
     out.rename(whole)
     for place in tried:
         put(out, place, STRANGER)
-        trial.refused(out, place)
+        trial.assert_refused(out, place)
         shutil.rmtree(out)
     if trial.case.forced:
         put(out, *tried, STRANGER)
@@ -250,7 +250,7 @@ def try_all(trial: Trial, here: Path) -> None:
     for place in () if trial.case.complete else tried:
         with (out / place).open("ab") as stream:
             stream.write(b"edited")
-        trial.refused(out, place)
+        trial.assert_refused(out, place)
         (out / place).write_bytes(written[place])
     put(out, STRANGER)
     assert trial.done() == code

@@ -56,7 +56,7 @@ def seat_area_mm2(part: Part, mirror: Mirror) -> float:
     return area
 
 
-def check(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
+def assert_sound(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
     assert len(part.solids()) == 1
     assert part.is_valid
     write_stl(folder / "holder.stl", part)
@@ -80,7 +80,7 @@ def check(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> None:
 def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
     layout = random_layout(seed, make_parabola)
     plan = plan_holder(layout, HARDWARE)
-    check(layout, plan, make_holder(plan), tmp_path)
+    assert_sound(layout, plan, make_holder(plan), tmp_path)
 
 
 @pytest.mark.slow
@@ -88,4 +88,4 @@ def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, s
 def test_many_random_layouts(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
     layout = random_layout(seed, make_parabola)
     plan = plan_holder(layout, HARDWARE)
-    check(layout, plan, make_holder(plan), tmp_path)
+    assert_sound(layout, plan, make_holder(plan), tmp_path)

@@ -39,19 +39,19 @@ def of_warped(warped: Scene, device: Layout) -> ModelSelection:
     return selected(warped, device, 0)
 
 
-def check_noise_alone(scene: Scene, nominal: Layout, seeds: range) -> None:
+def assert_noise_alone_is_told(scene: Scene, nominal: Layout, seeds: range) -> None:
     found = [selected(scene, nominal, seed) for seed in seeds]
     quiet = [selection for selection in found if selection.level == "joint" and not selection.alarms]
     assert len(quiet) >= 0.95 * len(found)
 
 
 def test_noise_alone_needs_no_further_level_and_raises_no_alarm(scene: Scene, device: Layout) -> None:
-    check_noise_alone(scene, device, range(6))
+    assert_noise_alone_is_told(scene, device, range(6))
 
 
 @pytest.mark.slow
 def test_noise_alone_is_taken_for_nothing_else_in_19_of_20_sets(scene: Scene, device: Layout) -> None:
-    check_noise_alone(scene, device, range(100, 200))
+    assert_noise_alone_is_told(scene, device, range(100, 200))
 
 
 def test_outliers_are_taken_for_nothing_else(scene: Scene, device: Layout) -> None:

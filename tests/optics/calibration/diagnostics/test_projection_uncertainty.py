@@ -47,7 +47,7 @@ def replaced(layout: Layout, estimate: Estimate) -> Layout:
     return layout.replaced(camera=estimate.camera, mirrors=mirrors)
 
 
-def in_proportion(predicted: FloatArray, sampled: FloatArray) -> None:
+def assert_in_proportion(predicted: FloatArray, sampled: FloatArray) -> None:
     """Predicted and sampled sigmas agree within the standard error of the trials.
 
     A sigma from TRIALS samples has a relative standard error of 1 / sqrt(2 TRIALS), 6 %; worst directions of two are a
@@ -62,7 +62,7 @@ def test_the_map_in_rig_is_what_resampling_shows(calibrated: Layout, resolved: l
     predicted = projection_map(calibrated, view, reference=3, range_mm=RANGE_MM)
     points = points_at_pixels(calibrated, view, predicted.pixels, RANGE_MM)
     sampled = np.array([layout.project(points, view) for layout in resolved])
-    in_proportion(predicted.in_rig_px, worst_of(sampled))
+    assert_in_proportion(predicted.in_rig_px, worst_of(sampled))
 
 
 @pytest.mark.parametrize("view", [0, 1, 2])
@@ -78,7 +78,7 @@ def test_the_map_against_the_reference_is_what_resampling_shows(
         rays = layout.camera.unproject(pixels)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         sampled.append(layout.project(layout.mirrors[3].reflect(ranges[:, None] * rays), view))
-    in_proportion(predicted.against_reference_px, worst_of(np.array(sampled)))
+    assert_in_proportion(predicted.against_reference_px, worst_of(np.array(sampled)))
     assert predicted.against_reference_px.mean() < 0.5 * predicted.in_rig_px.mean()
 
 
@@ -93,8 +93,9 @@ def test_a_wrong_covariance_would_be_noticed(calibrated: Layout, resolved: list[
     doubted = calibrated.replaced(uncertainty=known.replaced(covariance=1.7 * known.covariance))
     predicted = projection_map(doubted, 0, reference=3, range_mm=RANGE_MM)
     points = points_at_pixels(doubted, 0, predicted.pixels, RANGE_MM)
+    sampled = np.array([layout.project(points, 0) for layout in resolved])
     with pytest.raises(AssertionError):
-        in_proportion(predicted.in_rig_px, worst_of(np.array([layout.project(points, 0) for layout in resolved])))
+        assert_in_proportion(predicted.in_rig_px, worst_of(sampled))
 
 
 def test_more_noise_is_more_uncertainty_and_pixels_are_pixels(scene: Scene, calibrated: Layout) -> None:

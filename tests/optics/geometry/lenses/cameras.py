@@ -37,7 +37,7 @@ def points(count: int = 200, half_width: float = 0.7) -> FloatArray:
     return np.stack([x * z, y * z, z], axis=1)
 
 
-def check_differences(camera: Camera, at: FloatArray) -> None:
+def assert_derivatives(camera: Camera, at: FloatArray) -> None:
     """Derivatives by points and intrinsics are those of central differences."""
     pixels, d_points, d_intrinsics = camera.project_with_jacobians(at)
     np.testing.assert_allclose(pixels, camera.project(at), atol=1e-10)
@@ -54,7 +54,7 @@ def check_differences(camera: Camera, at: FloatArray) -> None:
         np.testing.assert_allclose(d_intrinsics[:, :, column], difference, rtol=1e-6, atol=3e-6, err_msg=name)
 
 
-def check_way_back(camera: Camera) -> None:
+def assert_comes_back(camera: Camera) -> None:
     """Pixels of the whole sensor go out and come back, and a flipped lens sees the flipped picture."""
     u, v = np.meshgrid(np.linspace(0, camera.width_px - 1, 33), np.linspace(0, camera.height_px - 1, 21))
     pixels = np.stack([u, v], axis=-1)

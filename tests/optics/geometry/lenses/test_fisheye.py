@@ -8,7 +8,7 @@ import pytest
 
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
-from tests.optics.geometry.lenses.cameras import LENSES, camera_of, check_differences, check_way_back, points
+from tests.optics.geometry.lenses.cameras import LENSES, assert_comes_back, assert_derivatives, camera_of, points
 
 
 @pytest.fixture(params=LENSES["fisheye"], ids=["equidistant", "mild", "strong"])
@@ -26,9 +26,9 @@ def test_it_projects_as_opencv_does_with_its_derivatives(camera: Camera) -> None
 
 
 def test_it_agrees_with_differences_and_comes_back(camera: Camera) -> None:
-    check_differences(camera, points(40))
-    check_differences(camera, points(40, half_width=2.5))
-    check_way_back(camera)
+    assert_derivatives(camera, points(40))
+    assert_derivatives(camera, points(40, half_width=2.5))
+    assert_comes_back(camera)
     assert camera.project(np.array([0.0, 0.0, 3.0])).tolist() == [camera.cx_px, camera.cy_px]
 
 

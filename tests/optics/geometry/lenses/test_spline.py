@@ -9,7 +9,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
 from mirrorcam.render_scenes.wavy_camera import WavyCamera
-from tests.optics.geometry.lenses.cameras import LENSES, camera_of, check_differences, check_way_back, points
+from tests.optics.geometry.lenses.cameras import LENSES, assert_comes_back, assert_derivatives, camera_of, points
 
 PLAIN = camera_of("brown_conrady", [0.05, -0.12, 4e-4, -6e-4, 0.01])
 
@@ -32,8 +32,8 @@ def test_without_a_field_it_is_the_plain_lens() -> None:
 def test_derivatives_are_those_of_differences_and_pixels_come_back() -> None:
     camera = waving()
     assert np.abs(camera.project(points()) - PLAIN.project(points())).max() > 0.5
-    check_differences(camera, points(60))
-    check_way_back(camera)
+    assert_derivatives(camera, points(60))
+    assert_comes_back(camera)
     assert Camera.model_validate_json(camera.model_dump_json()) == camera
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tests.optics.geometry.lenses.cameras import LENSES, camera_of, check_differences, check_way_back, points
+from tests.optics.geometry.lenses.cameras import LENSES, assert_comes_back, assert_derivatives, camera_of, points
 
 CAMERA = camera_of("thin_prism", LENSES["thin_prism"][0])
 
@@ -20,8 +20,8 @@ def test_it_projects_as_opencv_does_with_its_derivatives() -> None:
 
 
 def test_it_agrees_with_differences_and_comes_back() -> None:
-    check_differences(CAMERA, points(40))
-    check_way_back(CAMERA)
+    assert_derivatives(CAMERA, points(40))
+    assert_comes_back(CAMERA)
 
 
 def test_without_a_prism_it_is_the_rational_lens() -> None:
