@@ -22,7 +22,7 @@ from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.render_scenes.depth_scenes.room import STEP_MM, RoomScene, depth_views
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import STEP_MM, RenderedScene, depth_views
 from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
 
 SPP = 256  # noise of half a grey level in most scenes
@@ -37,7 +37,7 @@ def kept_paths(folder: Path, views: Views, spp: int) -> list[Path]:
     return [kept / f"{row:+d}{column:+d}_{views.width_px}_{spp}.png" for row, column in places]
 
 
-def samples(scene: RoomScene, views: Views, kept: list[Path], spp: int) -> NDArray[np.uint8]:
+def samples(scene: RenderedScene, views: Views, kept: list[Path], spp: int) -> NDArray[np.uint8]:
     """All pictures (t, s, v, u, 3) of a scene, those read that are finished."""
     found = np.empty((views.rows, views.cols, views.height_px, views.width_px, 3), np.uint8)
     for (t, s), path in zip(np.ndindex(views.rows, views.cols), kept, strict=True):
@@ -47,7 +47,7 @@ def samples(scene: RoomScene, views: Views, kept: list[Path], spp: int) -> NDArr
     return found
 
 
-def residuals(scene: RoomScene, light_field: LightField, edges: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
+def residuals(scene: RenderedScene, light_field: LightField, edges: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
     """Of each other view warped to the central one by the true disparity: the grey levels (n,) by which they differ."""
     t, s = light_field.rows // 2, light_field.cols // 2
     grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in light_field.samples.reshape(-1, *edges.shape, 3)]
@@ -64,7 +64,7 @@ def residuals(scene: RoomScene, light_field: LightField, edges: NDArray[np.bool_
         yield np.abs(picture - centre)[same]
 
 
-def _disparity(scene: RoomScene, views: Views, t: int, s: int) -> NDArray[np.float32]:
+def _disparity(scene: RenderedScene, views: Views, t: int, s: int) -> NDArray[np.float32]:
     return views.disparity_px_from_depth(scene.depth_mm(views, t, s).astype(np.float64), "s").astype(np.float32)
 
 
@@ -82,7 +82,7 @@ def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int =
             raise InputError(f"{folder}: {what}; name another folder")
         print(f"{name}: is there")
         return
-    scene = RoomScene(SCENES[name](seed))
+    scene = RenderedScene(SCENES[name](seed))
     views = depth_views(count, size_px)
     kept = kept_paths(folder, views, spp)
     pictures = samples(scene, views, kept, spp)

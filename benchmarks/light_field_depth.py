@@ -2,7 +2,7 @@
 
 `python benchmarks/light_field_depth.py hci FOLDER` scores depth from 3x3 of the 9x9 views of a scene in the format of
 the 4D Light Field Benchmark; a folder that does not exist gets a rendered scene in that format first (minutes).
-`... desk FOLDER` compares with the truth of a set of `mirrorcam scene`, `... speed` times estimates.
+`... tabletop FOLDER` compares with the truth of a set of `mirrorcam scene`, `... speed` times estimates.
 """
 
 from __future__ import annotations
@@ -280,7 +280,7 @@ def main(arguments: list[str]) -> None:
     if job == "speed":
         speed()
     else:
-        {"hci": hci, "desk": scene_errors}[job](Path(rest[0]))
+        {"hci": hci, "tabletop": scene_errors}[job](Path(rest[0]))
 
 
 if __name__ == "__main__":

@@ -138,7 +138,7 @@ class PlatePath:
     ) -> PlaneDerivatives:
         """Derivatives of values with rows (a, 3, n) by the point stretch across - depth normal, by the chain rule.
 
-        `rows` come with what of them is along the normal (a, n), `combination` is (stretch, depth). s (A + 2 t g) = 1
+        `rows` come with their components along the normal (a, n), `combination` is (stretch, depth). s (A + 2 t g) = 1
         gives ds = -(s / D) (dA + 2 g dt + alpha d(l^2)), alpha = 2 t g' s^2, D = A + 2 t g + 2 alpha l^2.
         """
         (by_point, along), (stretch, depth) = rows, combination

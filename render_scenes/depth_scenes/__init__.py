@@ -1,1 +1,1 @@
-"""Rooms that are hard for depth estimation, seen by an even grid of pinholes, with true disparity."""
+"""Scenes that are hard for depth estimation, seen by an even grid of pinholes, with true disparity."""

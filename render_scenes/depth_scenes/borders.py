@@ -8,7 +8,7 @@ import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.render_scenes.depth_scenes.patterns import Pattern, planks, plaster, repeated, stone, weave
-from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, turned
 from mirrorcam.render_scenes.tabletop.textures import texture
 
@@ -94,8 +94,8 @@ def _whole(seeds: Iterator[int], shift_mm: float, cover: Pattern, page: Pattern)
     )
 
 
-def borders(seed: int) -> Room:
-    """The room; textures and small shifts by the seed."""
+def borders(seed: int) -> Scene:
+    """The scene; textures and small shifts by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
     shift = random.uniform(-25.0, 25.0, (5, 2))
@@ -105,4 +105,4 @@ def borders(seed: int) -> Room:
         Lamp((-900.0, 1500.0, 2600.0), (0.0, 3600.0, 300.0), (450.0, 450.0), (22.0, 20.5, 18.0)),
         Lamp((300.0, 5000.0, 3300.0), (0.0, 6500.0, 0.0), (450.0, 450.0), (24.0, 24.0, 25.0)),
     )
-    return Room(items, lamps, (0.12, 0.13, 0.16), eye_mm=900.0, pitch_deg=4.0)
+    return Scene(items, lamps, (0.12, 0.13, 0.16), eye_mm=900.0, pitch_deg=4.0)

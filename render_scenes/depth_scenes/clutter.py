@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mirrorcam.render_scenes.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
-from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from mirrorcam.render_scenes.depth_scenes.surfaces import Surface, ball, block, joined, sheet, tube, turned
 from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
 
@@ -144,7 +144,7 @@ def _room(seeds: Iterator[int]) -> Iterator[Item]:
     )
 
 
-def clutter(seed: int) -> Room:
+def clutter(seed: int) -> Scene:
     """The shelf and the room; contents and textures by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
@@ -154,4 +154,4 @@ def clutter(seed: int) -> Room:
         Lamp((-700.0, 1300.0, 2300.0), (-100.0, 3100.0, 600.0), (350.0, 350.0), (24.0, 22.0, 19.0)),
         Lamp((600.0, 4800.0, 3000.0), (500.0, 6000.0, 300.0), (350.0, 350.0), (20.0, 20.5, 22.0)),
     )
-    return Room(items, lamps, (0.06, 0.065, 0.08), eye_mm=740.0, pitch_deg=2.0)
+    return Scene(items, lamps, (0.06, 0.065, 0.08), eye_mm=740.0, pitch_deg=2.0)

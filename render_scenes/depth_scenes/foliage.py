@@ -9,7 +9,7 @@ import numpy as np
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.render_scenes.depth_scenes.patterns import bricks, plaster, stone
 from mirrorcam.render_scenes.depth_scenes.patterns import foliage as skin
-from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from mirrorcam.render_scenes.depth_scenes.surfaces import Surface, joined, leaf, sheet, tube
 
 _GREENS = ((0.16, 0.30, 0.07), (0.28, 0.38, 0.10), (0.10, 0.22, 0.08), (0.40, 0.33, 0.10))
@@ -55,7 +55,7 @@ def _tuft(random: np.random.Generator, foot: FloatArray) -> Iterator[Surface]:
         yield leaf(start, _axes(random, way), length, width, random.uniform(-0.4, 0.4), random.uniform(0.0, 400.0, 2))
 
 
-def foliage(seed: int) -> Room:
+def foliage(seed: int) -> Scene:
     """The garden; plants and textures by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 8).tolist())
@@ -81,4 +81,4 @@ def foliage(seed: int) -> Room:
         Lamp((-1800.0, 2000.0, 3800.0), (0.0, 5000.0, 300.0), (500.0, 500.0), (66.0, 60.0, 50.0)),
         Lamp((1500.0, 4500.0, 3600.0), (0.0, 7200.0, 600.0), (400.0, 400.0), (22.0, 22.0, 24.0)),
     )
-    return Room(items, lamps, (0.16, 0.19, 0.24), eye_mm=700.0, pitch_deg=3.0)
+    return Scene(items, lamps, (0.16, 0.19, 0.24), eye_mm=700.0, pitch_deg=3.0)

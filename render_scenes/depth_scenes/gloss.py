@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mirrorcam.render_scenes.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
-from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, tube, turned
 from mirrorcam.render_scenes.tabletop.textures import texture
 
@@ -90,7 +90,7 @@ def _things(random: np.random.Generator, seeds: Iterator[int], label: Pattern) -
     )
 
 
-def gloss(seed: int) -> Room:
+def gloss(seed: int) -> Scene:
     """The table; textures and small shifts by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
@@ -110,4 +110,4 @@ def gloss(seed: int) -> Room:
         Lamp((-1700.0, 2200.0, 2600.0), (0.0, 3500.0, 100.0), (550.0, 550.0), (24.0, 22.5, 20.0)),
         Lamp((1900.0, 4800.0, 2700.0), (-200.0, 6800.0, 500.0), (450.0, 450.0), (20.0, 21.0, 23.0)),
     )
-    return Room(items, lamps, (0.22, 0.24, 0.28), eye_mm=760.0, pitch_deg=6.0)
+    return Scene(items, lamps, (0.22, 0.24, 0.28), eye_mm=760.0, pitch_deg=6.0)

@@ -1,4 +1,4 @@
-"""Periodic textures of natural spectra for surfaces of rooms: linear RGB, 0 to 1, from seeded random numbers."""
+"""Periodic textures of natural spectra for surfaces of scenes: linear RGB, 0 to 1, from seeded random numbers."""
 
 from __future__ import annotations
 

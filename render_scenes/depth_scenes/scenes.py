@@ -8,10 +8,10 @@ from mirrorcam.render_scenes.depth_scenes.borders import borders
 from mirrorcam.render_scenes.depth_scenes.clutter import clutter
 from mirrorcam.render_scenes.depth_scenes.foliage import foliage
 from mirrorcam.render_scenes.depth_scenes.gloss import gloss
-from mirrorcam.render_scenes.depth_scenes.room import Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Scene
 from mirrorcam.render_scenes.depth_scenes.slant import slant
 
-SCENES: dict[str, Callable[[int], Room]] = {
+SCENES: dict[str, Callable[[int], Scene]] = {
     "slant": slant,
     "foliage": foliage,
     "gloss": gloss,

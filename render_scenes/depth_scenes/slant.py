@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.render_scenes.depth_scenes.patterns import plaster
-from mirrorcam.render_scenes.depth_scenes.room import Finish, Item, Lamp, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, turned
 
 _COLUMN = ((0.0, 0.0), (150.0, 0.0), (150.0, 60.0), (110.0, 90.0), (100.0, 700.0), (150.0, 760.0), (0.0, 760.0))
 
 
-def slant(seed: int) -> Room:
-    """The room; textures and small shifts by the seed."""
+def slant(seed: int) -> Scene:
+    """The scene; textures and small shifts by the seed."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 8).tolist())
     shift = random.uniform(-40.0, 40.0, 4)
@@ -40,4 +40,4 @@ def slant(seed: int) -> Room:
         Item("step", block((420.0, 700.0, 130.0), (420.0 + shift[3], 3350.0, 0.0), 24.0), plain(0.4, 0.36, 0.36, 0.04)),
     )
     lamp = Lamp((250.0, 2300.0, 3100.0), (100.0, 4300.0, 0.0), (350.0, 350.0), (44.0, 40.0, 34.0))
-    return Room(items, (lamp,), (0.012, 0.014, 0.02), eye_mm=560.0, pitch_deg=2.0)
+    return Scene(items, (lamp,), (0.012, 0.014, 0.02), eye_mm=560.0, pitch_deg=2.0)

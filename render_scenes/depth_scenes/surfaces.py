@@ -1,4 +1,4 @@
-"""Surfaces as triangle meshes with texture coordinates, in the frame of the room: x right, y away, z up, mm."""
+"""Surfaces as triangle meshes with texture coordinates, in the frame of the scene: x right, y away, z up, mm."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Shapes of the surfaces that patches lie on, from all views of a light field together.
 
 With the inverse distance w + n.o + c(o) at an offset o, where c has powers of two and three, a view at p sees the
-offset moved by -f p (n.o + c(o)). What of residuals moves patches as no shape does, tells how large they are.
+offset moved by -f p (n.o + c(o)). Residuals that move patches as no shape does tell how large they are.
 """
 
 from __future__ import annotations

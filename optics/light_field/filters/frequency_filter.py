@@ -97,7 +97,7 @@ def filter_light_field(light_field: LightField, passband: Passband, *, leave_out
 
 
 def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: bool) -> tuple[Float32, Power, Float32]:
-    """What of samples (n, v, u, c) is kept, the power of it and of the rest, and what samples counted, (n, v, u)."""
+    """Filtered samples (n, v, u, c), the power of the passband and of the rest, and samples' weights (n, v, u)."""
     pads, inside = _extension(samples.shape[1:3], passband)
     given = _extended(samples, weights, pads)
     known = counted = np.pad(weights, pads[:3])[..., None]

@@ -1,4 +1,4 @@
-"""Filtering of spectra of views: what of them agrees with a passband is kept, weighed against what does not.
+"""Filtering of spectra of views: the part that agrees with a passband is kept, weighed against the rest.
 
 At every frequency the views hold a vector. Its covariance is P S + N: S is the coherence of the passband, P the power
 of what lies in it, and N that of noise and of all else, which differs from view to view. Both are measured in rings of

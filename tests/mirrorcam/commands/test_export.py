@@ -48,16 +48,16 @@ def test_the_command_offers_what_there_is(capsys: pytest.CaptureFixture[str]) ->
 def test_a_light_field_goes_through_every_format_and_comes_back(
     scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "desk.npz"
+    path = tmp_path / "tabletop.npz"
     save_npz(path, scene[0])
     for to in registry.NAMES:
         if to != "ply":
             out = tmp_path / to
             assert main(["export", str(path), "--to", to, "--out", str(out)]) == 0
-            path = out / f"desk{registry.formats()[to].ending}"
+            path = out / f"tabletop{registry.formats()[to].ending}"
             assert f"{path} written ({to})" in capsys.readouterr().out
     assert main(["export", str(path), "--to", "npz", "--out", str(tmp_path / "back")]) == 0
-    back = load_npz(tmp_path / "back/desk.npz")
+    back = load_npz(tmp_path / "back/tabletop.npz")
     assert np.array_equal(back.samples, scene[0].samples)
     assert np.array_equal(back.weights, scene[0].weights)
     assert np.array_equal(back.positions_mm, scene[0].positions_mm)
@@ -114,10 +114,10 @@ def test_views_whose_disparity_is_zero_at_infinity_have_depth(
 def test_a_point_cloud_has_the_depth_measured_here(
     scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save_npz(tmp_path / "desk.npz", scene[0])
-    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", "--out", str(tmp_path)]) == 0
+    save_npz(tmp_path / "tabletop.npz", scene[0])
+    assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "ply", "--out", str(tmp_path)]) == 0
     assert "depth measured: " in capsys.readouterr().out
-    points, _ = point_cloud_in(tmp_path / "desk.ply")
+    points, _ = point_cloud_in(tmp_path / "tabletop.ply")
     assert len(points) > 5000
     assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
 
@@ -125,25 +125,25 @@ def test_a_point_cloud_has_the_depth_measured_here(
 def test_a_point_cloud_has_the_depth_of_the_depth_command(
     scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save_npz(tmp_path / "desk.npz", scene[0])
-    assert main(["depth", str(tmp_path / "desk.npz"), "--out", str(tmp_path)]) == 0
-    depth = ["--depth", str(tmp_path / "desk_depth.npz"), "--out", str(tmp_path)]
-    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", *depth]) == 0
-    points, _ = point_cloud_in(tmp_path / "desk.ply")
+    save_npz(tmp_path / "tabletop.npz", scene[0])
+    assert main(["depth", str(tmp_path / "tabletop.npz"), "--out", str(tmp_path)]) == 0
+    depth = ["--depth", str(tmp_path / "tabletop_depth.npz"), "--out", str(tmp_path)]
+    assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "ply", *depth]) == 0
+    points, _ = point_cloud_in(tmp_path / "tabletop.ply")
     assert np.median(np.abs(off_surface_mm(points, scene[0]))) < 2.0
-    assert main(["export", str(tmp_path / "desk.npz"), "--to", "hci", *depth]) == 0
-    with np.load(tmp_path / "desk_depth.npz") as arrays:
+    assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "hci", *depth]) == 0
+    with np.load(tmp_path / "tabletop_depth.npz") as arrays:
         known = np.isfinite(arrays["depth_mm"])
         expected = scene[0].disparity_px_from_depth(arrays["depth_mm"].astype(float))
-    found = read_hci(tmp_path / "desk_hci").disparity_px
+    found = read_hci(tmp_path / "tabletop_hci").disparity_px
     assert found is not None
     assert np.allclose(found[known], expected[known], atol=1e-4)
     capsys.readouterr()
     save_npz(tmp_path / "other.npz", photograph(grid_views(layout_identity="other"), [SURFACE])[0])
     assert main(["export", str(tmp_path / "other.npz"), "--to", "ply", *depth]) == 2
-    assert "desk_depth.npz: of layout '0123456789abcdef'" in capsys.readouterr().err
+    assert "tabletop_depth.npz: of layout '0123456789abcdef'" in capsys.readouterr().err
     (tmp_path / "bad.npz").write_bytes(b"bad")
-    assert main(["export", str(tmp_path / "desk.npz"), "--to", "ply", "--depth", str(tmp_path / "bad.npz")]) == 2
+    assert main(["export", str(tmp_path / "tabletop.npz"), "--to", "ply", "--depth", str(tmp_path / "bad.npz")]) == 2
     assert "not a depth map of mirrorcam depth" in capsys.readouterr().err
 
 

@@ -23,7 +23,7 @@ from tests.mirrorcam.command_line import assert_refused_here
 
 # Not by importing it: that would choose an LLVM.
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
-OPTIONS = ("layout.json", "--out", "desk", "--spp", "4", "--seed", "2", "--depths-mm", "320", "450")
+OPTIONS = ("layout.json", "--out", "tabletop", "--spp", "4", "--seed", "2", "--depths-mm", "320", "450")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -50,28 +50,28 @@ def here(fold_90_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["scene", *OPTIONS]) == 0
     assert "scene.json written" in capsys.readouterr().out
-    whole = contents(here / "desk")
+    whole = contents(here / "tabletop")
     assert "frames/0000.jpg" in whole
     assert "truth/disparity/2_2.exr" in whole
 
-    look = read_image(here / "desk/truth/overview.jpg").astype(int)
+    look = read_image(here / "tabletop/truth/overview.jpg").astype(int)
     assert look.shape[0] == 480
     # Below, right: how near things are. The desk's front is red, the wall behind it blue.
     assert look[-5, -60, 0] > look[-5, -60, 2] + 40
     assert look[252, -60, 2] > look[252, -60, 0]
-    (here / "desk").rename(here / "whole")
+    (here / "tabletop").rename(here / "whole")
     process = subprocess.Popen([sys.executable, "-m", "mirrorcam", "scene", *OPTIONS], stdout=subprocess.DEVNULL)
     begun = time.monotonic()
-    while not (here / "desk/truth/views").exists() and process.poll() is None and time.monotonic() < begun + 60.0:
+    while not (here / "tabletop/truth/views").exists() and process.poll() is None and time.monotonic() < begun + 60.0:
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    left = contents(here / "desk")
+    left = contents(here / "tabletop")
     finished = {name for name in left if not Path(name).name.startswith(".") and name != "scene.json"}
     assert 0 < len(finished) < len(whole) - 1
     assert all(left[name] == whole[name] for name in finished)
     assert cli.main(["scene", *OPTIONS]) == 0
-    assert contents(here / "desk") == whole
+    assert contents(here / "tabletop") == whole
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
 def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
     here: Path, capsys: pytest.CaptureFixture[str], options: list[str], complaint: str
 ) -> None:
-    assert_refused_here(["scene", *options, "--out", "desk"], capsys, complaint)
-    assert not (here / "desk").exists()
+    assert_refused_here(["scene", *options, "--out", "tabletop"], capsys, complaint)
+    assert not (here / "tabletop").exists()
 
 
 def test_meshes_are_named_one_by_one() -> None:

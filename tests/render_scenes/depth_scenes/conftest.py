@@ -7,20 +7,20 @@ from functools import cache
 
 import pytest
 
-from mirrorcam.render_scenes.depth_scenes.room import Room, RoomScene
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, Scene
 from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 
 @pytest.fixture(scope="session")
-def room() -> Callable[[str], Room]:
-    """The rooms by name, of seed 1."""
+def scene() -> Callable[[str], Scene]:
+    """The scenes by name, of seed 1."""
     return cache(lambda name: SCENES[name](1))
 
 
 @pytest.fixture(scope="session")
-def scene(room: Callable[[str], Room]) -> Callable[[str], RoomScene]:
-    """The rooms in Mitsuba."""
+def rendered(scene: Callable[[str], Scene]) -> Callable[[str], RenderedScene]:
+    """The scenes in Mitsuba."""
     if use_variant(colour=True) == SCALAR:
         pytest.skip("nothing compiles in colour")
-    return cache(lambda name: RoomScene(room(name)))
+    return cache(lambda name: RenderedScene(scene(name)))

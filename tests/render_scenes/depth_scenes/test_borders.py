@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.room import FOCUS_MM, RoomScene, depth_views
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import FOCUS_MM, RenderedScene, depth_views
 
 
-def test_every_side_cuts_something_near_and_something_else(scene: Callable[[str], RoomScene]) -> None:
+def test_every_side_cuts_something_near_and_something_else(rendered: Callable[[str], RenderedScene]) -> None:
     views = depth_views(9, 128)
-    depth = scene("borders").depth_mm(views, 4, 4)
+    depth = rendered("borders").depth_mm(views, 4, 4)
     for side in (depth[0], depth[-1], depth[:, 0], depth[:, -1]):
         assert np.mean(side < 0.85 * FOCUS_MM) > 0.3
     for side in (depth[0], depth[:, 0]):

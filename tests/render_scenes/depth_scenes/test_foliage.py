@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mirrorcam.render_scenes.depth_scenes.room import Room, RoomScene, depth_views
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, Scene, depth_views
 
 
 def test_hundreds_of_leaves_with_the_wall_between_them(
-    room: Callable[[str], Room], scene: Callable[[str], RoomScene]
+    scene: Callable[[str], Scene], rendered: Callable[[str], RenderedScene]
 ) -> None:
-    triangles = sum(len(item.surface.faces) for item in room("foliage").items if item.name.startswith("leaves"))
+    triangles = sum(len(item.surface.faces) for item in scene("foliage").items if item.name.startswith("leaves"))
     assert triangles / 32 > 500
-    assert 0.1 < scene("foliage").edges(depth_views(3, 256)).mean() < 0.6
+    assert 0.1 < rendered("foliage").edges(depth_views(3, 256)).mean() < 0.6

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import get_args
 
-from mirrorcam.render_scenes.depth_scenes.room import Kind, Room
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import Kind, Scene
 
 
-def test_every_kind_of_finish_is_there(room: Callable[[str], Room]) -> None:
-    assert {item.finish.kind for item in room("gloss").items} == set(get_args(Kind))
+def test_every_kind_of_finish_is_there(scene: Callable[[str], Scene]) -> None:
+    assert {item.finish.kind for item in scene("gloss").items} == set(get_args(Kind))

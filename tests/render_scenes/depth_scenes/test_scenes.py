@@ -9,17 +9,17 @@ import pytest
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
-from mirrorcam.render_scenes.depth_scenes.room import VIEWS, Room, RoomScene, depth_views
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import VIEWS, RenderedScene, Scene, depth_views
 from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
 
 SIZE_PX = 40
 
 
-def first_hits(room: Room, direction: FloatArray) -> FloatArray:
+def first_hits(scene: Scene, direction: FloatArray) -> FloatArray:
     """Depth (n,) where rays (n, 3) from the central view first meet a triangle (Moeller and Trumbore), in float64."""
     found = np.full(len(direction), np.inf)
-    for item in room.items:
-        corners = transform(room.view_from_room, item.surface.points)[item.surface.faces]
+    for item in scene.items:
+        corners = transform(scene.view_from_scene, item.surface.points)[item.surface.faces]
         origin, one, two = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         for number, ray in enumerate(direction):
             across = np.cross(ray, two)
@@ -35,24 +35,24 @@ def first_hits(room: Room, direction: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_true_depth_is_that_of_independent_rays(
-    name: str, room: Callable[[str], Room], scene: Callable[[str], RoomScene]
+    name: str, scene: Callable[[str], Scene], rendered: Callable[[str], RenderedScene]
 ) -> None:
     views = depth_views(3, SIZE_PX)
-    depth = scene(name).depth_mm(views, 1, 1)
+    depth = rendered(name).depth_mm(views, 1, 1)
     rows, columns = np.random.default_rng(0).integers(0, SIZE_PX, (2, 60))
     direction = np.stack([*(np.stack([columns, rows]) - views.centre_px[:, None]) / views.focal_px, np.ones(60)], -1)
-    expected = first_hits(room(name), direction)
+    expected = first_hits(scene(name), direction)
     # A ray that grazes an edge may pass it on either side by rounding.
     assert np.count_nonzero(np.abs(depth[rows, columns] / expected - 1.0) > 1e-5) <= 1
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_disparities_are_those_of_the_benchmark_and_known_everywhere(
-    name: str, scene: Callable[[str], RoomScene]
+    name: str, rendered: Callable[[str], RenderedScene]
 ) -> None:
     views = depth_views(VIEWS, 512)
     for t, s in ((4, 4), (0, 0), (8, 8)):
-        depth = scene(name).depth_mm(views, t, s)
+        depth = rendered(name).depth_mm(views, t, s)
         assert np.isfinite(depth).all()
         disparity = views.disparity_px_from_depth(depth.astype(np.float64), "s")
         assert -2.1 < disparity.min() < -1.3
@@ -60,12 +60,12 @@ def test_disparities_are_those_of_the_benchmark_and_known_everywhere(
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_pictures_are_lit_and_the_same_for_the_same_seed(name: str, scene: Callable[[str], RoomScene]) -> None:
+def test_pictures_are_lit_and_the_same_for_the_same_seed(name: str, rendered: Callable[[str], RenderedScene]) -> None:
     views = depth_views(3, SIZE_PX)
-    one = scene(name).picture(views, 1, 1, spp=4)
+    one = rendered(name).picture(views, 1, 1, spp=4)
     assert 30.0 < one.mean() < 160.0
     assert np.mean(one == 255) < 0.05
-    assert np.array_equal(one, RoomScene(SCENES[name](1)).picture(views, 1, 1, spp=4))
+    assert np.array_equal(one, RenderedScene(SCENES[name](1)).picture(views, 1, 1, spp=4))
 
 
 def test_another_seed_is_another_scene() -> None:

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.room import RoomScene, depth_views
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, depth_views
 
 
-def test_most_of_it_is_slanted_and_weak(scene: Callable[[str], RoomScene]) -> None:
+def test_most_of_it_is_slanted_and_weak(rendered: Callable[[str], RenderedScene]) -> None:
     views = depth_views(3, 128)
-    disparity = views.disparity_px_from_depth(scene("slant").depth_mm(views, 1, 1).astype(np.float64), "s")
+    disparity = views.disparity_px_from_depth(rendered("slant").depth_mm(views, 1, 1).astype(np.float64), "s")
     slope = np.hypot(*np.gradient(disparity))
     assert np.mean(slope > 0.01) > 0.5
-    grey = cv2.cvtColor(scene("slant").picture(views, 1, 1, spp=64), cv2.COLOR_RGB2GRAY).astype(np.float64)
+    grey = cv2.cvtColor(rendered("slant").picture(views, 1, 1, spp=64), cv2.COLOR_RGB2GRAY).astype(np.float64)
     contrast = np.sqrt(np.maximum(cv2.blur(grey**2, (5, 5)) - cv2.blur(grey, (5, 5)) ** 2, 0.0))
     assert 0.7 < np.median(contrast) < 4.0

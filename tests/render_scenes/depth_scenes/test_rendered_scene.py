@@ -1,4 +1,4 @@
-"""Rooms: true depth against closed forms, pictures that agree with it, the same bytes for the same request."""
+"""Scenes: true depth against closed forms, pictures that agree with it, the same bytes for the same request."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.render_scenes.depth_scenes.patterns import stone
-from mirrorcam.render_scenes.depth_scenes.room import (
+from mirrorcam.render_scenes.depth_scenes.rendered_scene import (
     FOCUS_MM,
     STEP_MM,
     Finish,
     Item,
     Lamp,
-    Room,
-    RoomScene,
+    RenderedScene,
+    Scene,
     depth_views,
     srgb,
 )
@@ -25,7 +25,7 @@ SIZE_PX = 48
 
 
 @pytest.fixture(scope="module")
-def plain() -> RoomScene:
+def plain() -> RenderedScene:
     """A floor and a wall, with a box before it, seen from 600 mm above and 5 deg downward."""
     if use_variant(colour=True) == SCALAR:
         pytest.skip("nothing compiles in colour")
@@ -36,10 +36,10 @@ def plain() -> RoomScene:
         Item("box", block((500.0, 500.0, 900.0), (0.0, 4250.0, 0.0)), cloth),
     )
     lamp = Lamp((0.0, 2000.0, 3000.0), (0.0, 4000.0, 0.0), (400.0, 400.0), (30.0, 30.0, 30.0))
-    return RoomScene(Room(items, (lamp,), (0.3, 0.3, 0.3), eye_mm=600.0, pitch_deg=5.0))
+    return RenderedScene(Scene(items, (lamp,), (0.3, 0.3, 0.3), eye_mm=600.0, pitch_deg=5.0))
 
 
-def test_depth_is_that_of_the_planes(plain: RoomScene) -> None:
+def test_depth_is_that_of_the_planes(plain: RenderedScene) -> None:
     views = depth_views(3, SIZE_PX)
     found = plain.depth_mm(views, 1, 1)
     pitch = np.radians(5.0)
@@ -56,7 +56,7 @@ def test_depth_is_that_of_the_planes(plain: RoomScene) -> None:
     np.testing.assert_allclose(found, expected, rtol=2e-6)
 
 
-def test_views_reach_as_far_however_many(plain: RoomScene) -> None:
+def test_views_reach_as_far_however_many(plain: RenderedScene) -> None:
     for count in (3, 5, 9):
         views = depth_views(count, SIZE_PX)
         assert views.rows == views.cols == count
@@ -70,7 +70,7 @@ def test_views_that_are_no_part_of_the_grid_are_refused(count: int) -> None:
         depth_views(count, SIZE_PX)
 
 
-def test_a_view_is_the_same_in_every_grid_and_differs_from_its_neighbours(plain: RoomScene) -> None:
+def test_a_view_is_the_same_in_every_grid_and_differs_from_its_neighbours(plain: RenderedScene) -> None:
     three, five = depth_views(3, SIZE_PX), depth_views(5, SIZE_PX)
     one = plain.picture(three, 0, 1, spp=4)
     assert one.shape == (SIZE_PX, SIZE_PX, 3)
@@ -78,7 +78,7 @@ def test_a_view_is_the_same_in_every_grid_and_differs_from_its_neighbours(plain:
     assert not np.array_equal(one, plain.picture(five, 1, 2, spp=4))
 
 
-def test_edges_are_round_the_box_only(plain: RoomScene) -> None:
+def test_edges_are_round_the_box_only(plain: RenderedScene) -> None:
     views = depth_views(3, SIZE_PX)
     depth, edges = plain.depth_mm(views, 1, 1), plain.edges(views)
     jump = np.abs(np.diff(1.0 / depth, axis=1)).argmax(axis=1)

@@ -1,7 +1,7 @@
-"""A room of surfaces and lamps in Mitsuba, its pictures by pinholes, and the true depth of their pixels.
+"""A scene of surfaces and lamps in Mitsuba, its pictures by pinholes, and the true depth of their pixels.
 
-A room is described in its own frame (x right, y away, z up, mm) and rendered in the frame of its central view, which is
-also the rig of its light field (x right, y down, z forward).
+A scene is described in its own frame (x right, y away, z up, mm) and rendered in the frame of its central view, which
+is also the rig of its light field (x right, y down, z forward).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Finish:
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A thing in a room."""
+    """An object of a scene."""
 
     name: str
     surface: Surface
@@ -68,7 +68,7 @@ class Lamp:
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class Scene:
     """A scene: what stands in it, its light, and where the central view is.
 
     Attributes
@@ -78,7 +78,7 @@ class Room:
     sky
         Radiance of what lies beyond all surfaces.
     eye_mm
-        Height of the central view above the origin of the room.
+        Height of the central view above the origin of the scene.
     pitch_deg
         How far it looks down.
     exposure
@@ -93,8 +93,8 @@ class Room:
     exposure: float = 1.0
 
     @property
-    def view_from_room(self) -> FloatArray:
-        """Pose (4, 4) of the room in the frame of the central view."""
+    def view_from_scene(self) -> FloatArray:
+        """Pose (4, 4) of the scene in the frame of the central view."""
         pitch = np.radians(self.pitch_deg)
         rotation = np.array(
             [[1.0, 0.0, 0.0], [0.0, -np.sin(pitch), -np.cos(pitch)], [0.0, np.cos(pitch), -np.sin(pitch)]]
@@ -122,20 +122,20 @@ def depth_views(count: int, size_px: int) -> Views:
     )
 
 
-class RoomScene:
-    """A room as a scene of Mitsuba. Raises InputError where no backend compiles."""
+class RenderedScene:
+    """A scene in Mitsuba. Raises InputError where no backend compiles."""
 
-    def __init__(self, room: Room):
+    def __init__(self, scene: Scene):
         self.variant = use_variant(colour=True)
         if self.variant == SCALAR:
             raise InputError("a scene in colour needs a GPU or an LLVM that compiles: pip install karellen-llvm-core")
         import mitsuba as mi
 
-        self.room = room
-        pose = room.view_from_room
-        shapes = {f"item_{number}": _shape(item, pose) for number, item in enumerate(room.items)}
-        lamps = {f"lamp_{number}": _lamp(lamp, pose) for number, lamp in enumerate(room.lamps)}
-        sky = {"type": "constant", "radiance": {"type": "rgb", "value": list(room.sky)}}
+        self.scene = scene
+        pose = scene.view_from_scene
+        shapes = {f"item_{number}": _shape(item, pose) for number, item in enumerate(scene.items)}
+        lamps = {f"lamp_{number}": _lamp(lamp, pose) for number, lamp in enumerate(scene.lamps)}
+        sky = {"type": "constant", "radiance": {"type": "rgb", "value": list(scene.sky)}}
         self._scene = mi.load_dict({"type": "scene", "sky": sky, **lamps, **shapes})
 
     def picture(self, views: Views, t: int, s: int, *, spp: int) -> NDArray[np.uint8]:
@@ -151,9 +151,9 @@ class RoomScene:
             spp=spp,
             seed=100 * (row + VIEWS) + column + VIEWS,
             by_mirrors=False,
-            most_indirect=MOST_INDIRECT / self.room.exposure,
+            most_indirect=MOST_INDIRECT / self.scene.exposure,
         )
-        return srgb(light * np.float32(self.room.exposure))
+        return srgb(light * np.float32(self.scene.exposure))
 
     def depth_mm(self, views: Views, t: int, s: int) -> NDArray[np.float32]:
         """Depth (v, u) of the first surface at each pixel centre of a view; infinite where there is none."""
@@ -200,12 +200,12 @@ def _softened(through: RayThrough) -> RayThrough:
     return ray_through
 
 
-def _shape(item: Item, view_from_room: FloatArray) -> Any:
+def _shape(item: Item, view_from_scene: FloatArray) -> Any:
     surface, finish = item.surface, item.finish
-    normals = None if surface.normals is None else surface.normals @ view_from_room[:3, :3].T
+    normals = None if surface.normals is None else surface.normals @ view_from_scene[:3, :3].T
     return mesh(
         item.name,
-        transform(view_from_room, surface.points),
+        transform(view_from_scene, surface.points),
         surface.faces,
         _bsdf(finish),
         normals,
@@ -231,10 +231,10 @@ def _bsdf(finish: Finish) -> dict[str, Any]:
     return {"type": "twosided", "bsdf": inner}
 
 
-def _lamp(lamp: Lamp, view_from_room: FloatArray) -> dict[str, Any]:
+def _lamp(lamp: Lamp, view_from_scene: FloatArray) -> dict[str, Any]:
     import mitsuba as mi
 
-    at, to = transform(view_from_room, np.array([lamp.at, lamp.to]))
+    at, to = transform(view_from_scene, np.array([lamp.at, lamp.to]))
     way = to - at
     up = np.eye(3)[np.abs(way).argmin()]
     look = mi.ScalarTransform4f().look_at(origin=at.tolist(), target=to.tolist(), up=up.tolist())
