@@ -8,7 +8,7 @@ A sweep of planes gives each pixel a cost at each depth (`cost`); paths along su
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import cv2
@@ -16,17 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.depth.cost import UNITS, Volume, channels, matching_costs
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.edges import follow_edges
-from mirrorcam.optics.light_field.depth.geometry import (
-    Parallax,
-    halved,
-    other_views,
-    parallax,
-    plane_inverse_distances,
-    reference_index,
-)
+from mirrorcam.optics.light_field.depth.geometry import MOST_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -34,11 +26,10 @@ from mirrorcam.optics.light_field.depth.photometry import (
     matching_gain,
     patches,
 )
-from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePictures
-from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
-from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
-from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN, probability, standard_deviation_px
-from mirrorcam.optics.light_field.depth.visibility import nearest_planes
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture
+from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
+from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
+from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -46,29 +37,26 @@ Quality = Literal["best", "fast"]
 
 NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is searched by default, in reference depths."""
-FINE_PX, COARSE_PX = 0.5, 1.0
-"""How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
-MOST_FINE = 192
-"""More planes than that are taken farther apart."""
 MOST_CELLS = 2**26
-"""Most pixels times planes that are searched at full size in the best quality."""
-NEXT_PLANE, ANY_PLANE = 3.0, 24.0
-"""Penalties, in contrasts, of eight views; more views are surer."""
-PENALTY_POWER = 0.63
+"""Most pixels times planes that are searched without knowing where."""
+SMALLEST_SEARCHED_PX = 48
+"""Pictures are not halved to less than that."""
 SMALLEST_PX = 16
 
 
 @dataclass(frozen=True)
 class _Effort:
-    """Of a quality: whether the search is at half size, its rounds along leaning surfaces, and steps of refinement."""
+    """Of a quality: how often pictures are halved for the first search and for the last, rounds along leaning surfaces
+    in the first, whether it is done again with what hides what, and steps of refinement."""
 
-    halve: bool
+    first: int
+    last: int
     rounds: int
-    hiding: bool
+    again: bool
     steps: int
 
 
-EFFORTS = {"best": _Effort(False, 2, True, 2), "fast": _Effort(True, 1, False, 1)}
+EFFORTS = {"best": _Effort(1, 0, 2, True, 2), "fast": _Effort(2, 1, 1, False, 1)}
 
 
 class DepthEstimator:
@@ -112,25 +100,27 @@ class DepthEstimator:
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._effort = EFFORTS[quality]
-        full = self._swept(self.views)
-        self._halve = self._effort.halve or full.planes * self.views.width_px * self.views.height_px > MOST_CELLS
-        self._sweep = full
-        if self._halve:
-            self._sweep = self._swept(halved(self.views))
-        self._full = full
+        self._sizes = self._chosen_sizes()
+        self._full = Size.of(self.views, self.near_mm, self.far_mm, 0)
         self._parallaxes = [parallax(self.views, index) for index in self.others]
-        self._refiner = Refiner(full, self._parallaxes, (self.views.height_px, self.views.width_px), self._run)
+        self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
 
-    def _swept(self, views: Views) -> Sweep:
-        planes = plane_inverse_distances(views, self.near_mm, self.far_mm, FINE_PX)
-        if len(planes) > MOST_FINE:
-            planes = plane_inverse_distances(views, self.near_mm, self.far_mm, COARSE_PX)
-        return sweep(views, planes)
+    def _chosen_sizes(self) -> list[Size]:
+        """The sizes that are searched at, smallest first."""
+
+        def size(halvings: int, most: int = MOST_PLANES) -> Size:
+            return Size.of(self.views, self.near_mm, self.far_mm, halvings, most)
+
+        most = max(int(np.log2(min(self.views.width_px, self.views.height_px) / SMALLEST_SEARCHED_PX)), 0)
+        first = size(min(self._effort.first, most), MOST_SEARCHED)
+        while first.cells > MOST_CELLS and first.halvings < most:
+            first = size(first.halvings + 1, MOST_SEARCHED)
+        return [first, *(size(halvings) for halvings in range(first.halvings - 1, self._effort.last - 1, -1))]
 
     @property
     def planes(self) -> int:
-        """Number of planes swept."""
-        return self._sweep.planes
+        """Number of planes of the finest sweep."""
+        return self._sizes[-1].sweep.planes
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights that this estimator was built for."""
@@ -150,68 +140,37 @@ class DepthEstimator:
         gains = [first_gain(other.grey, reference.grey) for other in others]
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         found, others = self._searched(reference, others)
-        planes = self._at_full_size(found.planes, reference.known.shape)
-        planes = follow_edges(planes, reference.colours, JUMP_PX / self._full.reach_px, self._run)
-        own, *slopes = self._run(lambda each: SlopePictures.of(each.brightness, each.seen), [reference, *others])
+        planes = follow_edges(found.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
+        own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
         planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
-        if self._halve:
-            found = Cheapest(*(_enlarged(getattr(found, each.name), planes.shape) for each in fields(Cheapest)))
         return self._depth_map(planes, match, smooth, found, reference.known)
 
     def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[Cheapest, list[ViewPicture]]:
-        """Planes of the sweep at the size searched at, and the other views (full size) as bright as the reference."""
-        own, *small = self._sized([reference, *others])
-        # One contrast of the cost of a path where there are eight views.
-        unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
-        penalties = (round(NEXT_PLANE * unit), round(ANY_PLANE * unit))
-        colours = own.colours
-        compared = channels(colours)
-        seen = np.stack([each.seen for each in small])
-
-        def chosen(volume: Volume, leans: tuple[Float32, Float32]) -> Cheapest:
-            total = aggregate(volume, colours, leans, penalties, self._run)
-            return cheapest(total, volume, DOUBTFUL_MARGIN * len(WAYS) * unit, self._run)
-
-        volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run)
-        level = np.zeros(own.known.shape, np.float32)
-        found = chosen(volume, (level, level))
-        for _ in range(self._effort.rounds):
-            found = chosen(volume, leans_of(found.planes))
-        gains = self._gains(reference, others, self._at_full_size(found.planes, reference.known.shape))
+        """What is found, at full size and in its planes, and the other views made as bright as the reference view."""
+        size, *larger = self._sizes
+        found = search(size, reference, others, self._run, rounds=self._effort.rounds)
+        gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
-        if self._effort.hiding:
-            nearest = nearest_planes(found.planes, self._sweep, self._run)
-            small = self._sized(others)
-            volume = matching_costs(compared, self._channels(small), seen, self._sweep, self._run, nearest)
-            found = chosen(volume, leans_of(found.planes))
-        margin = found.margin * np.float32(1.0 / (len(WAYS) * unit))
-        return replace(found, margin=margin), others
-
-    def _sized(self, pictures: list[ViewPicture]) -> list[ViewPicture]:
-        """Pictures at the size that is searched at."""
-        return [picture.halved() for picture in pictures] if self._halve else pictures
-
-    def _channels(self, pictures: list[ViewPicture]) -> Float32:
-        return np.stack(list(self._run(lambda each: channels(each.colours), pictures)))
+        if self._effort.again:
+            found = search(size, reference, others, self._run, known=found.planes)
+        for each in larger:
+            before = each.enlarged(found, size)
+            found = search(each, reference, others, self._run, known=before.planes, near=True).beside(before)
+            if self._effort.again:
+                found = search(each, reference, others, self._run, known=found.planes, near=True).beside(before)
+            size = each
+        return self._full.enlarged(found, size), others
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
         every = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
         rows, columns = np.indices(planes.shape, dtype=np.float32)[:, every, every]
-        inverse, ours = self._full.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
+        inverse, ours = self._full.sweep.inverse_distance(planes[every, every]), patches(reference.grey)[every, every]
 
         def one(view: Parallax, other: ViewPicture) -> Float32:
             return matching_gain(other.grey, *view.pixels(columns, rows, inverse), ours)
 
         return list(self._run(one, self._parallaxes, others))
-
-    def _at_full_size(self, planes: Float32, shape: tuple[int, int]) -> Float32:
-        """Planes (v, u) of the sweep searched in those of the full-size sweep."""
-        if not self._halve:
-            return planes
-        inverse = self._sweep.inverse_distance(_enlarged(planes, shape))
-        first, step = np.float32(self._full.inverse_distances[0]), np.float32(1.0 / self._full.step)
-        return np.asarray((inverse - first) * step)
 
     def _depth_map(
         self,
@@ -222,7 +181,7 @@ class DepthEstimator:
         known: NDArray[np.bool_],
     ) -> DepthMap:
         """The depth map of planes (v, u) and what is known of them."""
-        full = self._full
+        full = self._full.sweep
         inverse = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
         inverse = np.maximum(inverse, np.float32(0.0))
         known = known & (match.seeing >= min(2, len(self.others)))
@@ -241,13 +200,6 @@ class DepthEstimator:
             sigma_mm=np.where(known, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(known, confidence, np.float32(0.0)).astype(np.float32),
         )
-
-
-def _enlarged(small: Float32, shape: tuple[int, int]) -> Float32:
-    """A map of two by two pixels (v, u) at full size; an odd last row or column repeats the one before."""
-    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
-    below, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, below, 0, right, cv2.BORDER_REPLICATE))
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

@@ -6,15 +6,17 @@ After Hirschmueller, PAMI 30(2), 2008, and, for surfaces that lean, Scharstein, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS, Volume, bands
+from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
+from mirrorcam.optics.light_field.depth.cost import bands
+from mirrorcam.optics.light_field.depth.volume import Volume
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
@@ -39,82 +41,89 @@ MISMATCH_PX = 3
 LINES = 32
 
 
+class _Surface(NamedTuple):
+    """What paths follow: colours (v, u, 3), and the planes (v, u) that the surface rises per pixel, across and down."""
+
+    picture: Any
+    lean_across: Any
+    lean_down: Any
+
+
+class _Penalties(NamedTuple):
+    next_plane: Any
+    any_plane: Any
+
+
+@compiled
+def _step(path: Any, before: Any, offset: Any, least: Any, penalty: Any, next_plane: Any, own: Any, on: Any) -> None:
+    """Costs `on` of the paths at the planes of a pixel, from those of the pixel before.
+
+    Plane i here is plane i + `offset` there, of `before` planes, which lie in `path` from 2 on.
+    """
+    count = len(own)
+    first = min(max(-1 - offset, 0), count)
+    last = max(min(before + 1 - offset, count), first)
+    # Sums of 16 bits stay such, so that the loop runs many planes at a time.
+    most = np.uint16(least + penalty)
+    for plane in range(first):
+        on[plane] = np.uint16(own[plane] + penalty)
+    there, here, result = path[first + offset + 1 : last + offset + 3], own[first:last], on[first:last]
+    for plane in range(last - first):
+        beside = np.uint16(min(there[plane], there[plane + 2]) + next_plane)
+        best = min(there[plane + 1], beside, most)
+        result[plane] = np.uint16(here[plane] + np.uint16(best - least))
+    for plane in range(last, count):
+        on[plane] = np.uint16(own[plane] + penalty)
+
+
 @compiled
 def _path(
-    volume: Any,
-    total: Any,
-    picture: Any,
-    lean_across: Any,
-    lean_down: Any,
-    y: Any,
-    x: Any,
-    dy: Any,
-    dx: Any,
-    next_plane: Any,
-    any_plane: Any,
-    path: Any,
-    on: Any,
+    ranges: Any, costs: Any, total: Any, surface: Any, penalties: Any, y: Any, x: Any, dy: Any, dx: Any, work: Any
 ) -> None:
-    """Add to `total` the costs of the cheapest paths along one line; `path` and `on` are work space (n + 2,)."""
-    height, width, planes = volume.shape
+    """Add to `total` the costs of the cheapest paths along one line from a pixel on; `work` (2, n + 4)."""
+    height, width = ranges.low.shape
+    path, on = work[0], work[1]
     carried = np.float32(0.0)
-    path[0], path[planes + 1] = np.uint16(60000), np.uint16(60000)
-    for plane in range(planes):
-        path[plane + 1] = volume[y, x, plane]
-        total[y, x, plane] += volume[y, x, plane]
+    low, count, start = ranges.low[y, x], ranges.count[y, x], ranges.start[y, x]
+    path[2 : count + 2] = costs[start : start + count]
+    sums = total[start : start + count]
+    for plane in range(count):
+        sums[plane] += path[plane + 2]
+    picture, next_plane = surface.picture, np.uint16(penalties.next_plane)
     y, x = y + dy, x + dx
     while 0 <= y < height and 0 <= x < width:
-        carried += lean_across[y, x] * np.float32(dx) + lean_down[y, x] * np.float32(dy)
+        carried += surface.lean_across[y, x] * np.float32(dx) + surface.lean_down[y, x] * np.float32(dy)
         shift = int(np.floor(carried + np.float32(0.5)))
         carried -= np.float32(shift)
-        least = path[1]
-        for plane in range(1, planes):
-            least = min(least, path[plane + 1])
+        known = path[2 : count + 2]
+        least = known[0]
+        for plane in range(1, count):
+            least = min(least, known[plane])
+        for pad in range(2):
+            path[pad], path[count + 2 + pad] = np.uint16(60000), np.uint16(60000)
         edge = np.float32(0.0)
         for colour in range(3):
             edge = max(edge, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
         kept = np.float32(EDGE_LEAST) + np.float32(1.0 - EDGE_LEAST) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
-        penalty = np.uint16(max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(any_plane) * kept))
-        if shift == 0:
-            for plane in range(planes):
-                step = min(path[plane], path[plane + 2]) + next_plane
-                best = min(path[plane + 1], step, least + penalty)
-                on[plane + 1] = np.uint16(volume[y, x, plane] + np.uint16(best - least))
-        else:
-            for plane in range(planes):
-                source = plane - shift
-                best = least + penalty
-                if 0 <= source < planes:
-                    best = min(best, path[source + 1])
-                if -1 <= source < planes + 1:
-                    if source >= 1:
-                        best = min(best, path[source] + next_plane)
-                    if source <= planes - 2:
-                        best = min(best, path[source + 2] + next_plane)
-                on[plane + 1] = np.uint16(volume[y, x, plane] + np.uint16(best - least))
-        for plane in range(planes):
-            path[plane + 1] = on[plane + 1]
-            total[y, x, plane] += on[plane + 1]
+        leaving = max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * kept)
+        offset = ranges.low[y, x] - shift - low
+        before = count
+        low, count, start = ranges.low[y, x], ranges.count[y, x], ranges.start[y, x]
+        own, sums = costs[start : start + count], total[start : start + count]
+        _step(path, before, offset, least, np.uint16(leaving), next_plane, own, on)
+        for plane in range(count):
+            path[plane + 2] = on[plane]
+            sums[plane] += on[plane]
         y, x = y + dy, x + dx
 
 
 @compiled
 def _paths(
-    first: Any,
-    last: Any,
-    dy: Any,
-    dx: Any,
-    volume: Any,
-    total: Any,
-    picture: Any,
-    lean_across: Any,
-    lean_down: Any,
-    next_plane: Any,
-    any_plane: Any,
+    first: Any, last: Any, dy: Any, dx: Any, ranges: Any, costs: Any, total: Any, surface: Any, penalties: Any
 ) -> None:
     """All lines `first` to `last` of one direction: from the first row, then from the first column."""
-    height, width, planes = volume.shape
-    path, on = np.empty(planes + 2, np.uint16), np.empty(planes + 2, np.uint16)
+    height, width = ranges.low.shape
+    work = np.empty((2, ranges.count.max() + 4), np.uint16)
     for line in range(first, last):
         if dy == 0:
             y, x = line, 0 if dx > 0 else width - 1
@@ -123,7 +132,7 @@ def _paths(
         else:
             x = 0 if dx > 0 else width - 1
             y = line - width + 1 if dy > 0 else height - 2 - (line - width)
-        _path(volume, total, picture, lean_across, lean_down, y, x, dy, dx, next_plane, any_plane, path, on)
+        _path(ranges, costs, total, surface, penalties, y, x, dy, dx, work)
 
 
 def aggregate(
@@ -133,7 +142,7 @@ def aggregate(
     penalties: tuple[int, int],
     run: Map = map,
 ) -> Volume:
-    """The summed path costs (v, u, n) of a cost volume (v, u, n).
+    """The path costs of a volume of matching costs, summed over the directions.
 
     Parameters
     ----------
@@ -148,46 +157,48 @@ def aggregate(
     run
         `map`, or that of a pool of threads.
     """
-    height, width, _ = volume.shape
-    total = np.zeros_like(volume)
-    next_plane, any_plane = (np.uint16(penalty) for penalty in penalties)
+    height, width = volume.ranges.low.shape
+    total = np.zeros_like(volume.costs)
+    surface = _Surface(picture, *leans)
+    prices = _Penalties(*(np.uint16(penalty) for penalty in penalties))
     for dy, dx in WAYS:
         lines = height if dy == 0 else width if dx == 0 else width + height - 1
         jobs = [(first, min(first + LINES, lines)) for first in range(0, lines, LINES)]
 
         def fill(job: tuple[int, int], dy: int = dy, dx: int = dx) -> None:
-            _paths(*job, dy, dx, volume, total, picture, *leans, next_plane, any_plane)
+            _paths(*job, dy, dx, volume.ranges, volume.costs, total, surface, prices)
 
         list(run(fill, jobs))
-    return total
+    return Volume(volume.ranges, total)
 
 
 @compiled
-def _least(
-    first: Any, last: Any, total: Any, volume: Any, doubtful: Any, best: Any, margin: Any, rivals: Any, mismatch: Any
-) -> None:
-    planes, one = total.shape[2], np.float32(1.0)
+def _least(first: Any, last: Any, ranges: Any, total: Any, costs: Any, doubtful: Any, found: Any) -> None:
+    """Fill rows `first` to `last` of `found` (4, v, u): place, margin, rivals and mismatch."""
+    one = np.float32(1.0)
     for y in range(first, last):
-        for x in range(total.shape[1]):
+        for x in range(ranges.low.shape[1]):
+            start, planes = ranges.start[y, x], ranges.count[y, x]
+            sums = total[start : start + planes]
             at = 0
             for plane in range(1, planes):
-                if total[y, x, plane] < total[y, x, at]:
+                if sums[plane] < sums[at]:
                     at = plane
-            place, least = np.float32(at), np.float32(total[y, x, at])
+            place, least = np.float32(at), np.float32(sums[at])
             if 0 < at < planes - 1:
-                before, after = np.float32(total[y, x, at - 1]), np.float32(total[y, x, at + 1])
+                before, after = np.float32(sums[at - 1]), np.float32(sums[at + 1])
                 bend = before + after - np.float32(2.0) * least
                 if bend > 0:
                     place += np.float32(0.5) * (before - after) / bend
             other, near = np.float32(65535.0), np.float32(0.0)
             for plane in range(planes):
                 if abs(plane - at) > SAME_PLANES:
-                    cost = np.float32(total[y, x, plane])
+                    cost = np.float32(sums[plane])
                     other = min(other, cost)
                     dearer = (cost - least) / doubtful
                     near += max(one - dearer * dearer, np.float32(0.0)) ** 2
-            mismatch[y, x] = np.float32(volume[y, x, at])
-            best[y, x], margin[y, x], rivals[y, x] = place, other - least, near / np.float32(PLACE_PLANES)
+            found[0, y, x], found[1, y, x] = place + np.float32(ranges.low[y, x]), other - least
+            found[2, y, x], found[3, y, x] = near / np.float32(PLACE_PLANES), np.float32(costs[start + at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,17 +222,22 @@ class Cheapest:
     rivals: Float32
     mismatch: Float32
 
+    def beside(self, other: Cheapest) -> Cheapest:
+        """These planes, no surer than another search of more planes was."""
+        return replace(self, margin=np.minimum(self.margin, other.margin), rivals=np.maximum(self.rivals, other.rivals))
+
 
 def cheapest(total: Volume, volume: Volume, doubtful: float, run: Map = map) -> Cheapest:
-    """The planes of least summed path cost (v, u, n) of a volume of matching costs (v, u, n).
+    """The planes of least summed path cost of a volume of matching costs.
 
     A place that is dearer by `doubtful` is no rival.
     """
-    found = Cheapest(*(np.empty(total.shape[:2], np.float32) for _ in range(4)))
-    parts = (found.planes, found.margin, found.rivals, found.mismatch)
-    list(run(lambda band: _least(*band, total, volume, np.float32(doubtful), *parts), bands(total.shape[0])))
-    found.mismatch[:] = cv2.blur(found.mismatch, (MISMATCH_PX, MISMATCH_PX)) * np.float32(1.0 / (TRUNCATION * UNITS))
-    return found
+    shape = volume.ranges.low.shape
+    found = np.empty((4, *shape), np.float32)
+    job = volume.ranges, total.costs, volume.costs, np.float32(doubtful), found
+    list(run(lambda band: _least(*band, *job), bands(shape[0])))
+    mismatch = cv2.blur(found[3], (MISMATCH_PX, MISMATCH_PX)) * np.float32(1.0 / (TRUNCATION * UNITS))
+    return Cheapest(found[0], found[1], found[2], np.asarray(mismatch))
 
 
 def leans_of(planes: Float32) -> tuple[Float32, Float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,38 +19,47 @@ DIRECTIONS = 16
 MOST_RINGS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
-    """Planes across the view axis, evenly spaced in inverse distance, seen by the K views other than the reference.
+class Motion(NamedTuple):
+    """Where K views show the planes of a sweep, and which of them compete.
 
     Plane i shows pixel (u, v) of the reference view at (scale u + across, scale v + down) of view k.
 
     Attributes
     ----------
-    inverse_distances : ndarray
-        (n,), 1/mm from the reference view.
     scale, across, down : ndarray of float32
         (n, K).
-    positions_mm : ndarray
-        (K, 3) of the views.
     sector : ndarray of int64
         (K,): views at like distance from the reference view form a ring, those of one ring in like direction a sector.
     rings : ndarray of int64
         (r + 1,): the first sector of each ring, and the number of sectors.
     weight : ndarray of float32
         (K,), part of the largest distance: a view says the more of depth the farther away it is.
+    """
+
+    scale: Float32
+    across: Float32
+    down: Float32
+    sector: NDArray[np.int64]
+    rings: NDArray[np.int64]
+    weight: Float32
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Planes across the view axis, evenly spaced in inverse distance, seen by the K views other than the reference.
+
+    Attributes
+    ----------
+    inverse_distances : ndarray
+        (n,), 1/mm from the reference view.
+    motion : Motion
+        Where the views show the planes.
     reach_px : float
         Px that the farthest view moves from one plane to the next.
     """
 
     inverse_distances: FloatArray
-    scale: Float32
-    across: Float32
-    down: Float32
-    positions_mm: FloatArray
-    sector: NDArray[np.int64]
-    rings: NDArray[np.int64]
-    weight: Float32
+    motion: Motion
     reach_px: float
 
     @property
@@ -81,14 +91,10 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
     sectors, sector = np.unique(ring * DIRECTIONS + direction, return_inverse=True)
     step = float(inverse_distances[1] - inverse_distances[0])
-    return Sweep(
-        np.asarray(inverse_distances, dtype=np.float64),
-        matrices[..., 0, 0].astype(np.float32),
-        matrices[..., 0, 2].astype(np.float32),
-        matrices[..., 1, 2].astype(np.float32),
-        positions,
+    motion = Motion(
+        *(np.ascontiguousarray(matrices[:, :, row, column], np.float32) for row, column in ((0, 0), (0, 2), (1, 2))),
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
         (distance / distance.max()).astype(np.float32),
-        float(views.focal_px * far.max() * step),
     )
+    return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * far.max() * step))

@@ -45,11 +45,12 @@ def nearest_planes(planes: Float32, sweep: Sweep, run: Map = map) -> Float32:
 
     `planes` (v, u) are those of the pixels of the reference view.
     """
-    views = sweep.scale.shape[1]
+    motion = sweep.motion
+    views = motion.scale.shape[1]
     out = np.full((views, *planes.shape), NOTHING, np.float32)
 
     def fill(view: int) -> None:
-        ways = (np.ascontiguousarray(way[:, view]) for way in (sweep.scale, sweep.across, sweep.down))
+        ways = (np.ascontiguousarray(way[:, view]) for way in (motion.scale, motion.across, motion.down))
         _splat(planes, *ways, out[view])
 
     list(run(fill, range(views)))

@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
+from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
 from mirrorcam.optics.light_field.depth.cost import (
     CONTRAST_FLOOR,
     CONTRAST_GREY,
-    TRUNCATION,
-    UNITS,
     channels,
     matching_costs,
     mean_slope,
 )
 from mirrorcam.optics.light_field.depth.geometry import parallax
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
+from mirrorcam.optics.light_field.depth.volume import range_around
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import grid_views
 
@@ -43,7 +43,11 @@ def taken(views: Views, picture: Any, plane: int) -> tuple[Any, Any]:
 
 
 def seen(others: Any) -> Any:
-    return np.ones((len(others), *others.shape[2:]), np.uint8)
+    return np.ones((len(others), others.shape[2] - 1, others.shape[3] - 1), np.uint8)
+
+
+def costs_of(*arguments: Any, **options: Any) -> Any:
+    return matching_costs(*arguments, **options).everywhere()
 
 
 def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: int) -> float:
@@ -51,8 +55,8 @@ def plainly(reference: Any, others: Any, planes: Sweep, y: int, x: int, plane: i
     grown = CONTRAST_GREY / (CONTRAST_FLOOR * CONTRAST_GREY + mean_slope(reference, 7)[y, x])
     costs = []
     for view, other in enumerate(others):
-        column = planes.scale[plane, view] * x + planes.across[plane, view]
-        row = planes.scale[plane, view] * y + planes.down[plane, view]
+        column = planes.motion.scale[plane, view] * x + planes.motion.across[plane, view]
+        row = planes.motion.scale[plane, view] * y + planes.motion.down[plane, view]
         across, down = (np.full((1, 1), place, np.float32) for place in (column, row))
         shown: Any = cv2.remap(np.moveaxis(other, 0, -1), across, down, cv2.INTER_LINEAR)[0, 0]
         difference = np.abs(shown[:3] - reference[:3, y, x]).mean()
@@ -66,7 +70,7 @@ def test_the_cost_is_that_of_its_definition() -> None:
     views = grid_views(3, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
     reference, others = taken(views, texture(views), 7)
-    volume = matching_costs(reference, others, seen(others), planes)
+    volume = costs_of(reference, others, seen(others), planes)
     strong = mean_slope(reference, 9) > 4.0
     random = np.random.default_rng(1)
     for _ in range(200):
@@ -84,7 +88,7 @@ def test_a_plane_costs_next_to_nothing_where_it_is_though_views_lie_ahead(along_
     planes = sweep(views, INVERSE_DISTANCES)
     for number in (0, 7, 19):
         reference, others = taken(views, texture(views), number)
-        volume = matching_costs(reference, others, seen(others), planes)[20:-20, 30:-30]
+        volume = costs_of(reference, others, seen(others), planes)[20:-20, 30:-30]
         costs = volume.mean(axis=(0, 1)) / UNITS
         assert int(np.argmin(costs)) == number
         assert costs[number] < 0.25 * np.median(costs)
@@ -97,10 +101,10 @@ def test_places_that_a_view_does_not_see_are_left_to_the_others() -> None:
     sight = seen(others)
     others[0, :, :, :60] = 255.0
     sight[0, :, :61] = 0
-    volume = matching_costs(reference, others, sight, planes)
+    volume = costs_of(reference, others, sight, planes)
     assert np.median(volume[10:-10, 15:55, 7]) < 0.3 * UNITS
     sight[:] = 0
-    assert (matching_costs(reference, others, sight, planes) == int(0.5 * TRUNCATION * UNITS)).all()
+    assert (costs_of(reference, others, sight, planes) == int(0.5 * TRUNCATION * UNITS)).all()
 
 
 def test_a_view_from_which_something_nearer_hides_the_place_has_no_say() -> None:
@@ -109,9 +113,9 @@ def test_a_view_from_which_something_nearer_hides_the_place_has_no_say() -> None
     reference, others = taken(views, texture(views), 7)
     others[:6] = 255.0 - others[:6]
     nearest = np.full((8, views.height_px, views.width_px), -1e9, np.float32)
-    before = matching_costs(reference, others, seen(others), planes, nearest=nearest)
+    before = costs_of(reference, others, seen(others), planes, nearest=nearest)
     nearest[:6] = 19.0
-    after = matching_costs(reference, others, seen(others), planes, nearest=nearest)
+    after = costs_of(reference, others, seen(others), planes, nearest=nearest)
     inside = (slice(25, -25), slice(35, -35), 7)
     assert np.median(after[inside]) < 0.2 * np.median(before[inside])
 
@@ -121,8 +125,31 @@ def test_threads_change_no_bit_and_weak_texture_is_averaged() -> None:
     planes = sweep(views, INVERSE_DISTANCES)
     picture = 128.0 + np.random.default_rng(3).normal(scale=0.3, size=(90, 120, 3)).astype(np.float32)
     reference, others = channels(picture), np.stack([channels(picture[:, ::-1].copy())] * 8)
-    volume = matching_costs(reference, others, seen(others), planes)
-    assert np.array_equal(volume, matching_costs(reference, others, seen(others), planes, ThreadPoolExecutor(2).map))
+    volume = costs_of(reference, others, seen(others), planes)
+    assert np.array_equal(volume, costs_of(reference, others, seen(others), planes, ThreadPoolExecutor(2).map))
     assert (
         np.abs(np.diff(volume[20:-20, 30:-30, 5].astype(int), axis=1)).mean() < 0.3 * volume[20:-20, 30:-30, 5].mean()
     )
+
+
+@pytest.mark.parametrize("weak", [False, True])
+def test_of_a_range_the_costs_are_those_of_a_search_of_all_planes(weak: bool) -> None:
+    views = grid_views(3, 3)
+    planes = sweep(views, INVERSE_DISTANCES)
+    picture = texture(views)
+    reference, others = taken(views, picture * 0.01 + 90.0 if weak else picture, 7)
+    known = np.where(np.arange(120) < 50, np.float32(7.0), np.float32(11.0)) + np.zeros((90, 1), np.float32)
+    ranges = range_around(known, planes.planes)
+    nearest = np.full((8, 90, 120), -1e9, np.float32)
+    nearest[:, :, 50:] = 11.0
+    everywhere = costs_of(reference, others, seen(others), planes, nearest=nearest)
+    part = matching_costs(reference, others, seen(others), planes, nearest=nearest, ranges=ranges)
+    assert ranges.cells < everywhere.size
+    for v, u in ((0, 0), (40, 20), (41, 50), (89, 119), (60, 61)):
+        low, count, start = (int(each[v, u]) for each in ranges)
+        # Beside the side of a neighbour's range, its own costs stand for those which that lacks.
+        inner = slice(2, -2) if weak else slice(None)
+        there = part.costs[start : start + count]
+        assert np.array_equal(there[inner], everywhere[v, u, low : low + count][inner]) or weak
+        if not weak or 16 < u < 30:
+            assert np.array_equal(there, everywhere[v, u, low : low + count])

@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.refine import Refiner, SlopePictures, jumps
+from mirrorcam.optics.light_field.depth.refine import Refiner, SlopePicture, jumps
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -27,8 +27,8 @@ def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
     light_field, depth, _ = photograph(views, [surface], noise=0.0)
     planes = sweep(views, INVERSE_DISTANCES)
     pictures = [ViewPicture.of(light_field, index) for index in ((1, 1), *other_views(views))]
-    slopes = [SlopePictures.of(picture.grey, picture.seen) for picture in pictures]
-    refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)], (90, 120))
+    slopes = [SlopePicture.of(picture.grey, picture.seen) for picture in pictures]
+    refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)])
     truth = (1.0 / (depth - views.reference_view_depth_mm) - INVERSE_DISTANCES[0]) / planes.step
     return refiner, planes, slopes[0], slopes[1:], truth.astype(np.float32)
 
@@ -61,7 +61,7 @@ def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
 
 def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
-    blank = SlopePictures.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
+    blank = SlopePicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
     found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2)
     assert np.abs(found - truth).max() < 0.01
     assert (match.information == 0.0).all()
@@ -77,13 +77,24 @@ def test_a_view_that_something_hides_has_no_say(slanted: Any) -> None:
     assert match.agreeing[40, 72] < match.agreeing[40, 95] - 1.5
 
 
+def test_the_match_after_a_small_step_is_foretold(slanted: Any) -> None:
+    refiner, planes, reference, others, truth = slanted
+    away = np.float32(0.2)
+    there, gradient = refiner.match(truth + away / np.float32(planes.reach_px), reference, others)
+    foretold = there.after(gradient, np.full_like(truth, -away))
+    found = refiner.match(truth, reference, others)[0]
+    before, after = np.median(there.residual[INSIDE]), np.median(found.residual[INSIDE])
+    assert before > 5.0 * after
+    assert np.median(foretold.residual[INSIDE]) - after < 0.3 * (before - after)
+
+
 def test_noise_makes_information_count_for_less(slanted: Any) -> None:
     refiner, _, reference, others, truth = slanted
     random = np.random.default_rng(0)
 
-    def noisy(picture: SlopePictures) -> SlopePictures:
+    def noisy(picture: SlopePicture) -> SlopePicture:
         noise = random.normal(scale=2.0, size=picture.slopes.shape).astype(np.float32)
-        return SlopePictures(picture.slopes + noise, picture.derivatives, picture.variance, picture.seen)
+        return SlopePicture(picture.slopes + noise, picture.seen)
 
     clear = refiner.match(truth, reference, others)[0]
     dim = refiner.match(truth, noisy(reference), [noisy(other) for other in others])[0]

@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.cost import TRUNCATION, UNITS
-from mirrorcam.optics.light_field.depth.semiglobal import EDGE_GREY, EDGE_LEAST, WAYS, aggregate, cheapest, leans_of
+from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
+from mirrorcam.optics.light_field.depth.semiglobal import (
+    EDGE_GREY,
+    EDGE_LEAST,
+    WAYS,
+    Cheapest,
+    aggregate,
+    cheapest,
+    leans_of,
+)
+from mirrorcam.optics.light_field.depth.volume import Ranges, Volume, whole_range
+
+
+def volume_of(costs: np.ndarray) -> Volume:
+    """A volume of costs (v, u, n) of all planes."""
+    return Volume(whole_range(costs.shape[:2], costs.shape[2]), costs.ravel())
+
+
+def summed(costs: np.ndarray, *arguments: Any) -> np.ndarray:
+    return aggregate(volume_of(costs), *arguments).everywhere()
+
 
 EVEN = np.full((7, 9, 3), 90.0, np.float32)
 LEVEL = (np.zeros((7, 9), np.float32), np.zeros((7, 9), np.float32))
@@ -63,26 +83,58 @@ def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) 
         leans = (across, down)
     expected = plainly(volume, next_plane, any_plane, picture, leans)
     for found in (
-        aggregate(volume, picture, leans, (next_plane, any_plane)),
-        aggregate(volume, picture, leans, (next_plane, any_plane), ThreadPoolExecutor(2).map),
+        summed(volume, picture, leans, (next_plane, any_plane)),
+        summed(volume, picture, leans, (next_plane, any_plane), ThreadPoolExecutor(2).map),
     ):
         # The penalty of an edge is rounded down in single precision: one at most on each of eight ways.
         assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 
+@pytest.mark.parametrize("leaning", [False, True])
+def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning: bool) -> None:
+    random = np.random.default_rng(3)
+    shape, planes = (7, 9), 12
+    low = random.integers(0, 7, shape).astype(np.int32)
+    count = random.integers(3, 6, shape).astype(np.int32)
+    costs = random.integers(0, 60, (*shape, planes)).astype(np.uint16)
+    plane = np.arange(planes)
+    inside = (plane >= low[..., None]) & (plane < (low + count)[..., None])
+    leans = LEVEL
+    if leaning:
+        across, down = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
+        leans = (across, down)
+    found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, leans, (3, 20))
+    # Far dearer than any path: never on the cheapest one.
+    expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, leans)
+    assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
+    best = cheapest(found, Volume(found.ranges, costs[inside]), 400.0)
+    assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not leaning
+
+
+def test_a_search_near_what_is_known_is_no_surer_than_the_one_before() -> None:
+    near, before = (
+        Cheapest(*(np.full((2, 2), value, np.float32) for value in values))
+        for values in ((5.0, 9.0, 0.1, 0.2), (4.0, 3.0, 0.4, 0.9))
+    )
+    joined = near.beside(before)
+    assert [float(each[0, 0]) for each in (joined.planes, joined.margin, joined.rivals, joined.mismatch)] == (
+        pytest.approx([5.0, 3.0, 0.4, 0.2])
+    )
+
+
 def test_without_penalties_each_pixel_stands_alone() -> None:
     volume = np.random.default_rng(1).integers(0, 60, (7, 9, 5)).astype(np.uint16)
-    assert np.array_equal(aggregate(volume, EVEN, LEVEL, (0, 0)), 8 * volume)
+    assert np.array_equal(summed(volume, EVEN, LEVEL, (0, 0)), 8 * volume)
 
 
 def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
     volume = np.full((7, 9, 9), 30, np.uint16)
     volume[:, :3, 2] = volume[:, 6:, 2] = 0
-    assert (aggregate(volume, EVEN, LEVEL, (5, 100)).argmin(axis=2) == 2).all()
+    assert (summed(volume, EVEN, LEVEL, (5, 100)).argmin(axis=2) == 2).all()
     volume[:] = 30
     volume[:, [0, 1], [0, 1]] = 0
     rising = (np.ones((7, 9), np.float32), np.zeros((7, 9), np.float32))
-    assert (aggregate(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
+    assert (summed(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
 
 
 def test_the_least_plane_its_margin_its_rivals_and_its_mismatch() -> None:
@@ -91,7 +143,7 @@ def test_the_least_plane_its_margin_its_rivals_and_its_mismatch() -> None:
     total[..., [3, 5]] = [400, 200]
     total[..., 9] = 300
     volume = np.full_like(total, round(0.25 * TRUNCATION * UNITS))
-    found = cheapest(total, volume, 400.0)
+    found = cheapest(volume_of(total), volume_of(volume), 400.0)
     np.testing.assert_allclose(found.planes, 4.0 + 0.5 * (400 - 200) / (400 + 200 - 200))
     np.testing.assert_allclose(found.margin, 200.0)
     np.testing.assert_allclose(found.rivals, (1 - 0.5**2) ** 2 / 3, rtol=1e-6)

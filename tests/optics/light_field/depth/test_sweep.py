@@ -23,30 +23,32 @@ def test_places_are_those_of_points_on_the_planes() -> None:
         seen = views.project_in_view(point)
         for view, index in enumerate(others):
             place = [
-                planes.scale[number, view] * u + planes.across[number, view],
-                planes.scale[number, view] * v + planes.down[number, view],
+                planes.motion.scale[number, view] * u + planes.motion.across[number, view],
+                planes.motion.scale[number, view] * v + planes.motion.down[number, view],
             ]
             np.testing.assert_allclose(place, seen[index], atol=2e-4)
 
 
 def test_views_at_like_distance_compete_by_direction() -> None:
     planes = sweep(grid_views(3, 3, uneven=False), INVERSE_DISTANCES)
-    assert planes.rings.tolist() == [0, 8]
-    assert sorted(planes.sector) == list(range(8))
+    assert planes.motion.rings.tolist() == [0, 8]
+    assert sorted(planes.motion.sector) == list(range(8))
     many = sweep(grid_views(5, 5, uneven=False), INVERSE_DISTANCES)
-    assert many.rings.tolist() == [0, 8, 24]
+    assert many.motion.rings.tolist() == [0, 8, 24]
     most = sweep(grid_views(9, 9, uneven=False), INVERSE_DISTANCES)
-    assert len(most.rings) == 5
-    assert most.rings[-1] <= 4 * 16
+    assert len(most.motion.rings) == 5
+    assert most.motion.rings[-1] <= 4 * 16
     row = sweep(grid_views(1, 5, uneven=False), INVERSE_DISTANCES)
-    assert row.rings.tolist() == [0, 2, 4]
-    assert row.weight.max() == 1.0
+    assert row.motion.rings.tolist() == [0, 2, 4]
+    assert row.motion.weight.max() == 1.0
 
 
 def test_a_step_moves_the_farthest_view_by_its_reach() -> None:
     views = grid_views(1, 3, uneven=False)
     planes = sweep(views, INVERSE_DISTANCES)
-    assert planes.reach_px == pytest.approx(abs(float(planes.across[1, 0] - planes.across[0, 0])), rel=1e-4)
+    assert planes.reach_px == pytest.approx(
+        abs(float(planes.motion.across[1, 0] - planes.motion.across[0, 0])), rel=1e-4
+    )
     np.testing.assert_allclose(
         planes.inverse_distance(np.array([0.0, 2.5], np.float32)),
         INVERSE_DISTANCES[0] + np.array([0.0, 2.5]) * planes.step,

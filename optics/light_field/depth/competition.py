@@ -1,0 +1,112 @@
+"""The competition of views, sector by sector: costs of places by what the views in each direction say of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mirrorcam.optics.base.compiled import compiled
+
+UNITS = 64
+"""Costs are stored in parts of one, one UNITS-th each."""
+UNSEEN = 1e6
+"""Cost of what no view of a sector sees: sorted last and then left out."""
+TRUNCATION = 6.0
+"""Largest difference, in contrasts, that counts as such: what is hidden may look like anything."""
+BETTER_SHARE, SEEING_SHARE = 0.5, 0.75
+"""Share of the directions that decides: of all, and of those that see the place by a first depth."""
+FEWER = 2.0
+"""Surcharge, in contrasts, where half of that share decides alone."""
+
+
+class Work(NamedTuple):
+    """Rows to work in: sums of costs and of weights of the sectors, of all views and of those that see the place."""
+
+    sums: Any
+    weights: Any
+    sectors: Any
+    ring: Any
+    cost: Any
+    line: Any
+    decided: Any
+
+
+# Loops over few arrays each, and over slices, whose indices cannot be negative: these run many pixels at a time.
+
+
+@compiled
+def _sorted(costs: Any, count: Any) -> None:
+    """Sort costs (m, u) along their first axis in place, `count` columns side by side (odd-even transposition)."""
+    rows = len(costs)
+    for turn in range(rows):
+        for number in range(turn % 2, rows - 1, 2):
+            lower, upper = costs[number, :count], costs[number + 1, :count]
+            for x in range(count):
+                a, b = lower[x], upper[x]
+                lower[x] = a if a < b else b
+                upper[x] = b if a < b else a
+
+
+@compiled
+def _add_better(costs: Any, count: Any, share: Any, weight: Any, work: Any, total: Any) -> None:
+    """Add, times a weight (u,), the mean of the least share (u,) of `count` (u,) sorted costs (m, u)."""
+    zero, one, half, fewer = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(FEWER)
+    mean, mean_of_less = work.ring[5, : len(total)], work.ring[6, : len(total)]
+    mean[:], mean_of_less[:] = 0.0, 0.0
+    for number in range(len(costs)):
+        cost, before = costs[number, : len(total)], np.float32(number)
+        for x in range(len(total)):
+            take = max(share[x] * count[x], one)
+            mean[x] += max(min(take - before, one), zero) * cost[x]
+            less = max(half * share[x] * count[x], one)
+            mean_of_less[x] += max(min(less - before, one), zero) * cost[x]
+    for x in range(len(total)):
+        take = max(share[x] * count[x], one)
+        less = max(half * share[x] * count[x], one)
+        total[x] += weight[x] * min(mean[x] / take, mean_of_less[x] / less + fewer)
+
+
+@compiled
+def decide(rings: Any, known: Any, work: Any, count: Any) -> None:
+    """Costs `decided` of `count` pixels by the sums of the sectors: of all views, and of those that see the place.
+
+    `rings` (r + 1,) has the first sector of each ring and the number of sectors; `known`: whether a first depth is.
+    """
+    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    out = work.decided[:count]
+    seeing, taken, share = work.ring[0, :count], work.ring[1, :count], work.ring[2, :count]
+    weight, every = work.ring[3, :count], work.ring[4, :count]
+    out[:], every[:] = 0.0, 0.0
+    for ring in range(len(rings) - 1):
+        first, last = rings[ring], rings[ring + 1]
+        seeing[:], taken[:], weight[:] = 0.0, 0.0, 0.0
+        if known:
+            for sector in range(first, last):
+                sees = work.weights[1, sector, :count]
+                for x in range(count):
+                    seeing[x] += one if sees[x] > zero else zero
+        for x in range(count):
+            share[x] = np.float32(SEEING_SHARE) if seeing[x] >= two else np.float32(BETTER_SHARE)
+        costs = work.sectors[: last - first]
+        for sector in range(first, last):
+            sums, weights = work.sums[0, sector, :count], work.weights[0, sector, :count]
+            if known:
+                sums_seeing, weights_seeing = work.sums[1, sector, :count], work.weights[1, sector, :count]
+                for x in range(count):
+                    sums[x] = sums_seeing[x] if seeing[x] >= two else sums[x]
+                for x in range(count):
+                    weights[x] = weights_seeing[x] if seeing[x] >= two else weights[x]
+            cost = costs[sector - first, :count]
+            for x in range(count):
+                cost[x] = sums[x] / weights[x] if weights[x] > zero else np.float32(UNSEEN)
+            for x in range(count):
+                taken[x] += one if weights[x] > zero else zero
+            for x in range(count):
+                weight[x] += weights[x]
+        _sorted(costs, count)
+        for x in range(count):
+            every[x] += weight[x]
+        _add_better(costs, taken, share, weight, work, out)
+    for x in range(count):
+        out[x] = out[x] / every[x] if every[x] > zero else np.float32(0.5 * TRUNCATION)

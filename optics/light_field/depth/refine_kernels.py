@@ -1,0 +1,215 @@
+"""The loops of the refinement: views compared at a depth map, and second differences."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.compiled import compiled
+from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.sweep import Sweep
+
+Float32 = NDArray[np.float32]
+
+OUTLIER = 3.0
+"""Multiple of the standard deviation from which on a view probably shows something else, in 3 x 3 pixels."""
+HIDING_PX = 1.0
+"""Motion of the farthest view by which a surface must be nearer to hide another."""
+
+
+class Pinhole(NamedTuple):
+    """A `Parallax` for planes of a sweep."""
+
+    focal: np.float32
+    cx: np.float32
+    cy: np.float32
+    x: np.float32
+    y: np.float32
+    z: np.float32
+    front: np.float32
+    reference: np.float32
+    first: np.float32
+    step: np.float32
+
+    @classmethod
+    def of(cls, view: Parallax, sweep: Sweep) -> Pinhole:
+        x, y, z = view.position_mm
+        numbers = (view.focal_px, *view.centre_px, x, y, z, 1.0 - z / view.reference_distance_mm)
+        further = (1.0 / view.reference_distance_mm, float(sweep.inverse_distances[0]), sweep.step)
+        return cls(*(np.float32(number) for number in (*numbers, *further)))
+
+
+class View(NamedTuple):
+    """Slopes of brightness (v, u, 2) of a view, its mask (v, u) of samples, and the nearest plane (v, u) it sees."""
+
+    slopes: Any
+    seen: Any
+    nearest: Any
+
+
+class Terms(NamedTuple):
+    """Sums (v, u) over the views.
+
+    Attributes
+    ----------
+    information, gradient
+        Of the squares of residuals by the plane: half of the second and of the first derivative.
+    agreeing, seeing
+        Sums of weights, and number of views that see the place.
+    squares
+        Weighted squares of residuals, in their variances.
+    """
+
+    information: Any
+    gradient: Any
+    agreeing: Any
+    seeing: Any
+    squares: Any
+
+
+@compiled
+def _cubic(t: Any, out: Any) -> None:
+    """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
+    half, one = np.float32(0.5), np.float32(1.0)
+    out[0] = ((-half * t + one) * t - half) * t
+    out[1] = (np.float32(1.5) * t - np.float32(2.5)) * t * t + one
+    out[2] = ((np.float32(-1.5) * t + np.float32(2.0)) * t + half) * t
+    out[3] = (half * t - half) * t * t
+
+
+@compiled
+def _compared(y: Any, planes: Any, own: Any, derivatives: Any, hole: Any, view: Any, hiding: Any, out: Any) -> None:
+    """Residuals of two slopes, their rise with the plane, and sight: rows of `out` (6, u), of row `y`."""
+    height, width = planes.shape
+    half, one = np.float32(0.5), np.float32(1.0)
+    across, down = np.empty(4, np.float32), np.empty(4, np.float32)
+    value = np.empty(2, np.float32)
+    for x in range(width):
+        plane = planes[y, x]
+        inverse = plane * hole.step + hole.first
+        grown = one / (one - hole.z * inverse)
+        scale = hole.front * grown
+        shift = hole.focal * (hole.reference - scale * inverse)
+        column = scale * (np.float32(x) - hole.cx) + (shift * hole.x + hole.cx)
+        row = scale * (np.float32(y) - hole.cy) + (shift * hole.y + hole.cy)
+        for part in range(6):
+            out[part, x] = 0.0
+        if not (column >= 0 and row >= 0 and column <= width - 1 and row <= height - 1):
+            continue
+        x0, y0 = int(column), int(row)
+        if view.seen[y0, x0] == 0:
+            continue
+        _cubic(column - np.float32(x0), across)
+        _cubic(row - np.float32(y0), down)
+        value[:] = 0.0
+        if x0 >= 1 and y0 >= 1 and x0 + 2 < width and y0 + 2 < height:
+            for j in range(4):
+                line = view.slopes[np.uint32(y0 - 1 + j)]
+                for c in range(2):
+                    part_of_row = np.float32(0.0)
+                    for i in range(4):
+                        part_of_row += across[i] * line[np.uint32(x0 - 1 + i), c]
+                    value[c] += down[j] * part_of_row
+        else:
+            for j in range(4):
+                line = view.slopes[min(max(y0 - 1 + j, 0), height - 1)]
+                for c in range(2):
+                    part_of_row = np.float32(0.0)
+                    for i in range(4):
+                        part_of_row += across[i] * line[min(max(x0 - 1 + i, 0), width - 1), c]
+                    value[c] += down[j] * part_of_row
+        along = scale * grown * hole.step
+        move_across = along * (hole.z * (np.float32(x) - hole.cx) - hole.focal * hole.x)
+        move_down = along * (hole.z * (np.float32(y) - hole.cy) - hole.focal * hole.y)
+        for c in range(2):
+            out[c, x] = value[c] - own[y, x, c]
+            out[2 + c, x] = derivatives[c, 0, y, x] * move_across + derivatives[c, 1, y, x] * move_down
+        out[4, x] = one
+        hidden = view.nearest[min(int(row + half), height - 1), min(int(column + half), width - 1)] > plane + hiding
+        out[5, x] = np.float32(0.0) if hidden else one
+
+
+@compiled
+def add_terms(
+    first: Any,
+    last: Any,
+    planes: Any,
+    own: Any,
+    derivatives: Any,
+    variance: Any,
+    hole: Any,
+    view: Any,
+    hiding: Any,
+    terms: Any,
+) -> None:
+    """Add what a view says of rows `first` to `last` of a map of planes (v, u).
+
+    `own` (v, u, 2), `derivatives` (2, 2, v, u) and `variance` (v, u) are those of the reference view's slopes.
+    """
+    height, width = planes.shape
+    top, bottom = max(first - 1, 0), min(last + 1, height)
+    rows = np.empty((bottom - top, 6, width), np.float32)
+    squares = np.empty((bottom - top, width), np.float32)
+    for y in range(top, bottom):
+        row = rows[y - top]
+        _compared(y, planes, own, derivatives, hole, view, hiding, row)
+        for x in range(width):
+            squares[y - top, x] = (row[0, x] * row[0, x] + row[1, x] * row[1, x]) / variance[y, x]
+    mean = np.empty(width, np.float32)
+    ninth, limit, one = np.float32(1.0 / 9.0), np.float32(1.0 / OUTLIER**2), np.float32(1.0)
+    for y in range(first, last):
+        # Beyond the border, pictures are mirrored at their last pixels.
+        above = y - 1 if y > 0 else 1
+        below = y + 1 if y < height - 1 else height - 2
+        for x in range(width):
+            mean[x] = (
+                squares[above - top, x] * rows[above - top, 5, x]
+                + squares[y - top, x] * rows[y - top, 5, x]
+                + squares[below - top, x] * rows[below - top, 5, x]
+            )
+        row = rows[y - top]
+        for x in range(width):
+            left, right = x - 1 if x > 0 else 1, x + 1 if x < width - 1 else width - 2
+            unlike = one + (mean[left] + mean[x] + mean[right]) * ninth * limit
+            weight = row[5, x] / (unlike * unlike)
+            say = weight / variance[y, x]
+            terms.information[y, x] += say * (row[2, x] * row[2, x] + row[3, x] * row[3, x])
+            terms.gradient[y, x] += say * (row[2, x] * row[0, x] + row[3, x] * row[1, x])
+            terms.agreeing[y, x] += weight
+            terms.seeing[y, x] += row[4, x]
+            terms.squares[y, x] += weight * squares[y - top, x]
+
+
+@compiled
+def bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any) -> None:
+    """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
+    height, width = values.shape
+    for y in range(height):
+        for x in range(width):
+            value = np.float32(2.0) * values[y, x]
+            bend_across[y, x], bend_down[y, x] = 0.0, 0.0
+            if 0 < x < width - 1:
+                bend_across[y, x] = across[y, x] * (values[y, x - 1] - value + values[y, x + 1])
+            if 0 < y < height - 1:
+                bend_down[y, x] = down[y, x] * (values[y - 1, x] - value + values[y + 1, x])
+
+
+@compiled
+def applied(held: Any, values: Any, bend_across: Any, bend_down: Any, out: Any) -> None:
+    """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
+    height, width = values.shape
+    two = np.float32(2.0)
+    for y in range(height):
+        for x in range(width):
+            total = -two * (bend_across[y, x] + bend_down[y, x])
+            if x > 0:
+                total += bend_across[y, x - 1]
+            if x < width - 1:
+                total += bend_across[y, x + 1]
+            if y > 0:
+                total += bend_down[y - 1, x]
+            if y < height - 1:
+                total += bend_down[y + 1, x]
+            out[y, x] = held[y, x] * values[y, x] + total

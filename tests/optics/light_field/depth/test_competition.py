@@ -1,0 +1,56 @@
+"""The competition of sectors, against sorting and averaging written out."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.light_field.depth.competition import BETTER_SHARE, FEWER, SEEING_SHARE, TRUNCATION, Work, decide
+
+PIXELS = 50
+
+
+def plainly(sums: Any, weights: Any, rings: Any, known: bool) -> float:
+    """The cost of one pixel of sums and weights (2, sectors)."""
+    total = every = 0.0
+    for first, last in pairwise(rings):
+        sees = known and (weights[1, first:last] > 0).sum() >= 2
+        kind = 1 if sees else 0
+        weight, cost = weights[kind, first:last], sums[kind, first:last]
+        ordered = np.sort(cost[weight > 0] / weight[weight > 0])
+        if len(ordered) == 0:
+            continue
+
+        def mean(take: float, of: Any = ordered) -> float:
+            shares = np.clip(take - np.arange(len(of)), 0.0, 1.0)
+            return float((shares * of).sum() / take)
+
+        share = SEEING_SHARE if sees else BETTER_SHARE
+        take, less = max(share * len(ordered), 1.0), max(0.5 * share * len(ordered), 1.0)
+        total += weight.sum() * min(mean(take), mean(less) + FEWER)
+        every += weight.sum()
+    return total / every if every > 0 else 0.5 * TRUNCATION
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("rings", [[0, 8], [0, 5, 8], [0, 1]])
+def test_the_better_part_of_each_ring_decides(known: bool, rings: list[int]) -> None:
+    random = np.random.default_rng(0)
+    weights = random.uniform(0.2, 1.0, (2, rings[-1], PIXELS)) * (random.uniform(size=(2, rings[-1], PIXELS)) < 0.6)
+    weights[:, :, 0] = 0.0
+    sums = weights * random.uniform(0.0, TRUNCATION, weights.shape)
+    expected = [plainly(sums[:, :, x], weights[:, :, x], rings, known) for x in range(PIXELS)]
+    work = Work(
+        sums.astype(np.float32),
+        weights.astype(np.float32),
+        np.empty((16, PIXELS), np.float32),
+        np.empty((7, PIXELS), np.float32),
+        np.empty((3, PIXELS), np.float32),
+        np.empty(PIXELS + 1, np.float32),
+        np.empty(PIXELS, np.float32),
+    )
+    decide(np.array(rings), known, work, PIXELS)
+    np.testing.assert_allclose(work.decided, expected, rtol=1e-4)
