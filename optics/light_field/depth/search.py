@@ -43,7 +43,7 @@ class Size:
 
     @classmethod
     def of(cls, views: Views, near_mm: float, far_mm: float, halvings: int, most: int = MOST_PLANES) -> Size:
-        """The size of views halved so often, with planes between two depths: fine ones if that takes no more than most."""
+        """The size of views halved so often, with planes between two depths: fine ones if no more than most."""
         for _ in range(halvings):
             views = halved(views)
         planes = plane_inverse_distances(views, near_mm, far_mm, COARSE_PX)

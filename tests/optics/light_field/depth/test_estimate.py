@@ -152,8 +152,8 @@ def test_what_cannot_tell_depth_is_refused(scene: Any) -> None:
     for near, far in ((500.0, 300.0), (-79.0, 300.0), (np.nan, 400.0)):
         with pytest.raises(InputError, match=r"expected two that grow, beyond -?\d+ mm"):
             DepthEstimator(light_field, near_mm=near, far_mm=far)
-    with pytest.raises(InputError, match=r"take \d+ planes between which no view moves by over 0\.5 px, expected 2048"):
-        DepthEstimator(light_field, near_mm=-72.0)
+    with pytest.raises(InputError, match=r"take \d+ planes between which no view moves by over 1 px, expected 2048"):
+        DepthEstimator(light_field, near_mm=-76.0)
 
 
 def test_a_light_field_of_other_views_or_weights_is_refused(scene: Any) -> None:

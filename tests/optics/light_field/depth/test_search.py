@@ -59,4 +59,4 @@ def test_planes_lie_farther_apart_where_there_are_too_many() -> None:
     fine = Size.of(views, NEAR_MM, FAR_MM, 0)
     coarse = Size.of(views, NEAR_MM, FAR_MM, 0, fine.sweep.planes // 2)
     assert fine.sweep.reach_px == pytest.approx(0.5, rel=0.05)
-    assert coarse.sweep.reach_px == pytest.approx(1.0, rel=0.05)
+    assert coarse.sweep.reach_px == pytest.approx(1.0, rel=0.1)
