@@ -197,7 +197,7 @@ def fill_costs(first: Any, last: Any, pictures: Any, motion: Any, ranges: Any, c
     )
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
-        low, count = ranges.low[top], ranges.count[top]
+        low, count = ranges.low[top], ranges.planes[top]
         for plane in range(low.min(), (low + count).max()):
             begin = 0
             while begin < width:
@@ -227,10 +227,10 @@ def average_weak(first: Any, last: Any, weak: Any, reach: Any, ranges: Any, cost
     """
     height, width = weak.shape
     squares = np.float32((2 * reach + 1) ** 2)
-    sums = np.empty(ranges.count.max(), np.float32)
+    sums = np.empty(ranges.planes.max(), np.float32)
     for y in range(first, last):
         for x in range(width):
-            low, count, start = ranges.low[y, x], ranges.count[y, x], ranges.start[y, x]
+            low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
             own, result = costs[start : start + count], out[start : start + count]
             if not weak[y, x] > 0:
                 result[:] = own
@@ -241,7 +241,7 @@ def average_weak(first: Any, last: Any, weak: Any, reach: Any, ranges: Any, cost
                 for dx in range(-reach, reach + 1):
                     j, i = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
                     a = max(low, ranges.low[j, i])
-                    b = max(a, min(low + count, ranges.low[j, i] + ranges.count[j, i]))
+                    b = max(a, min(low + count, ranges.low[j, i] + ranges.planes[j, i]))
                     theirs = costs[
                         ranges.start[j, i] + a - ranges.low[j, i] : ranges.start[j, i] + b - ranges.low[j, i]
                     ]

@@ -151,7 +151,7 @@ class Refiner:
         """The match at a map (v, u), and the gradient that goes with its information."""
         nearest = nearest_planes(planes, self.sweep, self.run)
         views = [View(each.slopes, each.seen, surface) for each, surface in zip(others, nearest, strict=True)]
-        derivatives = np.stack([slopes_of(slope) for slope in cv2.split(reference.slopes)])
+        derivatives = np.stack([slopes_of(reference.slopes[..., way]) for way in range(2)])
         detail: Any = cv2.blur(np.square(derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
         variance = np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail
         hiding = np.float32(HIDING_PX / self.sweep.reach_px)

@@ -84,7 +84,7 @@ def _path(
     height, width = ranges.low.shape
     path, on = work[0], work[1]
     carried = np.float32(0.0)
-    low, count, start = ranges.low[y, x], ranges.count[y, x], ranges.start[y, x]
+    low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
     path[2 : count + 2] = costs[start : start + count]
     sums = total[start : start + count]
     for plane in range(count):
@@ -108,7 +108,7 @@ def _path(
         leaving = max(np.float32(LEAST_RATIO) * np.float32(next_plane), np.float32(penalties.any_plane) * kept)
         offset = ranges.low[y, x] - shift - low
         before = count
-        low, count, start = ranges.low[y, x], ranges.count[y, x], ranges.start[y, x]
+        low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
         own, sums = costs[start : start + count], total[start : start + count]
         _step(path, before, offset, least, np.uint16(leaving), next_plane, own, on)
         for plane in range(count):
@@ -123,7 +123,7 @@ def _paths(
 ) -> None:
     """All lines `first` to `last` of one direction: from the first row, then from the first column."""
     height, width = ranges.low.shape
-    work = np.empty((2, ranges.count.max() + 4), np.uint16)
+    work = np.empty((2, ranges.planes.max() + 4), np.uint16)
     for line in range(first, last):
         if dy == 0:
             y, x = line, 0 if dx > 0 else width - 1
@@ -178,7 +178,7 @@ def _least(first: Any, last: Any, ranges: Any, total: Any, costs: Any, doubtful:
     one = np.float32(1.0)
     for y in range(first, last):
         for x in range(ranges.low.shape[1]):
-            start, planes = ranges.start[y, x], ranges.count[y, x]
+            start, planes = ranges.start[y, x], ranges.planes[y, x]
             sums = total[start : start + planes]
             at = 0
             for plane in range(1, planes):

@@ -91,8 +91,13 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     direction = np.round(angle / (2.0 * np.pi / DIRECTIONS)).astype(np.int64) % DIRECTIONS
     sectors, sector = np.unique(ring * DIRECTIONS + direction, return_inverse=True)
     step = float(inverse_distances[1] - inverse_distances[0])
+    scale, across, down = (
+        np.ascontiguousarray(matrices[:, :, row, column], np.float32) for row, column in ((0, 0), (0, 2), (1, 2))
+    )
     motion = Motion(
-        *(np.ascontiguousarray(matrices[:, :, row, column], np.float32) for row, column in ((0, 0), (0, 2), (1, 2))),
+        scale,
+        across,
+        down,
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
         (distance / distance.max()).astype(np.float32),

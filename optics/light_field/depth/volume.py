@@ -25,20 +25,20 @@ class Ranges(NamedTuple):
 
     Attributes
     ----------
-    low, count
+    low, planes
         First plane and number of planes, int32.
     start
         Index of the cost of the first plane, int64.
     """
 
     low: NDArray[np.int32]
-    count: NDArray[np.int32]
+    planes: NDArray[np.int32]
     start: NDArray[np.int64]
 
     @property
     def cells(self) -> int:
         """Number of costs."""
-        return int(self.start[-1, -1] + self.count[-1, -1])
+        return int(self.start[-1, -1] + self.planes[-1, -1])
 
     @classmethod
     def of(cls, low: NDArray[np.int32], count: NDArray[np.int32]) -> Ranges:

@@ -39,10 +39,10 @@ def test_a_tile_is_searched_around_all_that_is_known_near_it(shape: tuple[int, i
             low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - FEWEST_PLANES)
             high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
             assert (ranges.low[tile] == low).all()
-            assert (ranges.low[tile] + ranges.count[tile] == high).all()
+            assert (ranges.low[tile] + ranges.planes[tile] == high).all()
 
 
 def test_where_there_are_few_planes_all_are_searched() -> None:
     ranges = range_around(np.full((16, 16), 1.0, np.float32), FEWEST_PLANES)
     assert (ranges.low == 0).all()
-    assert (ranges.count == FEWEST_PLANES).all()
+    assert (ranges.planes == FEWEST_PLANES).all()
