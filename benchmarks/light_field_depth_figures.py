@@ -83,7 +83,7 @@ def _distributions(near: Axes, exceed: Axes, scenes: Sequence[MeasuredScene]) ->
     exceed.set(xlim=(0.0, MOST_SIGMAS), ylim=(1e-4, 1.0), yscale="log", ylabel="share of errors beyond")
     exceed.set_title("Their tails", fontsize=11)
     near.legend(fontsize=9, loc="lower right")
-    exceed.legend(fontsize=9, loc="lower left")
+    exceed.legend(fontsize=9, loc="best")
     for axes in (near, exceed):
         axes.set_xlabel("|error| / sigma")
         axes.grid(alpha=0.3, linewidth=0.5)
