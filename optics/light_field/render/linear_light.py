@@ -41,3 +41,9 @@ def levels_from_light(light: Float32) -> Float32:
     bright = root * np.float32(1.0 + OFFSET) - np.float32(OFFSET)
     levels = np.where(flat > np.float32(TOE), bright, flat * np.float32(TOE_SLOPE))
     return np.asarray(levels, dtype=np.float32).reshape(light.shape)
+
+
+def light_per_level(light: Float32) -> Float32:
+    """Derivative (...) of light by grey levels, both 1 of white, at a light (...); that of black below none."""
+    slope = EXPONENT / (1.0 + OFFSET) * np.power(np.maximum(light, 0.0), (EXPONENT - 1.0) / EXPONENT)
+    return np.where(light > TOE, slope, 1.0 / TOE_SLOPE).astype(np.float32)

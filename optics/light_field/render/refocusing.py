@@ -20,14 +20,13 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
+from mirrorcam.optics.light_field.render.super_resolution import super_resolved
 
 Float32 = NDArray[np.float32]
 Combine = Literal["mean", "median"]
 
 SEEN = 1e-3
 """Weight below which a pixel has no sample."""
-SUPER_STEPS = 3
-"""Steps of back-projection: more sharpen noise rather than pictures."""
 LARGEST_SCALE = 8
 STEEPEST_DEG = 85.0
 ROWS_AT_ONCE = 64
@@ -128,7 +127,7 @@ def refocus(
     *,
     combine: Combine = "mean",
     view_weights: Float32 | None = None,
-    scale: int = 1,
+    scale: float = 1.0,
 ) -> RenderedPicture:
     """Render the picture in focus on a plane, in the frame of the reference view.
 
@@ -143,9 +142,9 @@ def refocus(
     view_weights
         (t, s) weights of the views, for the mean.
     scale
-        Pixels of the picture along one of a view. From two on, what the picture would show in each view is compared
-        with what it shows, and the difference is put back: views that sample in between each other's pixels resolve
-        more than one does.
+        Pixels of the picture along one of a view. Beyond one, the picture is sought that explains all samples
+        (`super_resolved`): views that sample in between each other's pixels resolve more than one does. With the
+        median, least absolute differences count.
 
     Returns
     -------
@@ -159,14 +158,13 @@ def refocus(
 
     Notes
     -----
-    Samples are taken for grey levels of sRGB: means are of their light, and coded as sRGB again. Super-resolution is by
-    back-projection (Irani and Peleg, CVGIP 1991; by the median, Zomet et al., CVPR 2001).
+    Samples are taken for grey levels of sRGB: means are of their light, and coded as sRGB again.
     """
     if view_weights is not None and combine != "mean":
         raise ValueError(f"{combine=} with weights of views, expected the mean")
     if not 1 <= scale <= LARGEST_SCALE:
-        raise InputError(f"scale of {scale}, expected 1 to {LARGEST_SCALE}")
-    size = light_field.width_px * scale, light_field.height_px * scale
+        raise InputError(f"scale of {scale:g}, expected 1 to {LARGEST_SCALE}")
+    size = round(light_field.width_px * scale), round(light_field.height_px * scale)
     # Pixel centres: the first of `scale` lies (1 - scale) / (2 scale) from that of the view's pixel.
     coarse_from_fine = np.diag([1.0 / scale, 1.0 / scale, 1.0])
     coarse_from_fine[:2, 2] = (1.0 - scale) / (2.0 * scale)
@@ -175,39 +173,49 @@ def refocus(
     matrices = [homography(light_field, index, plane) @ coarse_from_fine for index in indices]
     views = [_weighted_light(light_field, index) for index in indices]
 
-    def gathered(parts: Sequence[Float32]) -> RenderedPicture:
-        def warped(part: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
-            shown = _warped(part, matrix, size)
-            if view_weights is not None:
-                shown *= view_weights[index]
-            return shown
-
-        shown = pool.map(warped, parts, matrices, indices)
-        total = median_of(list(shown)) if combine == "median" else _sum(shown)
-        if seen is not None:
-            total *= seen[..., None]
-        return picture_of(total)
+    def warped(view: Float32, matrix: FloatArray, index: tuple[int, int]) -> Float32:
+        shown = _warped(view, matrix, size)
+        if view_weights is not None:
+            shown *= view_weights[index]
+        return shown
 
     with ThreadPoolExecutor(max(1, cv2.getNumThreads())) as pool:
-        picture = gathered(views)
-        for _ in range(SUPER_STEPS if scale > 1 else 0):
-            # A pixel of a view integrates over `scale` pixels, whose variance a Gaussian takes here.
-            flat = np.concatenate([picture.image, picture.valid[..., None]], axis=-1, dtype=np.float32)
-            soft = cv2.GaussianBlur(flat, (0, 0), scale / np.sqrt(12.0))
-            missing = list(pool.map(_missing, views, [soft] * len(views), matrices))
-            picture = RenderedPicture(picture.image + gathered(missing).image, picture.weights)
+        shown = pool.map(warped, views, matrices, indices)
+        total = median_of(list(shown)) if combine == "median" else _sum(shown)
+    if seen is not None:
+        total *= seen[..., None]
+    picture = picture_of(total)
+    if scale > 1:
+        picture = _finer(picture, views, indices, matrices, view_weights, scale, combine)
     return RenderedPicture(levels_from_light(picture.image), picture.weights)
 
 
-def _missing(view: Float32, picture: Any, matrix: FloatArray) -> Float32:
-    """Difference of a view (v, u, c + 1), weighted as it is, from what a picture (h, w, c + 1) would show in it."""
-    height, width = view.shape[:2]
-    weight = view[..., -1:]
-    there = _warped(picture, np.linalg.inv(matrix), (width, height))
-    share = there[..., -1:]
-    expected = np.divide(there[..., :-1], share, out=np.zeros_like(there[..., :-1]), where=share > 0.5)
-    difference = np.where(share > 0.5, view[..., :-1] - expected * weight, np.float32(0.0))
-    return np.concatenate([difference, weight], axis=-1, dtype=np.float32)
+def _finer(
+    picture: RenderedPicture,
+    views: Sequence[Float32],
+    indices: Sequence[tuple[int, int]],
+    matrices: Sequence[FloatArray],
+    view_weights: Float32 | None,
+    scale: float,
+    combine: Combine,
+) -> RenderedPicture:
+    """The picture of light with what views (v, u, c + 1), weighted light and weights, show between its pixels."""
+    weights = [view[..., -1] for view in views]
+    light = [
+        np.divide(view[..., :-1], view[..., -1:], out=np.zeros_like(view[..., :-1]), where=view[..., -1:] > 0)
+        for view in views
+    ]
+    if view_weights is not None:
+        weights = [weight * view_weights[index] for weight, index in zip(weights, indices, strict=True)]
+    image = super_resolved(
+        light,
+        weights,
+        [np.asarray(np.linalg.inv(matrix), dtype=np.float64) for matrix in matrices],
+        picture.image,
+        scale,
+        least_absolute=combine == "median",
+    )
+    return RenderedPicture(image * picture.valid[..., None], picture.weights)
 
 
 def premultiplied(light_field: LightField, index: tuple[int, int]) -> Float32:

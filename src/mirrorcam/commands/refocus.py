@@ -44,7 +44,9 @@ class RefocusOptions(LightFieldsOptions):
             "how views are combined: median suppresses what few of them show, weighted favours the central ones"
         ),
     )
-    scale: int = Bounds(1, 8).field(1, "super-sampling: picture pixels per view pixel, along each side")
+    scale: float = Bounds(1, 8).field(
+        1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"
+    )
     between: int = Bounds(0, 8).field(
         0, "views to interpolate between neighbours, by measured depth: what is out of focus blurs without ghost edges"
     )

@@ -68,7 +68,7 @@ class RefocusRequest:
     depths_mm: tuple[float, ...] = ()
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     combine: Literal["mean", "median", "weighted"] = "mean"
-    scale: int = 1
+    scale: float = 1.0
     between: int = 0
     all_in_focus: bool = False
     from_mm: tuple[float, float] | None = None

@@ -86,6 +86,12 @@ def test_planes_are_tilted_and_super_sampled(inputs: Path, tmp_path: Path) -> No
     assert sharpness(tilted, edge) > 1.5 * sharpness(turned, edge)
 
 
+def test_a_scale_may_lie_between_whole_numbers(inputs: Path, tmp_path: Path) -> None:
+    path = str(inputs / "card.npz")
+    assert main(["refocus", path, "--depth-mm", "480", "--scale", "1.5", "--out", str(tmp_path)]) == 0
+    assert read_image(tmp_path / "card_focus_480mm.png").shape == (135, 180, 3)
+
+
 def test_everything_is_sharp_seen_from_elsewhere_and_past_the_card(
     inputs: Path, tmp_path: Path, light_field: LightField, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -162,7 +168,7 @@ def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: 
         (["refocus", "card.npz", "--from-mm", "80", "0"], "place (80, 0) mm lies outside the views"),
         (["refocus", "card.npz", "--from-mm", "nan", "0"], "--from-mm nan: Input should be a finite number"),
         (["refocus", "card.npz", "--depth-mm", "nan"], "--depth-mm nan: "),
-        (["refocus", "card.npz", "--scale", "9"], "--scale 9: Input should be less than or equal to 8"),
+        (["refocus", "card.npz", "--scale", "9"], "--scale 9.0: Input should be less than or equal to 8"),
         (["refocus", "card.npz", "--orbit", "avi"], "invalid choice 'avi'"),
         (
             ["refocus", "card.npz", "--all-in-focus", "--near-mm", "600", "--far-mm", "400"],

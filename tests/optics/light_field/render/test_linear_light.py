@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
+from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels, light_per_level
 
 
 def test_known_levels_are_known_light() -> None:
@@ -24,3 +24,10 @@ def test_levels_come_back() -> None:
 def test_what_overshoots_stays_in_order() -> None:
     levels = levels_from_light(np.array([[-0.1, -0.01, 0.0, 0.9, 1.0, 1.2]], np.float32))
     assert (np.diff(levels) > 0).all()
+
+
+def test_light_per_level_is_the_derivative() -> None:
+    levels, step = np.array([[0.02, 0.1, 0.5, 0.9]], np.float32), np.float32(1e-3)
+    slope = (light_from_levels(levels + step) - light_from_levels(levels - step)) / (2 * step)
+    np.testing.assert_allclose(light_per_level(light_from_levels(levels)), slope, rtol=2e-3)
+    assert light_per_level(np.array([-0.5], np.float32)) == light_per_level(np.zeros(1, np.float32))

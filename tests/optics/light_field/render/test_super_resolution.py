@@ -1,0 +1,123 @@
+"""Super-resolution of views whose pixels integrate sine waves in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.light_field.render.super_resolution import roughness, steps_count, super_resolved
+
+Float32 = NDArray[np.float32]
+
+SIDE, CONTRAST = 48, 0.3
+SHIFTS = np.stack(np.meshgrid([-1.3, 0.0, 0.7], [0.4, 0.0, 2.3]), axis=-1).reshape(-1, 2)
+INNER = slice(16, -16), slice(16, -16)
+
+
+def wave(frequency: float, scale: float, shift: FloatArray) -> Float32:
+    """Light (v, u, 1) of a wave to the right with its part down, over pixels of a view (scale 1) or finer ones."""
+    at = (np.arange(round(SIDE * scale)) + 0.5) / scale - 0.5
+    phase = 2.0 * np.pi * frequency * (at[None] + shift[0])
+    down = 0.5 + 0.5 * np.cos(2.0 * np.pi * (at[:, None] + shift[1]) / 40.0)
+    light = 0.5 + CONTRAST * np.sinc(frequency / scale) * np.cos(phase) * down
+    return np.asarray(light[..., None], dtype=np.float32)
+
+
+def solved(
+    views: list[Float32], scale: float, shifts: FloatArray = SHIFTS, *, least_absolute: bool = False
+) -> tuple[Float32, Float32]:
+    """The picture found, and the mean of the views that it starts from."""
+    to_fine, matrices = np.diag([scale, scale, 1.0]), []
+    to_fine[:2, 2] = (scale - 1.0) / 2.0
+    size = (round(SIDE * scale),) * 2
+    total = np.zeros(size)
+    for view, shift in zip(views, shifts, strict=True):
+        moved = np.eye(3)
+        moved[:2, 2] = shift
+        matrices.append(to_fine @ moved)
+        total = total + cv2.warpAffine(view, matrices[-1][:2], size, borderMode=cv2.BORDER_REPLICATE)
+    mean = np.asarray(total / len(views), dtype=np.float32)[..., None]
+    weights = [np.ones((SIDE, SIDE), np.float32)] * len(views)
+    return super_resolved(views, weights, matrices, mean, scale, least_absolute=least_absolute), mean
+
+
+def noisy(views: Iterator[Float32], level: float = 0.003) -> list[Float32]:
+    random = np.random.default_rng(0)
+    return [(view + random.normal(0.0, level, view.shape)).astype(np.float32) for view in views]
+
+
+def rms(difference: Float32) -> float:
+    return float(np.sqrt(np.square(difference[INNER]).mean()))
+
+
+@pytest.mark.parametrize(("scale", "frequency"), [(1.5, 0.62), (2.0, 0.62), (2.0, 0.8)])
+@pytest.mark.parametrize("least_absolute", [False, True])
+def test_waves_finer_than_a_view_samples_are_found(scale: float, frequency: float, least_absolute: bool) -> None:
+    true = wave(frequency, scale, np.zeros(2))
+    views = noisy(wave(frequency, 1.0, shift) for shift in SHIFTS)
+    found, mean = solved(views, scale, least_absolute=least_absolute)
+    assert found.shape == true.shape
+    assert found.dtype == np.float32
+    assert rms(found - true) < 0.3 * rms(mean - true)
+    assert rms(found - true) < 0.3 * rms(true - 0.5)
+
+
+def test_views_that_do_not_show_the_plane_leave_the_start_as_it_is() -> None:
+    random = np.random.default_rng(1)
+    views = []
+    for _ in SHIFTS:
+        grains = cv2.GaussianBlur(random.normal(0.5, 0.6, (SIDE, SIDE)), (0, 0), 1.0)
+        views.append(grains.astype(np.float32)[..., None])
+    flat = [np.where(np.arange(SIDE)[:, None, None] < SIDE // 2, view, np.float32(0.5)) for view in views]
+    found, mean = solved(noisy(iter(flat)), 2.0)
+    away = slice(16, SIDE - 12), slice(16, -16)
+    assert np.abs(found - mean)[away].max() < 0.02
+
+
+def test_least_absolute_differences_leave_out_what_one_view_shows() -> None:
+    views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
+    true = wave(0.62, 2.0, np.zeros(2))
+    views[3][20:28, 20:28] = 1.0
+    squares, absolute = (solved(views, 2.0, least_absolute=each)[0] for each in (False, True))
+    spot = slice(36, 60), slice(36, 60)
+    errors = [float(np.abs(found - true)[spot].max()) for found in (squares, absolute)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_samples_without_weight_count_for_nothing() -> None:
+    views = noisy(wave(0.62, 1.0, shift) for shift in SHIFTS)
+    to_fine = np.diag([2.0, 2.0, 1.0])
+    to_fine[:2, 2] = 0.5
+    matrices = []
+    for shift in SHIFTS:
+        moved = np.eye(3)
+        moved[:2, 2] = shift
+        matrices.append(to_fine @ moved)
+    weights = [np.ones((SIDE, SIDE), np.float32) for _ in views]
+    weights[2][10:20] = 0.0
+    start = np.full((2 * SIDE, 2 * SIDE, 1), 0.5, np.float32)
+    found = super_resolved(views, weights, matrices, start, 2.0)
+    views[2] = np.where(weights[2][..., None] > 0, views[2], np.float32(0.0))
+    np.testing.assert_allclose(super_resolved(views, weights, matrices, start, 2.0)[INNER], found[INNER], atol=2e-3)
+
+
+def test_roughness_is_half_the_gradient_of_its_energy() -> None:
+    random = np.random.default_rng(2)
+    picture = random.normal(size=(2, 9, 11)).astype(np.float32)
+    counts = steps_count(picture, np.float32(0.5))
+    assert all(each.min() > 0.0 and each.max() <= 1.0 for each in counts)
+
+    def energy(picture: NDArray[np.floating]) -> float:
+        return sum(
+            float((counts[axis - 1] * np.square(np.diff(picture.astype(np.float64), axis=axis))).sum())
+            for axis in (1, 2)
+        )
+
+    way, step = random.normal(size=picture.shape), 1e-4
+    slope = (energy(picture + step * way) - energy(picture - step * way)) / (2.0 * step)
+    assert float((2.0 * roughness(picture, counts) * way).sum()) == pytest.approx(slope, rel=1e-4)
