@@ -1,0 +1,177 @@
+"""Noise and lighting of a video of light fields, measured from frame to frame in small blocks of each view.
+
+Noise is what differs where nothing moves. The first difference of consecutive frames shows it, and what moves; the
+second cancels slow motion. In each class of brightness a low quantile of many blocks counts, so that what moves may be
+most of the picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.compiled import compiled
+from mirrorcam.optics.light_field.light_field import LightField
+
+Float32 = NDArray[np.float32]
+
+BLOCK_PX = 6
+STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
+"""Distance of the blocks, and that in views of fewer pixels."""
+BINS, LEVELS = 16, 256
+"""Classes of brightness in which noise is measured, and entries of the tables that it is looked up in."""
+FEWEST_BLOCKS = 12
+LOW_QUANTILE, LOW_OF_MEAN = 0.25, 0.85
+"""Quantile of the blocks of a class that counts, and that quantile of independent noise, in its variance."""
+ROUNDING = 1.0 / 12.0 / 255.0**2
+"""Variance of rounding to 8 bits, which noise has at least; floating-point samples have LEAST."""
+LEAST = 1e-10
+SLOWLY, QUICKLY = 1.0 / 16.0, 0.5
+"""Share of a frame in the noise so far where it has more and where it has less: more may be motion."""
+DARK = 16.0 / 255.0
+"""Brightness below which a block says nothing of the lighting."""
+LEAST_GAIN, MOST_GAIN = 0.5, 2.0
+MEDIAN_ERROR = 1.86
+"""Standard error of a median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Samples of blocks (k, m, n, p, c) of all views, 0 to 1, and what they differ by from the frame before or None."""
+
+    samples: Float32
+    differences: Float32 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Variance of a sample's noise by brightness, in BINS classes from 0 to 1.
+
+    `colours` (BINS,) is the sum over the channels, `brightness` (BINS,) that of their mean.
+    """
+
+    colours: Float32
+    brightness: Float32
+
+    def tables(self) -> tuple[Float32, Float32]:
+        """Both as tables of LEVELS entries, from brightness 0 to 1."""
+        places, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
+        first, second = (np.interp(places, centres, curve) for curve in (self.colours, self.brightness))
+        return first.astype(np.float32), second.astype(np.float32)
+
+    def followed(self, new: Noise) -> Noise:
+        """The noise after a frame that says `new`."""
+
+        def one(old: Float32, now: Float32) -> Float32:
+            rate = np.where(now > old, np.float32(SLOWLY), np.float32(QUICKLY))
+            return np.asarray(old + rate * (now - old))
+
+        return Noise(one(self.colours, new.colours), one(self.brightness, new.brightness))
+
+
+def top(light_field: LightField) -> np.float32:
+    """Sample of full brightness: 255 of 8 bits, and 1."""
+    return np.float32(255.0 if light_field.samples.dtype == np.uint8 else 1.0)
+
+
+def blocks(light_field: LightField) -> Blocks:
+    """Blocks of all views, K of them, in a grid (m, n) with p pixels each."""
+    samples: Any = light_field.samples
+    rows, cols, height, width, channels = samples.shape
+    stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW else STRIDE_PX
+    down, across = height // stride, width // stride
+    cut = samples[:, :, : down * stride, : across * stride]
+    first = (stride - BLOCK_PX) // 2
+    inner = slice(first, first + BLOCK_PX)
+    parts = cut.reshape(rows * cols, down, stride, across, stride, channels)[:, :, inner, :, inner]
+    parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / top(light_field)
+    return Blocks(parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels))
+
+
+def means(of: Blocks) -> Float32:
+    """Means (k, m, n, c) of blocks."""
+    return np.asarray(of.samples.mean(axis=3))
+
+
+def lighting(now: Float32, before: Float32) -> Float32:
+    """Gains (k, m, c) that bring what was before to the brightness of now, of means (k, m, n, c) of blocks.
+
+    Each row of blocks has its own: mains flicker differs between the rows of a rolling shutter. The median of a row
+    leaves out what moves; a gain within twice its standard error of one is one.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where((now > DARK) & (before > DARK), now / before, np.float32(1.0))
+    gains = np.median(ratio, axis=2)
+    error = MEDIAN_ERROR / np.sqrt(ratio.shape[2]) * np.median(np.abs(ratio - gains[:, :, None]), axis=2)
+    gains = np.where(np.abs(gains - 1.0) > 2.0 * error, gains, 1.0)
+    # No frequency of a binomial filter is negative: what is corrected in a row does not grow in the next frame.
+    wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
+    smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
+    return np.clip(smooth, LEAST_GAIN, MOST_GAIN).astype(np.float32)
+
+
+def differing(now: Blocks, before: Blocks, gains: Float32) -> Blocks:
+    """The blocks of a frame with what they differ by from those before, at gains (k, m, c)."""
+    return replace(now, differences=now.samples - gains[:, :, None, None] * before.samples)
+
+
+@compiled
+def _energies(first: Any, previous: Any, gains: Any, out: Any) -> None:
+    """Variances (2, k, m, n) of noise that blocks show: summed over the channels, and of their mean."""
+    views, down, across, pixels, channels = first.shape
+    for k in range(views):
+        for m in range(down):
+            for n in range(across):
+                one, two = np.float32(0.0), np.float32(0.0)
+                one_mean, two_mean = np.float32(0.0), np.float32(0.0)
+                for p in range(pixels):
+                    total, total_two = np.float32(0.0), np.float32(0.0)
+                    for c in range(channels):
+                        a = first[k, m, n, p, c]
+                        one += a * a
+                        total += a
+                        if len(previous) > 0:
+                            b = a - gains[k, m, c] * previous[k, m, n, p, c]
+                            two += b * b
+                            total_two += b
+                    one_mean += total * total
+                    two_mean += total_two * total_two
+                # Differences of two samples have twice the variance, second ones (1, -2, 1) six times.
+                if len(previous) > 0:
+                    one = min(one, two / np.float32(3.0))
+                    one_mean = min(one_mean, two_mean / np.float32(3.0))
+                half = np.float32(0.5) / np.float32(pixels)
+                out[0, k, m, n] = half * one
+                out[1, k, m, n] = half * one_mean / np.float32(channels * channels)
+
+
+def noise(now: Blocks, before: Blocks, gains: Float32, least: float) -> Noise:
+    """The noise that a frame shows beside the one before, `least` or more; at gains (k, m, c)."""
+    first = now.differences
+    assert first is not None
+    found = np.empty((2, *first.shape[:3]), np.float32)
+    previous = np.empty((0, *first.shape[1:]), np.float32) if before.differences is None else before.differences
+    _energies(first, previous, gains, found)
+    level = np.minimum((means(now).mean(axis=-1) * BINS).astype(np.int64), BINS - 1).ravel()
+    channels = first.shape[-1]
+    curves = [
+        _by_level(energies.ravel(), level, least * part)
+        for energies, part in zip(found, (channels, 1.0 / channels), strict=True)
+    ]
+    return Noise(*curves)
+
+
+def _by_level(energies: Float32, level: NDArray[np.int64], least: float) -> Float32:
+    """The low quantile (BINS,) of energies (n,) in each class; classes of few blocks are between their neighbours."""
+    found = np.full(BINS, np.nan)
+    for number in range(BINS):
+        own = energies[level == number]
+        if len(own) >= FEWEST_BLOCKS:
+            found[number] = np.quantile(own, LOW_QUANTILE) / LOW_OF_MEAN
+    known = np.flatnonzero(np.isfinite(found))
+    if not len(known):
+        found[:], known = np.quantile(energies, LOW_QUANTILE) / LOW_OF_MEAN, np.arange(BINS)
+    return np.maximum(np.interp(np.arange(BINS), known, found[known]), least).astype(np.float32)
