@@ -9,8 +9,7 @@ own stands beside that of frames filtered in time. `... speed` times both.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any

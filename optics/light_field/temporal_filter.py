@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal_noise import (
     LEAST,
     ROUNDING,
@@ -40,6 +40,9 @@ LIKE, UNLIKE = 1.6, 2.4
 """Mean squared difference over a square, in that of noise, from which memory shrinks and from which nothing is left."""
 STEADY, DRIFTING = 1.8, 3.0
 """The same of the running mean of the difference."""
+AREA_PX = 16
+CALM, RESTLESS = 0.2, 0.6
+"""Share of an area that changed in the frame before, up to which memory is whole, and from which on there is none."""
 DRIFT_SHARE = 0.25
 """Share of a frame in that running mean."""
 MOST = 100.0
@@ -74,9 +77,11 @@ def _filter(
     colours: Any,
     brightness: Any,
     drift_variance: Any,
+    most_frames: Any,
     out: Any,
     out_count: Any,
     out_drift: Any,
+    out_changed: Any,
 ) -> None:
     """Filter one view: new (v, u, c), mean (v, u, c), count and drift (v, u), gain (v, c); tables by brightness."""
     height, width, channels = new.shape
@@ -134,7 +139,8 @@ def _filter(
             alike = (unlike - parts[0, x] * pixels) / (unlike - like)
             still = (drifting - parts[1, x] * pixels) / (drifting - steady)
             kept = max(min(min(alike, one), min(still, one)), np.float32(0.0))
-            times = min(count[y, x] * kept, np.float32(MEMORY - 1)) + one
+            out_changed[y // AREA_PX, x // AREA_PX] += one - kept
+            times = min(count[y, x] * kept, most_frames[y // AREA_PX, x // AREA_PX] - one) + one
             part = one / times
             rest = one - part
             out_count[y, x] = times
@@ -150,8 +156,17 @@ class _State:
     light_field: LightField
     count: Float32
     drift: Float32
+    most_frames: Float32
     blocks: Blocks
     noise: Noise | None
+
+    @classmethod
+    def of(cls, light_field: LightField, own: Blocks) -> _State:
+        """The state after the first light field."""
+        height, width = light_field.height_px, light_field.width_px
+        shape = (light_field.rows * light_field.cols, height, width)
+        most = np.full((-(-height // AREA_PX), -(-width // AREA_PX)), MEMORY, np.float32)
+        return cls(light_field, np.ones(shape, np.float32), np.zeros(shape, np.float32), most, own, None)
 
 
 class TemporalFilter:
@@ -177,8 +192,7 @@ class TemporalFilter:
         """
         before, now = self._state, blocks(light_field)
         if before is None or not _alike(before.light_field, light_field):
-            shape = (light_field.rows * light_field.cols, light_field.height_px, light_field.width_px)
-            self._state = _State(light_field, np.ones(shape, np.float32), np.zeros(shape, np.float32), now, None)
+            self._state = _State.of(light_field, now)
             return light_field
         gains = lighting(means(now), means(blocks(before.light_field)))
         now = differing(now, before.blocks, gains)
@@ -195,6 +209,7 @@ class TemporalFilter:
             old = old.astype(np.float32) / np.float32(255.0)
         samples = np.empty(new.shape, np.float32)
         count, drift = np.empty_like(before.count), np.empty_like(before.drift)
+        changed = np.zeros((len(new), *before.most_frames.shape), np.float32)
         tables, rows = measured.tables(), _rows(gains, new.shape[1])
 
         def one(view: int) -> None:
@@ -207,14 +222,16 @@ class TemporalFilter:
                 rows[view],
                 *tables,
                 DRIFT_VARIANCE,
+                before.most_frames,
                 samples[view],
                 count[view],
                 drift[view],
+                changed[view],
             )
 
         list(self._run(one, range(len(new))))
         filtered = LightField.of(light_field, samples.reshape(light_field.samples.shape), light_field.weights)
-        return _State(filtered, count, drift, now, measured)
+        return _State(filtered, count, drift, _most_frames(changed, new.shape[1:3]), now, measured)
 
 
 def _by_view(light_field: LightField) -> Any:
@@ -236,3 +253,11 @@ def _rows(gains: Float32, height: int) -> Float32:
     part = (place - above.astype(np.float32))[:, None]
     below = np.minimum(above + 1, down - 1)
     return np.ascontiguousarray(gains[:, above] + part * (gains[:, below] - gains[:, above]))
+
+
+def _most_frames(changed: Float32, shape: tuple[int, int]) -> Float32:
+    """Frames (i, j) that are averaged at most in areas of AREA_PX, of the samples (k, i, j) of views that changed."""
+    rows, columns = (np.minimum(AREA_PX, side - np.arange(0, side, AREA_PX)) for side in shape)
+    share: Any = cv2.blur(changed.mean(axis=0) / np.outer(rows, columns).astype(np.float32), (3, 3))
+    part = np.clip((RESTLESS - share) / (RESTLESS - CALM), 0.0, 1.0)
+    return np.asarray(1.0 + (MEMORY - 1) * part, dtype=np.float32)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.camera_addresses import camera
 from mirrorcam.optics.light_field.io.frames import Lost
 from mirrorcam.optics.light_field.io.ros_messages import Published, frame_messages, latched_messages, stamp_ns
@@ -63,10 +63,11 @@ class LightFieldStream:
         )
         samples = np.zeros((*self._decoder.weights.shape, 3), np.uint8)
         self._empty = LightField.of(self._decoder.views, samples, self._decoder.weights)
-        self._estimator: DepthEstimator | None = None
+        self._depth: VideoDepth | None = None
         if settings.depth:
             near_mm, far_mm = settings.near_mm or None, settings.far_mm or None
-            self._estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
+            estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
+            self._depth = VideoDepth(estimator)
         # Robots act on what they see now: no frame waits while another is decoded.
         self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, tell, waiting=1)
         self._start_ns = self._camera.started_ns or time.time_ns()
@@ -86,7 +87,7 @@ class LightFieldStream:
 
     def topics(self) -> list[Published]:
         """A message for every topic that frames are published on."""
-        return list(frame_messages(self._empty, self._start_ns, None if self._estimator is None else self._unknown()))
+        return list(frame_messages(self._empty, self._start_ns, None if self._depth is None else self._unknown()))
 
     def _unknown(self) -> DepthMap:
         """A depth map without any depth."""
@@ -113,5 +114,5 @@ class LightFieldStream:
             stamp = stamp_ns(frame.time_s, self._start_ns)
             if self._camera.ends:
                 time.sleep(max(0.0, (stamp - time.time_ns()) / 1e9))
-            depth = self._estimator.estimate(light_field) if self._estimator is not None and wants_depth() else None
+            depth = self._depth.estimate(light_field) if self._depth is not None and wants_depth() else None
             yield list(frame_messages(light_field, stamp, depth))

@@ -28,6 +28,13 @@ class DepthOptions(LightFieldsOptions):
     fast: bool = Field(
         default=False, description="for videos: search at half size and refine once, several times faster, less exact"
     )
+    frames_apart: bool = Field(
+        default=False,
+        description=(
+            "measure each frame of a recording on its own; without it, views are averaged over frames where nothing moves, "
+            "so that depth does not flicker there"
+        ),
+    )
     out: Path = Field(
         default=Path("output/depth"),
         description=(
@@ -55,6 +62,7 @@ def run(options: DepthOptions) -> int:
             near_mm=options.near_mm,
             far_mm=options.far_mm,
             quality="fast" if options.fast else "best",
+            frames_apart=options.frames_apart,
             force=options.force,
             progress=advance,
         )

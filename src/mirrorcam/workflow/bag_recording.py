@@ -13,7 +13,7 @@ from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.pictures import is_picture
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression, need_rosbags
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.live_camera import LiveCamera
@@ -65,6 +65,7 @@ class BagRecorder:
         frame that can be used, and where nothing can be written.
         """
         expected, lost = expected_frames(source, self.limit), dict[int, str]()
+        video = None if self.estimator is None else VideoDepth(self.estimator)
         watched, kept, interrupted = WatchedSource(source), 0, False
         start_ns = source.started_ns if isinstance(source, LiveCamera) else 0
         with self.output.staged(complete=False) as folder, BagWriter(folder / self.path.name, self.compression) as bag:
@@ -74,7 +75,7 @@ class BagRecorder:
                         if isinstance(item, Lost):
                             lost[item.number] = item.reason
                         else:
-                            self._write(bag, *item, first=not kept, start_ns=start_ns)
+                            self._write(bag, *item, video, first=not kept, start_ns=start_ns)
                             kept += 1
                         advance(kept + len(lost), max(kept + len(lost), expected or 0))
             except KeyboardInterrupt:
@@ -92,8 +93,17 @@ class BagRecorder:
             raise KeyboardInterrupt
         return len(lost) + max((expected or 0) - kept - len(lost), 0)
 
-    def _write(self, bag: BagWriter, frame: Frame, light_field: LightField, *, first: bool, start_ns: int) -> None:
-        depth = None if self.estimator is None else self.estimator.estimate(light_field)
+    def _write(
+        self,
+        bag: BagWriter,
+        frame: Frame,
+        light_field: LightField,
+        video: VideoDepth | None,
+        *,
+        first: bool,
+        start_ns: int,
+    ) -> None:
+        depth = None if video is None else video.estimate(light_field)
         stamp = stamp_ns(frame.time_s, start_ns)
         before = latched_messages(light_field, stamp) if first else ()
         bag.write([*before, *frame_messages(light_field, stamp, depth)], stamp)

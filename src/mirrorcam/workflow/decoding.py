@@ -21,7 +21,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.drift.drift import LEAST_MIRRORS, tells_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
 from mirrorcam.optics.light_field.equalisation import Equalisation, measure
 from mirrorcam.optics.light_field.io.bag_writer import Compression
 from mirrorcam.optics.light_field.io.camera_addresses import camera, shown
@@ -130,6 +130,15 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
         if viewer is not None:
             viewer.show(time_s, light_field, None if estimator is None else estimator.estimate(light_field))
 
+    def show_video() -> Show:
+        video = None if estimator is None else VideoDepth(estimator)
+
+        def show_frame(time_s: float, light_field: LightField) -> None:
+            if viewer is not None:
+                viewer.show(time_s, light_field, None if video is None else video.estimate(light_field))
+
+        return show_frame
+
     damaged = _decode_pictures(images, decoder, output, reporter, show) if images else 0
     if teller is not None and images:
         teller.tell(readable(spread(images)), DRIFT, "FRAMES")
@@ -143,7 +152,7 @@ def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Report
     recorder: StreamRecorder | BagRecorder
     if request.mcap is None:
         at_mm = request.regular_grid_at_mm
-        recorder = StreamRecorder(decoder, output, request.to, request.limit, at_mm, reporter, teller, show)
+        recorder = StreamRecorder(decoder, output, request.to, request.limit, at_mm, reporter, teller, show_video)
     else:
         path, compression, seen = request.mcap, request.mcap_compression, None if viewer is None else viewer.show
         recorder = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, teller, seen)

@@ -18,16 +18,21 @@ from mirrorcam.optics.light_field.equalisation import Equalisation, matched, une
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.temporal_filter import TemporalFilter
 
 
 @dataclass(frozen=True)
 class NamedLightField:
-    """A light field, the name of its results, and the range of depths and the time that its file states."""
+    """A light field, the name of its results, and the range of depths and the time that its file states.
+
+    `frame` is the index of a frame of a recording, from 0; None of others.
+    """
 
     name: str
     light_field: LightField
     depth_range_mm: tuple[float, float] | None = None
     time_s: float | None = None
+    frame: int | None = None
 
     def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
         """The depths given, and where there are none, those that the file states."""
@@ -71,6 +76,24 @@ class LightFieldInputs:
             progress(done, len(self.paths))
 
 
+class RecordingFilter:
+    """Filters the frames of recordings in time, each recording on its own, and leaves other light fields as they are.
+
+    All frames must be given, in order, also those whose result is not needed: the next depends on them.
+    """
+
+    def __init__(self) -> None:
+        self._filter = TemporalFilter()
+
+    def filtered(self, each: NamedLightField) -> LightField:
+        """The light field to measure in."""
+        if each.frame is None:
+            return each.light_field
+        if each.frame == 0:
+            self._filter = TemporalFilter()
+        return self._filter.filtered(each.light_field)
+
+
 def opened(
     path: Path, assumed: Assumed, decoder: Decoder | None, reporter: Reporter = SILENT
 ) -> Iterator[NamedLightField]:
@@ -91,4 +114,4 @@ def opened(
                 apart = np.abs(equalisation.gain - 1.0).max()
                 reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")
         alike = light_field if equalisation is None else matched(light_field, equalisation)
-        yield NamedLightField(own_name, alike, contents.depth_range_mm, time_s)
+        yield NamedLightField(own_name, alike, contents.depth_range_mm, time_s, number if contents.is_recording else None)

@@ -23,7 +23,7 @@ from mirrorcam.optics.light_field.io.pfm import write_pfm
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.workflow.kept_depths import keep_depth
-from mirrorcam.workflow.light_field_inputs import LightFieldInputs
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.workflow.output_folder import output_folder
 
 SURE = 0.5
@@ -58,14 +58,17 @@ def write_depths(
     near_mm: float | None = None,
     far_mm: float | None = None,
     quality: Quality = "best",
+    frames_apart: bool = False,
     force: bool = False,
     progress: Progress = no_progress,
 ) -> list[DepthSummary]:
     """Measure depth in light fields, between the depths given or those that their files state, in a quality.
 
+    Frames of a recording are filtered in time first, unless they are kept apart; other light fields never are.
     Writes NAME_depth.npz, .pfm and .png into a folder, where `force` also replaces files of others.
     """
     estimator: DepthEstimator | None = None
+    recording = RecordingFilter()
     summaries = []
     with output_folder(folder, "depth", force=force) as output:
         output.refuse_others(*(name for each in inputs.file_names for name in result_names(each, DEPTH_ENDINGS)))
@@ -74,7 +77,7 @@ def write_depths(
                 near, far = each.depths_to_search(near_mm, far_mm)
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
-            depth = estimator.estimate(each.light_field)
+            depth = estimator.estimate(each.light_field if frames_apart else recording.filtered(each))
             with output.staged(complete=False) as staged:
                 keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)

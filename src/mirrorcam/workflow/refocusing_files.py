@@ -22,7 +22,7 @@ from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit,
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 from mirrorcam.workflow.kept_depths import keep_depth, kept_depth
-from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.workflow.output_folder import OutputFolder, output_folder
 
 ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
@@ -125,6 +125,7 @@ def write_refocused(
     and kept here as NAME_depth.npz. With `force`, files of others in the folder are replaced, too.
     """
     grey, used = [], []
+    recording = RecordingFilter()
     with output_folder(folder, "refocus", force=force) as output:
         for each in inputs.each(progress):
             names = endings(each.light_field, request)
@@ -132,16 +133,16 @@ def write_refocused(
             with output.staged(complete=False) as staged:
                 depths = None
                 if request.needs_depths:
-                    depth, depths = _depths(each, output, staged, request)
+                    depth, depths = _depths(each, recording.filtered(each), output, staged, request)
                     used.append(depth)
                 grey += _write(each, depths, staged, request)
     return Refocused(tuple(grey), tuple(used))
 
 
 def _depths(
-    each: NamedLightField, output: OutputFolder, staged: Path, request: RefocusRequest
+    each: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
 ) -> tuple[UsedDepth, ViewDepths]:
-    """The depth to make pictures by: one that is kept, or measured now and kept."""
+    """The depth to make pictures by: one that is kept, or measured now in the filtered light field and kept."""
     light_field, folder = each.light_field, request.depth_folder
     near, far = each.depths_to_search(request.near_mm, request.far_mm)
     places = (output.path,) if folder is None else (folder, output.path)
@@ -151,7 +152,7 @@ def _depths(
     if kept is not None:
         return UsedDepth(each.name, kept[0], measured=False), ViewDepths.of_reference(light_field, kept[1])
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
-    depth = estimator.estimate(light_field)
+    depth = estimator.estimate(filtered)
     keep_depth(staged / name, depth, light_field, estimator)
     used = UsedDepth(each.name, output.path / name, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)

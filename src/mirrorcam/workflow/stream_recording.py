@@ -36,7 +36,7 @@ Show = Callable[[float, LightField], None]
 class StreamRecorder:
     """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and tells of drift.
 
-    `show` gets the frames that are decoded, too.
+    What `show` makes for each stream gets the frames that are decoded, too.
     """
 
     decoder: Decoder
@@ -46,7 +46,7 @@ class StreamRecorder:
     regular_grid_at_mm: float | None
     reporter: Reporter
     teller: DriftReporter | None = None
-    show: Show | None = None
+    show: Callable[[], Show] | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
@@ -107,6 +107,7 @@ class StreamRecorder:
         self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None
     ) -> None:
         shown = bool(recording.entries.numbers)
+        show = None if self.show is None else self.show()
         with self.reporter.work("decode", name, "frames") as advance:
 
             def on_frame(done: int, item: Decoded) -> None:
@@ -115,8 +116,8 @@ class StreamRecorder:
                     with self.output.staged(complete=False) as folder:
                         write_image(folder / picture, tiles(item[1]))
                     shown = True
-                if not isinstance(item, Lost) and self.show is not None:
-                    self.show(item[0].time_s, item[1])
+                if not isinstance(item, Lost) and show is not None:
+                    show(item[0].time_s, item[1])
                 advance(done, max(done, expected or 0))
 
             record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)
