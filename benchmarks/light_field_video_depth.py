@@ -267,9 +267,7 @@ def main() -> None:
     for folder in options.scenes:
         scene = read_hci(folder, every=options.every)
         for motion in (motion for motion in MOTIONS if options.only in motion.name):
-            single, filtered = compared(
-                scene, motion, options.every, options.frames, SENSORS[options.sensor], quality
-            )
+            single, filtered = compared(scene, motion, options.every, options.frames, SENSORS[options.sensor], quality)
             print(f"{folder.name}, {motion.name}: single -> filtered")
             for field in fields(Scores):
                 one, two = getattr(single, field.name), getattr(filtered, field.name)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.shared_changes import own_share
 from mirrorcam.optics.light_field.temporal_noise import (
     LEAST,
     ROUNDING,
@@ -26,7 +27,6 @@ from mirrorcam.optics.light_field.temporal_noise import (
     blocks,
     differing,
     lighting,
-    means,
     noise,
     top,
 )
@@ -43,27 +43,94 @@ STEADY, DRIFTING = 1.8, 3.0
 AREA_PX = 16
 CALM, RESTLESS = 0.2, 0.6
 """Share of an area that changed in the frame before, up to which memory is whole, and from which on there is none."""
+MOVING, RESTING = 0.75, 0.92
+"""Share of what changes that is each view's own, up to which noise cannot be told from motion, and from which it can."""
 DRIFT_SHARE = 0.25
 """Share of a frame in that running mean."""
 MOST = 100.0
 """Squared differences count as that at most."""
 
 
-def _drift_variance() -> Float32:
-    """Variance (MEMORY + 1,) of the running mean of differences where nothing moves, by the frames averaged, in noise.
+def _information() -> Float32:
+    """Inverse variance (2, MEMORY + 1) of differences and of their running mean, by the frames averaged, in noise.
 
-    Differences to a mean of n samples are independent, with a variance of 1 + 1 / n.
+    Where nothing moves, differences to a mean of n samples are independent and have a variance of 1 + 1 / n.
     """
-    found = np.ones(MEMORY + 1)
+    found = np.ones((2, MEMORY + 1))
     keep = (1.0 - DRIFT_SHARE) ** 2
     variance = 0.0
     for count in range(1, MEMORY + 1):
         variance = keep * variance + DRIFT_SHARE**2 * (1.0 + 1.0 / count)
-        found[count] = variance
+        found[:, count] = 1.0 / (1.0 + 1.0 / count), 1.0 / variance
     return found.astype(np.float32)
 
 
-DRIFT_VARIANCE = _drift_variance()
+INFORMATION = _information()
+
+
+@compiled
+def _differences(new: Any, scale: Any, mean: Any, gain: Any, difference: Any, level: Any) -> None:
+    """Differences (u, c) of a row to its mean in the light of now, and the brightness (u,) of that mean."""
+    width, channels = new.shape
+    if channels == 3:
+        for x in range(width):
+            red, green, blue = mean[x, 0] * gain[0], mean[x, 1] * gain[1], mean[x, 2] * gain[2]
+            difference[x, 0] = np.float32(new[x, 0]) * scale - red
+            difference[x, 1] = np.float32(new[x, 1]) * scale - green
+            difference[x, 2] = np.float32(new[x, 2]) * scale - blue
+            level[x] = (red + green + blue) * np.float32(1.0 / 3.0)
+    else:
+        for x in range(width):
+            level[x] = mean[x, 0] * gain[0]
+            difference[x, 0] = np.float32(new[x, 0]) * scale - level[x]
+
+
+@compiled
+def _tested(
+    difference: Any, level: Any, count: Any, drift: Any, tables: Any, by_count: Any, drifted: Any, out: Any
+) -> None:
+    """Squares (2, u) of the difference and of its running mean, in those of noise; the running mean is `drifted`."""
+    width, channels = difference.shape
+    last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
+    share, most, third = np.float32(DRIFT_SHARE), np.float32(MOST), np.float32(1.0 / 3.0)
+    for x in range(width):
+        a = difference[x, 0]
+        squares, total = a * a, a
+        if channels == 3:
+            b, c = difference[x, 1], difference[x, 2]
+            squares += b * b + c * c
+            total = (a + b + c) * third
+        moved = drift[x] + share * (total - drift[x])
+        drifted[x] = moved
+        place, times = np.uint32(min(level[x], one) * last), np.uint32(count[x])
+        out[0, x] = min(squares * tables[0, place] * by_count[0, times], most)
+        out[1, x] = min(moved * moved * tables[1, place] * by_count[1, times], most)
+
+
+@compiled
+def _kept(sums: Any, inverse: Any, out: Any) -> None:
+    """Share (u,) of memory that is kept, of sums (2, u) of squares over the square's rows, padded at both sides."""
+    width = len(out)
+    zero, one = np.float32(0.0), np.float32(1.0)
+    alike, still = np.float32(1.0 / (UNLIKE - LIKE)), np.float32(1.0 / (DRIFTING - STEADY))
+    for x in range(width):
+        change, drift = sums[0, x], sums[1, x]
+        for offset in range(1, SIDE_PX):
+            change += sums[0, x + offset]
+            drift += sums[1, x + offset]
+        like = (np.float32(UNLIKE) - change * inverse[x]) * alike
+        steady = (np.float32(DRIFTING) - drift * inverse[x]) * still
+        out[x] = max(min(like, steady, one), zero)
+
+
+@compiled
+def _blended(new: Any, full: Any, mean: Any, gain: Any, part: Any, out: Any) -> None:
+    """A row (u, c) of new samples and their mean in the light of now, by the share (u,) of the new ones."""
+    one = np.float32(1.0)
+    for x in range(len(part)):
+        rest = one - part[x]
+        for c in range(out.shape[1]):
+            out[x, c] = part[x] * (np.float32(new[x, c]) / full) + rest * (mean[x, c] * gain[c])
 
 
 @compiled
@@ -74,9 +141,8 @@ def _filter(
     count: Any,
     drift: Any,
     gain: Any,
-    colours: Any,
-    brightness: Any,
-    drift_variance: Any,
+    tables: Any,
+    by_count: Any,
     most_frames: Any,
     out: Any,
     out_count: Any,
@@ -86,36 +152,18 @@ def _filter(
     """Filter one view: new (v, u, c), mean (v, u, c), count and drift (v, u), gain (v, c); tables by brightness."""
     height, width, channels = new.shape
     reach = SIDE_PX // 2
-    last_level = np.float32(len(colours) - 1)
-    one, share, most = np.float32(1.0), np.float32(DRIFT_SHARE), np.float32(MOST)
-    per_channel = one / np.float32(channels)
-    like, unlike = np.float32(LIKE), np.float32(UNLIKE)
-    steady, drifting = np.float32(STEADY), np.float32(DRIFTING)
-    # Rows of squared differences in those of noise, and their sums over the columns of the square.
+    one, scale = np.float32(1.0), np.float32(1.0) / full
+    difference, level = np.empty((width, channels), np.float32), np.empty(width, np.float32)
     rows = np.zeros((SIDE_PX, 2, width), np.float32)
     sums = np.zeros((2, width + 2 * reach), np.float32)
-    parts = np.empty((2, width), np.float32)
+    kept, part, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     for below in range(height + reach):
-        ring = rows[below % SIDE_PX]
         if below < height:
-            for x in range(width):
-                squares, total, level = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                for c in range(channels):
-                    before = mean[below, x, c] * gain[below, c]
-                    difference = np.float32(new[below, x, c]) / full - before
-                    squares += difference * difference
-                    total += difference
-                    level += before
-                place = int(min(level * per_channel, one) * last_level)
-                times = count[below, x]
-                squares /= colours[place] * (one + one / times)
-                total *= per_channel
-                moved = drift[below, x] + share * (total - drift[below, x])
-                out_drift[below, x] = moved
-                ring[0, x] = min(squares, most)
-                ring[1, x] = min(moved * moved / (brightness[place] * drift_variance[int(times)]), most)
+            _differences(new[below], scale, mean[below], gain[below], difference, level)
+            ring = rows[below % SIDE_PX]
+            _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], ring)
         else:
-            ring[:] = 0.0
+            rows[below % SIDE_PX] = 0.0
         y = below - reach
         if y < 0:
             continue
@@ -123,37 +171,32 @@ def _filter(
             inner = sums[kind, reach : reach + width]
             inner[:] = rows[0, kind]
             for number in range(1, SIDE_PX):
-                part = rows[number, kind]
+                row = rows[number, kind]
                 for x in range(width):
-                    inner[x] += part[x]
-            across = parts[kind]
-            across[:] = sums[kind, :width]
-            for offset in range(1, SIDE_PX):
-                part = sums[kind, offset : offset + width]
-                for x in range(width):
-                    across[x] += part[x]
+                    inner[x] += row[x]
         tall = min(y, reach) + min(height - 1 - y, reach) + 1
         for x in range(width):
-            wide = min(x, reach) + min(width - 1 - x, reach) + 1
-            pixels = one / np.float32(tall * wide)
-            alike = (unlike - parts[0, x] * pixels) / (unlike - like)
-            still = (drifting - parts[1, x] * pixels) / (drifting - steady)
-            kept = max(min(min(alike, one), min(still, one)), np.float32(0.0))
-            out_changed[y // AREA_PX, x // AREA_PX] += one - kept
-            times = min(count[y, x] * kept, most_frames[y // AREA_PX, x // AREA_PX] - one) + one
-            part = one / times
-            rest = one - part
-            out_count[y, x] = times
-            out_drift[y, x] *= kept
-            for c in range(channels):
-                out[y, x, c] = part * (np.float32(new[y, x, c]) / full) + rest * (mean[y, x, c] * gain[y, c])
+            inverse[x] = one / np.float32(tall * (min(x, reach) + min(width - 1 - x, reach) + 1))
+        _kept(sums, inverse, kept)
+        for area in range(most_frames.shape[1]):
+            most = most_frames[y // AREA_PX, area] - one
+            changed = np.float32(0.0)
+            for x in range(area * AREA_PX, min((area + 1) * AREA_PX, width)):
+                changed += one - kept[x]
+                times = min(count[y, x] * kept[x], most) + one
+                out_count[y, x] = times
+                part[x] = one / times
+                out_drift[y, x] *= kept[x]
+            out_changed[y // AREA_PX, area] += changed
+        _blended(new[y], full, mean[y], gain[y], part, out[y])
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """The mean so far, of how many frames each sample is one (k, v, u), the running mean of differences, and noise."""
+    """The mean so far, the last frame, of how many frames each sample is one (k, v, u), the running mean of differences, and noise."""
 
     light_field: LightField
+    frame: LightField
     count: Float32
     drift: Float32
     most_frames: Float32
@@ -166,7 +209,7 @@ class _State:
         height, width = light_field.height_px, light_field.width_px
         shape = (light_field.rows * light_field.cols, height, width)
         most = np.full((-(-height // AREA_PX), -(-width // AREA_PX)), MEMORY, np.float32)
-        return cls(light_field, np.ones(shape, np.float32), np.zeros(shape, np.float32), most, own, None)
+        return cls(light_field, light_field, np.ones(shape, np.float32), np.zeros(shape, np.float32), most, own, None)
 
 
 class TemporalFilter:
@@ -194,23 +237,25 @@ class TemporalFilter:
         if before is None or not _alike(before.light_field, light_field):
             self._state = _State.of(light_field, now)
             return light_field
-        gains = lighting(means(now), means(blocks(before.light_field)))
+        gains = lighting(now.means, blocks(before.light_field).means)
         now = differing(now, before.blocks, gains)
         least = ROUNDING if light_field.samples.dtype == np.uint8 else LEAST
-        measured = noise(now, before.blocks, gains, least)
+        rows = _rows(gains, light_field.height_px)
+        trust = (own_share(light_field, before.frame, rows) - MOVING) / (RESTING - MOVING)
+        measured = noise(now, before.blocks, gains, least, min(max(trust, 0.0), 1.0))
         if before.noise is not None:
             measured = before.noise.followed(measured)
-        self._state = self._next(before, light_field, gains, now, measured)
+        self._state = self._next(before, light_field, rows, now, measured)
         return self._state.light_field
 
-    def _next(self, before: _State, light_field: LightField, gains: Float32, now: Blocks, measured: Noise) -> _State:
+    def _next(self, before: _State, light_field: LightField, rows: Float32, now: Blocks, measured: Noise) -> _State:
         new, old = _by_view(light_field), _by_view(before.light_field)
         if old.dtype == np.uint8:
             old = old.astype(np.float32) / np.float32(255.0)
         samples = np.empty(new.shape, np.float32)
         count, drift = np.empty_like(before.count), np.empty_like(before.drift)
         changed = np.zeros((len(new), *before.most_frames.shape), np.float32)
-        tables, rows = measured.tables(), _rows(gains, new.shape[1])
+        tables = measured.information()
 
         def one(view: int) -> None:
             _filter(
@@ -220,8 +265,8 @@ class TemporalFilter:
                 before.count[view],
                 before.drift[view],
                 rows[view],
-                *tables,
-                DRIFT_VARIANCE,
+                tables,
+                INFORMATION,
                 before.most_frames,
                 samples[view],
                 count[view],
@@ -231,7 +276,7 @@ class TemporalFilter:
 
         list(self._run(one, range(len(new))))
         filtered = LightField.of(light_field, samples.reshape(light_field.samples.shape), light_field.weights)
-        return _State(filtered, count, drift, _most_frames(changed, new.shape[1:3]), now, measured)
+        return _State(filtered, light_field, count, drift, _most_frames(changed, new.shape[1:3]), now, measured)
 
 
 def _by_view(light_field: LightField) -> Any:

@@ -29,6 +29,7 @@ LOW_QUANTILE, LOW_OF_MEAN = 0.25, 0.85
 ROUNDING = 1.0 / 12.0 / 255.0**2
 """Variance of rounding to 8 bits, which noise has at least; floating-point samples have LEAST."""
 LEAST = 1e-10
+LEAST_TRUST = 1e-3
 SLOWLY, QUICKLY = 1.0 / 16.0, 0.5
 """Share of a frame in the noise so far where it has more and where it has less: more may be motion."""
 DARK = 16.0 / 255.0
@@ -40,9 +41,13 @@ MEDIAN_ERROR = 1.86
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Samples of blocks (k, m, n, p, c) of all views, 0 to 1, and what they differ by from the frame before or None."""
+    """Blocks of all views: samples (k, m, n, p, c), 0 to 1, and their means (k, m, n, c).
+
+    `differences` (k, m, n, p, c) are those to the frame before, None in the first.
+    """
 
     samples: Float32
+    means: Float32
     differences: Float32 | None = None
 
 
@@ -50,26 +55,32 @@ class Blocks:
 class Noise:
     """Variance of a sample's noise by brightness, in BINS classes from 0 to 1.
 
-    `colours` (BINS,) is the sum over the channels, `brightness` (BINS,) that of their mean.
+    `colours` (BINS,) is the sum over the channels, `brightness` (BINS,) that of their mean. `trust`, 0 to 1, is how sure
+    it is that motion is no part of them.
     """
 
     colours: Float32
     brightness: Float32
+    trust: float = 1.0
 
-    def tables(self) -> tuple[Float32, Float32]:
-        """Both as tables of LEVELS entries, from brightness 0 to 1."""
+    def information(self) -> Float32:
+        """One over both (2, LEVELS), from brightness 0 to 1."""
         places, centres = np.linspace(0.0, 1.0, LEVELS), (np.arange(BINS) + 0.5) / BINS
-        first, second = (np.interp(places, centres, curve) for curve in (self.colours, self.brightness))
-        return first.astype(np.float32), second.astype(np.float32)
+        trust = max(self.trust, LEAST_TRUST)
+        curves = [np.interp(places, centres, curve) * trust for curve in (self.colours, self.brightness)]
+        return (1.0 / np.array(curves)).astype(np.float32)
 
     def followed(self, new: Noise) -> Noise:
         """The noise after a frame that says `new`."""
+        # All of it where only now it is sure that nothing moves.
+        up = max(SLOWLY * new.trust, (new.trust - self.trust) / max(new.trust, LEAST_TRUST))
 
         def one(old: Float32, now: Float32) -> Float32:
-            rate = np.where(now > old, np.float32(SLOWLY), np.float32(QUICKLY))
+            rate = np.where(now > old, np.float32(up), np.float32(max(up, QUICKLY)))
             return np.asarray(old + rate * (now - old))
 
-        return Noise(one(self.colours, new.colours), one(self.brightness, new.brightness))
+        curves = one(self.colours, new.colours), one(self.brightness, new.brightness)
+        return Noise(*curves, max(self.trust, new.trust))
 
 
 def top(light_field: LightField) -> np.float32:
@@ -88,12 +99,24 @@ def blocks(light_field: LightField) -> Blocks:
     inner = slice(first, first + BLOCK_PX)
     parts = cut.reshape(rows * cols, down, stride, across, stride, channels)[:, :, inner, :, inner]
     parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / top(light_field)
-    return Blocks(parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels))
+    found = parts.reshape(rows * cols, down, across, BLOCK_PX**2, channels)
+    means = np.empty((rows * cols, down, across, channels), np.float32)
+    _means(found, means)
+    return Blocks(found, means)
 
 
-def means(of: Blocks) -> Float32:
-    """Means (k, m, n, c) of blocks."""
-    return np.asarray(of.samples.mean(axis=3))
+@compiled
+def _means(samples: Any, means: Any) -> None:
+    views, down, across, pixels, channels = samples.shape
+    for k in range(views):
+        for m in range(down):
+            for n in range(across):
+                means[k, m, n] = 0.0
+                for p in range(pixels):
+                    for c in range(channels):
+                        means[k, m, n, c] += samples[k, m, n, p, c]
+                for c in range(channels):
+                    means[k, m, n, c] /= np.float32(pixels)
 
 
 def lighting(now: Float32, before: Float32) -> Float32:
@@ -104,13 +127,20 @@ def lighting(now: Float32, before: Float32) -> Float32:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where((now > DARK) & (before > DARK), now / before, np.float32(1.0))
-    gains = np.median(ratio, axis=2)
-    error = MEDIAN_ERROR / np.sqrt(ratio.shape[2]) * np.median(np.abs(ratio - gains[:, :, None]), axis=2)
+    ratio = np.ascontiguousarray(np.moveaxis(ratio, 2, -1))
+    gains = _medians(ratio)
+    error = MEDIAN_ERROR / np.sqrt(ratio.shape[-1]) * _medians(np.abs(ratio - gains[..., None]))
     gains = np.where(np.abs(gains - 1.0) > 2.0 * error, gains, 1.0)
     # No frequency of a binomial filter is negative: what is corrected in a row does not grow in the next frame.
     wider = np.pad(gains, ((0, 0), (1, 1), (0, 0)), mode="edge")
     smooth = 0.25 * wider[:, :-2] + 0.5 * wider[:, 1:-1] + 0.25 * wider[:, 2:]
     return np.clip(smooth, LEAST_GAIN, MOST_GAIN).astype(np.float32)
+
+
+def _medians(values: Float32) -> Float32:
+    """Medians (...) of values (..., n), the upper of the middle two."""
+    middle = values.shape[-1] // 2
+    return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
 
 
 def differing(now: Blocks, before: Blocks, gains: Float32) -> Blocks:
@@ -148,20 +178,20 @@ def _energies(first: Any, previous: Any, gains: Any, out: Any) -> None:
                 out[1, k, m, n] = half * one_mean / np.float32(channels * channels)
 
 
-def noise(now: Blocks, before: Blocks, gains: Float32, least: float) -> Noise:
-    """The noise that a frame shows beside the one before, `least` or more; at gains (k, m, c)."""
+def noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: float) -> Noise:
+    """The noise that a frame shows beside the one before, `least` or more; at gains (k, m, c), and of some trust."""
     first = now.differences
     assert first is not None
     found = np.empty((2, *first.shape[:3]), np.float32)
     previous = np.empty((0, *first.shape[1:]), np.float32) if before.differences is None else before.differences
     _energies(first, previous, gains, found)
-    level = np.minimum((means(now).mean(axis=-1) * BINS).astype(np.int64), BINS - 1).ravel()
+    level = np.minimum((now.means.mean(axis=-1) * BINS).astype(np.int64), BINS - 1).ravel()
     channels = first.shape[-1]
     curves = [
         _by_level(energies.ravel(), level, least * part)
         for energies, part in zip(found, (channels, 1.0 / channels), strict=True)
     ]
-    return Noise(*curves)
+    return Noise(*curves, trust)
 
 
 def _by_level(energies: Float32, level: NDArray[np.int64], least: float) -> Float32:

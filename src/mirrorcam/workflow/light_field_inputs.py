@@ -114,4 +114,6 @@ def opened(
                 apart = np.abs(equalisation.gain - 1.0).max()
                 reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")
         alike = light_field if equalisation is None else matched(light_field, equalisation)
-        yield NamedLightField(own_name, alike, contents.depth_range_mm, time_s, number if contents.is_recording else None)
+        yield NamedLightField(
+            own_name, alike, contents.depth_range_mm, time_s, number if contents.is_recording else None
+        )
