@@ -12,7 +12,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -28,6 +28,8 @@ from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+Passing = Literal["raw", "interpolated", "jpeg"]
 
 WIDTH_PX, HEIGHT_PX = 240, 180
 MARGIN_PX = 15
@@ -58,7 +60,7 @@ class Motion:
     """What happens in a video, in px per frame: an object's motion, a pan; and how light changes."""
 
     name: str
-    object_px: float = 0.0
+    object_px: float | None = None
     pan_px: float = 0.0
     light: str = "even"
 
@@ -67,7 +69,7 @@ MOTIONS = (
     Motion("still"),
     Motion("mains flicker", light="mains"),
     Motion("light grows", light="ramp"),
-    *(Motion(f"object {speed:g} px/frame", object_px=speed) for speed in (0.1, 0.25, 0.5, 2.0, 6.0)),
+    *(Motion(f"object {speed:g} px/frame", object_px=speed) for speed in (0.0, 0.1, 0.25, 0.5, 2.0, 6.0)),
     *(Motion(f"pan {speed:g} px/frame", pan_px=speed) for speed in (0.1, 0.25, 0.5, 2.0)),
 )
 
@@ -133,7 +135,7 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
         if motion.pan_px:
             moved, deep = shifted(samples, motion.pan_px * number), shifted(truth, motion.pan_px * number)
         shot = Shot(moved[:, :, *window], deep[window], nothing, nothing)
-        if motion.object_px:
+        if motion.object_px is not None:
             start = (WIDTH_PX - OBJECT_PX - motion.object_px * (count - 1)) / 2
             shot = with_object(shot.samples, shot.truth, start + motion.object_px * number, near, 1.0)
         light = 1.0
@@ -144,13 +146,26 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
         yield replace(shot, samples=shot.samples * np.float32(light))
 
 
-def photographed(samples: Float32, sensor: SensorModel, random: np.random.Generator) -> NDArray[np.uint8]:
-    """Samples with the shot and read noise of a sensor, rounded to 8 bits."""
+def photographed(
+    samples: Float32, sensor: SensorModel, random: np.random.Generator, passing: Passing = "raw"
+) -> NDArray[np.uint8]:
+    """Samples with the shot and read noise of a sensor, rounded to 8 bits.
+
+    Their noise is that of pixels, or as after interpolation midway between them, or as after JPEG.
+    """
     variance = np.full_like(samples, sensor.read_noise_grey**2)
     if sensor.full_well_electrons:
         variance += np.maximum(samples, 0.0) * np.float32(255.0 / sensor.full_well_electrons)
-    noisy = samples + np.sqrt(variance) * random.standard_normal(samples.shape, dtype=np.float32)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    noise = np.sqrt(variance) * random.standard_normal(samples.shape, dtype=np.float32)
+    if passing == "interpolated":
+        for index in np.ndindex(samples.shape[:2]):
+            noise[index] = cv2.blur(noise[index], (2, 2))
+    result = np.clip(np.rint(samples + noise), 0, 255).astype(np.uint8)
+    if passing == "jpeg":
+        for index in np.ndindex(samples.shape[:2]):
+            quality = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality or 95]
+            result[index] = cv2.imdecode(cv2.imencode(".jpg", result[index], quality)[1], cv2.IMREAD_COLOR)
+    return result
 
 
 def window_views(views: Views) -> Views:
@@ -221,7 +236,13 @@ def scores(tracks: Track, truths: Float32, moving: Any, behind: Any, every: int,
 
 
 def compared(
-    scene: HciScene, motion: Motion, every: int, count: int, sensor: SensorModel, quality: Quality
+    scene: HciScene,
+    motion: Motion,
+    every: int,
+    count: int,
+    sensor: SensorModel,
+    passing: Passing,
+    quality: Quality,
 ) -> tuple[Scores, Scores]:
     """Scores of single frames, and of frames that are filtered in time."""
     views = window_views(scene.light_field)
@@ -232,7 +253,7 @@ def compared(
     made: list[Shot] = []
     estimator: DepthEstimator | None = None
     for number, shot in enumerate(shots(scene, motion, count)):
-        light_field = LightField.of(views, photographed(shot.samples, sensor, random), weights)
+        light_field = LightField.of(views, photographed(shot.samples, sensor, random, passing), weights)
         if estimator is None:
             near, far = views.depth_mm_from_disparity(
                 np.array([np.nanmax(scene.disparity_px) + 0.6, np.nanmin(scene.disparity_px) - 0.2])
@@ -260,6 +281,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=4, help="take every Nth view of a whole scene")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--sensor", choices=sorted(SENSORS), default="c920", help="whose noise")
+    parser.add_argument("--passing", choices=get_args(Passing), default="raw", help="what pictures went through")
     parser.add_argument("--only", default="", help="videos whose name contains this")
     parser.add_argument("--best", action="store_true")
     options = parser.parse_args()
@@ -267,7 +289,9 @@ def main() -> None:
     for folder in options.scenes:
         scene = read_hci(folder, every=options.every)
         for motion in (motion for motion in MOTIONS if options.only in motion.name):
-            single, filtered = compared(scene, motion, options.every, options.frames, SENSORS[options.sensor], quality)
+            single, filtered = compared(
+                scene, motion, options.every, options.frames, SENSORS[options.sensor], options.passing, quality
+            )
             print(f"{folder.name}, {motion.name}: single -> filtered")
             for field in fields(Scores):
                 one, two = getattr(single, field.name), getattr(filtered, field.name)

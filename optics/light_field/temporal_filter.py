@@ -34,12 +34,10 @@ from mirrorcam.optics.light_field.temporal_noise import (
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 
-MEMORY = 16
+MEMORY = 24
 SIDE_PX = 5
-LIKE, UNLIKE = 1.6, 2.4
-"""Mean squared difference over a square, in that of noise, from which memory shrinks and from which nothing is left."""
-STEADY, DRIFTING = 1.8, 3.0
-"""The same of the running mean of the difference."""
+LIKE, UNLIKE = 2.0, 4.0
+"""Standard deviations of chance by which a square may differ before memory shrinks, and before nothing is left of it."""
 AREA_PX = 16
 CALM, RESTLESS = 0.2, 0.6
 """Share of an area that changed in the frame before, up to which memory is whole, and from which on there is none."""
@@ -108,18 +106,19 @@ def _tested(
 
 
 @compiled
-def _kept(sums: Any, inverse: Any, out: Any) -> None:
-    """Share (u,) of memory that is kept, of sums (2, u) of squares over the square's rows, padded at both sides."""
+def _kept(sums: Any, inverse: Any, limits: Any, out: Any) -> None:
+    """Share (u,) of memory that is kept, of sums (2, u) of squares over the square's rows, padded at both sides, by `limits`."""
     width = len(out)
     zero, one = np.float32(0.0), np.float32(1.0)
-    alike, still = np.float32(1.0 / (UNLIKE - LIKE)), np.float32(1.0 / (DRIFTING - STEADY))
+    unlike, drifting = limits[1, 0], limits[1, 1]
+    alike, still = one / (unlike - limits[0, 0]), one / (drifting - limits[0, 1])
     for x in range(width):
         change, drift = sums[0, x], sums[1, x]
         for offset in range(1, SIDE_PX):
             change += sums[0, x + offset]
             drift += sums[1, x + offset]
-        like = (np.float32(UNLIKE) - change * inverse[x]) * alike
-        steady = (np.float32(DRIFTING) - drift * inverse[x]) * still
+        like = (unlike - change * inverse[x]) * alike
+        steady = (drifting - drift * inverse[x]) * still
         out[x] = max(min(like, steady, one), zero)
 
 
@@ -143,6 +142,7 @@ def _filter(
     gain: Any,
     tables: Any,
     by_count: Any,
+    limits: Any,
     most_frames: Any,
     out: Any,
     out_count: Any,
@@ -177,7 +177,7 @@ def _filter(
         tall = min(y, reach) + min(height - 1 - y, reach) + 1
         for x in range(width):
             inverse[x] = one / np.float32(tall * (min(x, reach) + min(width - 1 - x, reach) + 1))
-        _kept(sums, inverse, kept)
+        _kept(sums, inverse, limits, kept)
         for area in range(most_frames.shape[1]):
             most = most_frames[y // AREA_PX, area] - one
             changed = np.float32(0.0)
@@ -256,6 +256,7 @@ class TemporalFilter:
         count, drift = np.empty_like(before.count), np.empty_like(before.drift)
         changed = np.zeros((len(new), *before.most_frames.shape), np.float32)
         tables = measured.information()
+        limits = np.array([measured.limits(LIKE), measured.limits(UNLIKE)], np.float32)
 
         def one(view: int) -> None:
             _filter(
@@ -267,6 +268,7 @@ class TemporalFilter:
                 rows[view],
                 tables,
                 INFORMATION,
+                limits,
                 before.most_frames,
                 samples[view],
                 count[view],

@@ -18,20 +18,24 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 Float32 = NDArray[np.float32]
 
-BLOCK_PX = 6
+BLOCK_PX = 5
 STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
 """Distance of the blocks, and that in views of fewer pixels."""
 BINS, LEVELS = 16, 256
 """Classes of brightness in which noise is measured, and entries of the tables that it is looked up in."""
 FEWEST_BLOCKS = 12
-LOW_QUANTILE, LOW_OF_MEAN = 0.25, 0.85
-"""Quantile of the blocks of a class that counts, and that quantile of independent noise, in its variance."""
+LOW_QUANTILES, NORMAL = (0.1, 0.25, 0.5), (-1.2816, -0.6745, 0.0)
+"""Quantiles of the blocks of a class, the second of which counts, and those of a normal distribution."""
+LEAST_SPREAD, MOST_SPREAD = 0.03, 0.16
+"""Ends of the spread of blocks: that of 250 and of 9 independent values."""
+LESSER = 0.9
+"""By how much the lesser of first and second differences is less than either, in spreads."""
 ROUNDING = 1.0 / 12.0 / 255.0**2
 """Variance of rounding to 8 bits, which noise has at least; floating-point samples have LEAST."""
 LEAST = 1e-10
 LEAST_TRUST = 1e-3
-SLOWLY, QUICKLY = 1.0 / 16.0, 0.5
-"""Share of a frame in the noise so far where it has more and where it has less: more may be motion."""
+SLOWLY, QUICKLY, LESS = 1.0 / 16.0, 0.5, 0.7
+"""Share of a frame in the noise so far, and where it has less than a part of that: more may have been motion."""
 DARK = 16.0 / 255.0
 """Brightness below which a block says nothing of the lighting."""
 LEAST_GAIN, MOST_GAIN = 0.5, 2.0
@@ -55,12 +59,14 @@ class Blocks:
 class Noise:
     """Variance of a sample's noise by brightness, in BINS classes from 0 to 1.
 
-    `colours` (BINS,) is the sum over the channels, `brightness` (BINS,) that of their mean. `trust`, 0 to 1, is how sure
+    `colours` (BINS,) is the sum over the channels, `brightness` (BINS,) that of their mean. `spread` is that of either in
+    blocks, as a standard deviation of the cube root of the variance of a block in that of noise. `trust`, 0 to 1, is how sure
     it is that motion is no part of them.
     """
 
     colours: Float32
     brightness: Float32
+    spread: tuple[float, float]
     trust: float = 1.0
 
     def information(self) -> Float32:
@@ -73,14 +79,29 @@ class Noise:
     def followed(self, new: Noise) -> Noise:
         """The noise after a frame that says `new`."""
         # All of it where only now it is sure that nothing moves.
-        up = max(SLOWLY * new.trust, (new.trust - self.trust) / max(new.trust, LEAST_TRUST))
+        up = (new.trust - self.trust) / max(new.trust, LEAST_TRUST)
+        slowly = max(up, SLOWLY * new.trust)
 
         def one(old: Float32, now: Float32) -> Float32:
-            rate = np.where(now > old, np.float32(up), np.float32(max(up, QUICKLY)))
+            rate = np.where(now > LESS * old, np.float32(slowly), np.float32(max(up, QUICKLY)))
             return np.asarray(old + rate * (now - old))
 
-        curves = one(self.colours, new.colours), one(self.brightness, new.brightness)
-        return Noise(*curves, max(self.trust, new.trust))
+        spread = [old + slowly * (now - old) for old, now in zip(self.spread, new.spread, strict=True)]
+        return Noise(
+            one(self.colours, new.colours),
+            one(self.brightness, new.brightness),
+            (spread[0], spread[1]),
+            max(self.trust, new.trust),
+        )
+
+    def limits(self, deviations: float) -> tuple[float, float]:
+        """What the variance of a block, in that of noise, exceeds as seldom as a normal value that many deviations.
+
+        Of the channels and of brightness. The cube root of chi-squared is about normal: E. B. Wilson and M. M. Hilferty,
+        "The distribution of chi-square", PNAS 17, 1931.
+        """
+        colours, brightness = (_quantile(spread, deviations) for spread in self.spread)
+        return colours, brightness
 
 
 def top(light_field: LightField) -> np.float32:
@@ -187,21 +208,36 @@ def noise(now: Blocks, before: Blocks, gains: Float32, least: float, trust: floa
     _energies(first, previous, gains, found)
     level = np.minimum((now.means.mean(axis=-1) * BINS).astype(np.int64), BINS - 1).ravel()
     channels = first.shape[-1]
-    curves = [
-        _by_level(energies.ravel(), level, least * part)
-        for energies, part in zip(found, (channels, 1.0 / channels), strict=True)
-    ]
-    return Noise(*curves, trust)
+    curves, spreads = [], []
+    for energies, part in zip(found, (channels, 1.0 / channels), strict=True):
+        curve, spread = _by_level(energies.ravel(), level, len(previous) > 0)
+        curves.append(np.maximum(curve, np.float32(least * part)))
+        spreads.append(spread)
+    return Noise(curves[0], curves[1], (spreads[0], spreads[1]), trust)
 
 
-def _by_level(energies: Float32, level: NDArray[np.int64], least: float) -> Float32:
-    """The low quantile (BINS,) of energies (n,) in each class; classes of few blocks are between their neighbours."""
+def _quantile(spread: float, deviations: float) -> float:
+    """Quantile of blocks' variance, in that of noise, by the normal distribution's."""
+    return float((1.0 - spread**2 + deviations * spread) ** 3)
+
+
+def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tuple[Float32, float]:
+    """The noise (BINS,) that energies (n,) of blocks tell of each class, and their spread.
+
+    Classes of few blocks are between their neighbours. With `second`, energies are the lesser of two.
+    """
     found = np.full(BINS, np.nan)
     for number in range(BINS):
         own = energies[level == number]
         if len(own) >= FEWEST_BLOCKS:
-            found[number] = np.quantile(own, LOW_QUANTILE) / LOW_OF_MEAN
+            found[number] = np.quantile(own, LOW_QUANTILES[1])
     known = np.flatnonzero(np.isfinite(found))
     if not len(known):
-        found[:], known = np.quantile(energies, LOW_QUANTILE) / LOW_OF_MEAN, np.arange(BINS)
-    return np.maximum(np.interp(np.arange(BINS), known, found[known]), least).astype(np.float32)
+        found[:], known = np.quantile(energies, LOW_QUANTILES[1]), np.arange(BINS)
+    curve = np.interp(np.arange(BINS), known, found[known])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, _, middle = np.cbrt(np.quantile(np.nan_to_num(energies / curve[level], posinf=0.0), LOW_QUANTILES))
+    spread = float((middle - low) / (middle * -NORMAL[0])) if middle > 0 else LEAST_SPREAD
+    spread = min(max(spread, LEAST_SPREAD), MOST_SPREAD)
+    chance = _quantile(spread, NORMAL[1]) * (1.0 - (LESSER * spread if second else 0.0))
+    return (curve / chance).astype(np.float32), spread
