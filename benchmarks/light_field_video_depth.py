@@ -1,8 +1,8 @@
 """Depth of videos: how much it flickers where nothing moves, and whether what moves stays as good as in single frames.
 
-`python -m benchmarks.light_field_video_depth [--every N] [--best] [--frames N] [--sensor NAME] SCENE...` makes videos of
-3x3 views of scenes in the format of the 4D Light Field Benchmark, with the noise of a webcam and 8 bits: the scene as
-it is, in flickering and in growing light, with an object that moves before it, and panned. Depth of each frame on its
+`python -m benchmarks.light_field_video_depth [--every N] [--best] [--frames N] [--sensor NAME] SCENE...` makes videos
+of 3x3 views of scenes in the format of the 4D Light Field Benchmark, with the noise of a webcam and 8 bits: as they
+are, in flickering and in growing light, with an object that moves before it, and panned. Depth of each frame on its
 own stands beside that of frames filtered in time. `... speed` times both.
 """
 
@@ -23,7 +23,7 @@ from benchmarks.light_field_depth_scenes import at_edges, sigma_px
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.temporal_filter import TemporalFilter
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
 Float32 = NDArray[np.float32]

@@ -45,7 +45,14 @@ LAYERS = {
     "mirrorcam.optics": (
         *("base", "geometry", "design.program", "design.assess", "design", "exports"),
         *("calibration.solver", "calibration.detection", "calibration.diagnostics", "calibration.direct"),
-        *("calibration", "light_field", "light_field.depth", "light_field.render", "light_field.features"),
+        *(
+            "calibration",
+            "light_field",
+            "light_field.temporal",
+            "light_field.depth",
+            "light_field.render",
+            "light_field.features",
+        ),
         *("light_field.motion", "light_field.filters"),
         *("light_field.io", "light_field.io.formats", "drift"),
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.estimate import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.temporal_filter import TemporalFilter
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 
 class VideoDepth:

@@ -31,8 +31,8 @@ class DepthOptions(LightFieldsOptions):
     frames_apart: bool = Field(
         default=False,
         description=(
-            "measure each frame of a recording on its own; without it, views are averaged over frames where nothing moves, "
-            "so that depth does not flicker there"
+            "measure each frame of a recording on its own; without it, views are averaged over frames where nothing "
+            "moves, so that depth does not flicker there"
         ),
     )
     out: Path = Field(

@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.equalisation import Equalisation, matched, une
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.temporal_filter import TemporalFilter
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Generator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,12 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow import decoding
 from mirrorcam.workflow.decoding import DecodeRequest, decode_files
 from tests.mirrorcam.command_line import results
@@ -82,6 +85,23 @@ def test_a_video_becomes_a_bag_with_the_times_of_its_frames(here: Path, layout: 
         assert isinstance(frame, Frame)
         assert np.array_equal(found.samples, decoder.decode(frame.pixels).samples)
         assert found.layout_identity == layout.identity
+
+
+def test_depth_of_a_bag_is_that_of_a_video(here: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[DepthMap] = []
+
+    class Kept(VideoDepth):
+        def estimate(self, light_field: LightField) -> DepthMap:
+            found.append(super().estimate(light_field))
+            return found[-1]
+
+    monkeypatch.setattr("mirrorcam.workflow.bag_recording.VideoDepth", Kept)
+    assert decoded(asked(limit=3)) == 0
+    decoder = Decoder(layout)
+    frames = [decoder.decode(each.pixels) for each in islice(Video(here / "video.avi").frames(), 3)]  # type: ignore[union-attr]
+    expected = VideoDepth(DepthEstimator(frames[0], quality="fast"))
+    for depth, frame in zip(found, frames, strict=True):
+        assert np.array_equal(depth.depth_mm, expected.estimate(frame).depth_mm, equal_nan=True)
 
 
 def test_without_depth_a_bag_holds_views_only(here: Path) -> None:

@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.depth import DepthMap
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.decoding import EQUALISATION, DecodeRequest, decode_files
@@ -143,6 +143,14 @@ def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pyte
     assert [time_s for time_s, _, _ in shown] == pytest.approx([0.0, 1.0, 0.0, 1 / RATE, 2 / RATE])
     assert np.array_equal(shown[1][1].samples, load_npz(folder / "out" / "b.npz").samples)
     assert all(depth is not None and depth.valid.any() for _, _, depth in shown)
+    # Pictures are measured on their own, the frames of a video as such.
+    estimator = DepthEstimator(shown[0][1], quality="fast")
+    video = VideoDepth(estimator)
+    expected = [estimator.estimate(each).depth_mm for _, each, _ in shown[:2]]
+    expected += [video.estimate(each).depth_mm for _, each, _ in shown[2:]]
+    for (_, _, depth), depth_mm in zip(shown, expected, strict=True):
+        assert depth is not None
+        assert np.array_equal(depth.depth_mm, depth_mm, equal_nan=True)
     shown.clear()
     plain = DecodeRequest(folder / "layout.json", frames=frames[2:], view=True, depth=False)
     assert decoded(plain, folder / "plain") == 0

@@ -12,7 +12,9 @@ from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField
+from mirrorcam.optics.light_field.temporal import TemporalFilter
+from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
+from tests.mirrorcam.workflow.recordings import noisy_walls, write_recording
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -58,3 +60,18 @@ def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys:
     said = capsys.readouterr().out
     assert "tinted: views differ by up to 25% in brightness or colour, matched" in " ".join(said.split())
     assert "alike" not in said
+
+
+def test_frames_of_recordings_are_numbered_and_each_recording_is_filtered_on_its_own(tmp_path: Path) -> None:
+    frames = noisy_walls(2)
+    write_recording(tmp_path / "film.zarr", frames)
+    save_npz(tmp_path / "wall.npz", frames[1])
+    inputs = LightFieldInputs((tmp_path / "film.zarr", tmp_path / "wall.npz"))
+    recording, video = RecordingFilter(), TemporalFilter()
+    filtered = [video.filtered(each).samples for each in frames]
+    for _ in range(2):
+        first, second, wall = inputs.each()
+        assert (first.frame, second.frame, wall.frame) == (0, 1, None)
+        assert np.array_equal(recording.filtered(first).samples, filtered[0])
+        assert np.array_equal(recording.filtered(second).samples, filtered[1])
+        assert recording.filtered(wall) is wall.light_field

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.light_field_results import (
@@ -16,6 +18,7 @@ from mirrorcam.workflow.light_field_results import (
     write_features,
 )
 from tests.mirrorcam.command_line import results
+from tests.mirrorcam.workflow.recordings import noisy_walls, write_recording
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -54,3 +57,35 @@ def test_an_epipolar_image_is_cut_in_the_middle_unless_a_line_is_given(
         write_epipolar_images(inputs, tmp_path, axis="t", line=line)
         with np.load(tmp_path / "wall_epi.npz") as arrays:
             assert (str(arrays["axis"]), int(arrays["line"])) == ("t", expected)
+
+
+def depths_mm(folder: Path) -> list[NDArray[np.float32]]:
+    return [np.load(path)["depth_mm"] for path in sorted(folder.glob("*_depth.npz"))]
+
+
+def test_frames_of_a_recording_are_filtered_in_time_unless_kept_apart(tmp_path: Path) -> None:
+    frames = noisy_walls(4)
+    for name in ("first", "second"):
+        write_recording(tmp_path / f"{name}.zarr", frames)
+    recordings = LightFieldInputs((tmp_path / "first.zarr", tmp_path / "second.zarr"))
+    estimator = DepthEstimator(frames[0], quality="fast")
+    alone = [estimator.estimate(each).depth_mm for each in frames]
+    video = VideoDepth(estimator)
+    filtered = [video.estimate(each).depth_mm for each in frames]
+    assert not np.array_equal(filtered[1], alone[1], equal_nan=True)
+    write_depths(recordings, tmp_path / "filtered", quality="fast")
+    for found, expected in zip(depths_mm(tmp_path / "filtered"), 2 * filtered, strict=True):
+        assert np.array_equal(found, expected, equal_nan=True)
+    write_depths(recordings, tmp_path / "apart", quality="fast", frames_apart=True)
+    for found, expected in zip(depths_mm(tmp_path / "apart"), 2 * alone, strict=True):
+        assert np.array_equal(found, expected, equal_nan=True)
+
+
+def test_depth_of_a_file_does_not_depend_on_the_files_before_it(tmp_path: Path) -> None:
+    frames = noisy_walls(3)
+    paths = tuple(tmp_path / f"{number}.npz" for number in range(3))
+    for path, each in zip(paths, frames, strict=True):
+        save_npz(path, each)
+    write_depths(LightFieldInputs(paths), tmp_path / "all", quality="fast")
+    write_depths(LightFieldInputs(paths[2:]), tmp_path / "last", quality="fast")
+    assert (tmp_path / "all/2_depth.npz").read_bytes() == (tmp_path / "last/2_depth.npz").read_bytes()

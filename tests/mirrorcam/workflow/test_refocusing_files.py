@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.light_field_results import write_depths
 from mirrorcam.workflow.refocusing_files import RefocusRequest, stills, write_refocused
 from tests.mirrorcam.command_line import results
+from tests.mirrorcam.workflow.recordings import noisy_walls, write_recording
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 
@@ -79,3 +81,16 @@ def test_depth_is_measured_once(tmp_path: Path) -> None:
     # In the folder of `mirrorcam depth` itself, its file serves and stays.
     beside = write_refocused(inputs, tmp_path / "depths", request).depths[0]
     assert (beside.path, beside.measured) == (tmp_path / "depths/wall_depth.npz", False)
+
+
+def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_path: Path) -> None:
+    write_recording(tmp_path / "film.zarr", noisy_walls(4))
+    inputs, request = LightFieldInputs((tmp_path / "film.zarr",)), RefocusRequest(all_in_focus=True)
+    write_refocused(inputs, tmp_path / "whole", request)
+    shutil.copytree(tmp_path / "whole", tmp_path / "resumed")
+    for number in (0, 2):
+        (tmp_path / f"resumed/film_{number:06d}_depth.npz").unlink()
+    used = write_refocused(inputs, tmp_path / "resumed", request).depths
+    assert [depth.measured for depth in used] == [True, False, True, False]
+    for path in (tmp_path / "whole").glob("film_*"):
+        assert path.read_bytes() == (tmp_path / "resumed" / path.name).read_bytes()

@@ -1,0 +1,173 @@
+"""A motion-adaptive recursive filter in time for light fields: what stays as it is is averaged, what changes is not.
+
+Each sample is the mean of those before, up to MEMORY frames, as long as the new one differs by no more than noise
+explains. Two tests decide, both over a small square of the view: of the difference itself, and of its running mean,
+which tells of a drift too slow for the first. What moves, and what it uncovers, is the new sample alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.temporal.blocks import SMALL_STRIDE_PX, Blocks, full_brightness, lighting, row_gains
+from mirrorcam.optics.light_field.temporal.noise import LEAST, ROUNDING, Noise, measured_noise
+from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, MEMORY, filter_view
+from mirrorcam.optics.light_field.temporal.shared_changes import own_share
+
+Float32 = NDArray[np.float32]
+Map = Callable[..., Any]
+
+LIKE, UNLIKE = 2.0, 4.0
+"""Standard deviations of chance by which a square may differ before memory shrinks, and before none is left."""
+CALM, RESTLESS = 0.2, 0.6
+"""Share of an area that changed in the frame before, up to which memory is whole, and from which on there is none."""
+MOVING, RESTING = 0.75, 0.92
+"""Share of changes that are each view's own, up to which noise cannot be told from motion, and from which it can."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What the next frame is compared with.
+
+    Attributes
+    ----------
+    mean
+        The light field filtered so far.
+    last
+        The frame before, as it was.
+    count
+        Of how many frames samples (k, v, u) are the mean.
+    drift
+        Running mean (k, v, u) of the differences of brightness to the mean.
+    most_frames
+        Most frames (i, j) to average in areas of AREA_PX.
+    blocks, noise
+        Those of the frame before; no noise after the first.
+    """
+
+    mean: LightField
+    last: LightField
+    count: Float32
+    drift: Float32
+    most_frames: Float32
+    blocks: Blocks
+    noise: Noise | None = None
+
+    @classmethod
+    def first(cls, light_field: LightField) -> _State:
+        """The state after the first light field."""
+        height, width = light_field.height_px, light_field.width_px
+        shape = (light_field.rows * light_field.cols, height, width)
+        most = np.full((-(-height // AREA_PX), -(-width // AREA_PX)), MEMORY, np.float32)
+        return cls(
+            light_field,
+            light_field,
+            np.ones(shape, np.float32),
+            np.zeros(shape, np.float32),
+            most,
+            Blocks.of(light_field),
+        )
+
+
+class TemporalFilter:
+    """Filters the light fields of one video, one after the other, in order.
+
+    It starts anew at a light field of other views or another kind of samples. The result depends on the frames given so
+    far and on nothing else; memory is that of a few light fields, however long the video.
+
+    Parameters
+    ----------
+    workers
+        Number of threads; by default as many as OpenCV uses.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        self._run: Map = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        self._state: _State | None = None
+
+    def filtered(self, light_field: LightField) -> LightField:
+        """The next light field of the video, averaged with those before where nothing moved.
+
+        One that repeats the frame before, as cameras give in the dark, counts once.
+        The first one is returned as it is; others have float32 samples, where nothing is averaged the very same ones.
+        """
+        before = self._state
+        if before is None or not _alike(before.last, light_field):
+            self._state = _State.first(light_field)
+        elif not np.array_equal(before.last.samples, light_field.samples):
+            self._state = self._next(before, light_field)
+        return self._state.mean
+
+    def _next(self, before: _State, frame: LightField) -> _State:
+        """The state after a frame."""
+        blocks = Blocks.of(frame)
+        gains = lighting(blocks.means, Blocks.of(before.mean).means)
+        blocks, rows = blocks.after(before.blocks, gains), row_gains(gains, frame.height_px)
+        measured = _noise(before, frame, blocks, gains, rows)
+        new, old = _by_view(frame), _by_view(before.mean)
+        if old.dtype == np.uint8:
+            old = old.astype(np.float32) / full_brightness(before.mean)
+        samples = np.empty(new.shape, np.float32)
+        count, drift = np.empty_like(before.count), np.empty_like(before.drift)
+        changed = np.zeros((len(new), *before.most_frames.shape), np.float32)
+        tables = measured.information()
+        limits = np.array([measured.limits(LIKE), measured.limits(UNLIKE)], np.float32)
+
+        def one(view: int) -> None:
+            filter_view(
+                new[view],
+                full_brightness(frame),
+                old[view],
+                before.count[view],
+                before.drift[view],
+                rows[view],
+                tables,
+                INFORMATION,
+                limits,
+                before.most_frames,
+                samples[view],
+                count[view],
+                drift[view],
+                changed[view],
+            )
+
+        list(self._run(one, range(len(new))))
+        mean = LightField.of(frame, samples.reshape(frame.samples.shape), frame.weights)
+        return _State(mean, frame, count, drift, _most_frames(changed, new.shape[1:3]), blocks, measured)
+
+
+def _noise(before: _State, frame: LightField, blocks: Blocks, gains: Float32, rows: Float32) -> Noise:
+    """The noise after a frame."""
+    least = ROUNDING if frame.samples.dtype == np.uint8 else LEAST
+    trust = (own_share(frame, before.last, rows) - MOVING) / (RESTING - MOVING)
+    found = measured_noise(blocks, before.blocks, gains, least, min(max(trust, 0.0), 1.0))
+    return found if before.noise is None else before.noise.followed(found)
+
+
+def _by_view(light_field: LightField) -> Any:
+    """Samples (k, v, u, c)."""
+    samples: Any = light_field.samples
+    return samples.reshape(-1, *samples.shape[2:])
+
+
+def _alike(before: LightField, now: LightField) -> bool:
+    """Whether two light fields have the same views, large enough, and the same kind of samples."""
+    same = all(np.array_equal(getattr(before, field.name), getattr(now, field.name)) for field in fields(Views))
+    same = same and min(now.height_px, now.width_px) >= SMALL_STRIDE_PX
+    return same and before.samples.shape == now.samples.shape and before.samples.dtype == now.samples.dtype
+
+
+def _most_frames(changed: Float32, shape: tuple[int, int]) -> Float32:
+    """Frames (i, j) that are averaged at most in areas of AREA_PX, of the samples (k, i, j) of views that changed."""
+    rows, columns = (np.minimum(AREA_PX, side - np.arange(0, side, AREA_PX)) for side in shape)
+    share: Any = cv2.blur(changed.mean(axis=0) / np.outer(rows, columns).astype(np.float32), (3, 3))
+    part = np.clip((RESTLESS - share) / (RESTLESS - CALM), 0.0, 1.0)
+    return np.asarray(1.0 + (MEMORY - 1) * part, dtype=np.float32)

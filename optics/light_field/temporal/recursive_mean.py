@@ -1,0 +1,171 @@
+"""The recursive mean of a video, row by row: what changed is told from noise, and what did not is averaged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.compiled import compiled
+
+Float32 = NDArray[np.float32]
+
+MEMORY = 24
+"""Most frames that are averaged, about; a still sample's noise falls to 0.15 of a frame's."""
+SIDE_PX = 5
+"""Side of the square over which changes are judged."""
+AREA_PX = 16
+DRIFT_SHARE = 0.25
+"""Share of a frame in the running mean of differences."""
+MOST = 100.0
+"""Squared differences count as that at most."""
+
+
+def _information() -> Float32:
+    """Inverse variance (2, MEMORY + 1) of differences and of their running mean, by the frames averaged, in noise.
+
+    Where nothing moves, differences to a mean of n samples are independent and have a variance of 1 + 1 / n.
+    """
+    found = np.ones((2, MEMORY + 1))
+    keep = (1.0 - DRIFT_SHARE) ** 2
+    variance = 0.0
+    for count in range(1, MEMORY + 1):
+        variance = keep * variance + DRIFT_SHARE**2 * (1.0 + 1.0 / count)
+        found[:, count] = 1.0 / (1.0 + 1.0 / count), 1.0 / variance
+    return found.astype(np.float32)
+
+
+INFORMATION = _information()
+
+
+@compiled
+def _differences(new: Any, scale: Any, mean: Any, gain: Any, difference: Any, level: Any) -> None:
+    """Differences (u, c) of a row to its mean in the light of now, and the brightness (u,) of that mean."""
+    width, channels = new.shape
+    if channels == 3:
+        for x in range(width):
+            red, green, blue = mean[x, 0] * gain[0], mean[x, 1] * gain[1], mean[x, 2] * gain[2]
+            difference[x, 0] = np.float32(new[x, 0]) * scale - red
+            difference[x, 1] = np.float32(new[x, 1]) * scale - green
+            difference[x, 2] = np.float32(new[x, 2]) * scale - blue
+            level[x] = (red + green + blue) * np.float32(1.0 / 3.0)
+    else:
+        for x in range(width):
+            level[x] = mean[x, 0] * gain[0]
+            difference[x, 0] = np.float32(new[x, 0]) * scale - level[x]
+
+
+@compiled
+def _tested(
+    difference: Any, level: Any, count: Any, drift: Any, tables: Any, by_count: Any, drifted: Any, out: Any
+) -> None:
+    """Squares (2, u) of the difference and of its running mean, in those of noise; the running mean is `drifted`."""
+    width, channels = difference.shape
+    last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
+    share, most, third = np.float32(DRIFT_SHARE), np.float32(MOST), np.float32(1.0 / 3.0)
+    for x in range(width):
+        a = difference[x, 0]
+        squares, total = a * a, a
+        if channels == 3:
+            b, c = difference[x, 1], difference[x, 2]
+            squares += b * b + c * c
+            total = (a + b + c) * third
+        moved = drift[x] + share * (total - drift[x])
+        drifted[x] = moved
+        place, times = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
+        out[0, x] = min(squares * tables[0, place] * by_count[0, times], most)
+        out[1, x] = min(moved * moved * tables[1, place] * by_count[1, times], most)
+
+
+@compiled
+def _kept(sums: Any, inverse: Any, limits: Any, out: Any) -> None:
+    """Share (u,) of memory that is kept, of sums (2, u) over the rows of the square, padded at both sides.
+
+    `limits` (2, 2) are those from which less is kept and nothing, of the difference and of its running mean.
+    """
+    width = len(out)
+    zero, one = np.float32(0.0), np.float32(1.0)
+    unlike, drifting = limits[1, 0], limits[1, 1]
+    alike, still = one / (unlike - limits[0, 0]), one / (drifting - limits[0, 1])
+    for x in range(width):
+        change, drift = sums[0, x], sums[1, x]
+        for offset in range(1, SIDE_PX):
+            change += sums[0, x + offset]
+            drift += sums[1, x + offset]
+        like = (unlike - change * inverse[x]) * alike
+        steady = (drifting - drift * inverse[x]) * still
+        out[x] = max(min(like, steady, one), zero)
+
+
+@compiled
+def _blended(new: Any, full: Any, mean: Any, gain: Any, part: Any, out: Any) -> None:
+    """A row (u, c) of new samples and their mean in the light of now, by the share (u,) of the new ones."""
+    one = np.float32(1.0)
+    for x in range(len(part)):
+        rest = one - part[x]
+        for c in range(out.shape[1]):
+            out[x, c] = part[x] * (np.float32(new[x, c]) / full) + rest * (mean[x, c] * gain[c])
+
+
+@compiled
+def filter_view(
+    new: Any,
+    full: Any,
+    mean: Any,
+    count: Any,
+    drift: Any,
+    gain: Any,
+    tables: Any,
+    by_count: Any,
+    limits: Any,
+    most_frames: Any,
+    out: Any,
+    out_count: Any,
+    out_drift: Any,
+    out_changed: Any,
+) -> None:
+    """Filter one view: `new` (v, u, c) of `full` brightness, `mean` (v, u, c), `count` and `drift` (v, u).
+
+    `gain` (v, c) brings the mean to the light of now; `tables` and `by_count` are inverse variances by brightness and
+    by count; `most_frames` and `out_changed` (i, j) belong to areas.
+    """
+    height, width, channels = new.shape
+    reach = SIDE_PX // 2
+    one, scale = np.float32(1.0), np.float32(1.0) / full
+    difference, level = np.empty((width, channels), np.float32), np.empty(width, np.float32)
+    rows = np.zeros((SIDE_PX, 2, width), np.float32)
+    sums = np.zeros((2, width + 2 * reach), np.float32)
+    kept, part, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    for below in range(height + reach):
+        if below < height:
+            _differences(new[below], scale, mean[below], gain[below], difference, level)
+            ring = rows[below % SIDE_PX]
+            _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], ring)
+        else:
+            rows[below % SIDE_PX] = 0.0
+        y = below - reach
+        if y < 0:
+            continue
+        for kind in range(2):
+            inner = sums[kind, reach : reach + width]
+            inner[:] = rows[0, kind]
+            for number in range(1, SIDE_PX):
+                row = rows[number, kind]
+                for x in range(width):
+                    inner[x] += row[x]
+        tall = min(y, reach) + min(height - 1 - y, reach) + 1
+        for x in range(width):
+            inverse[x] = one / np.float32(tall * (min(x, reach) + min(width - 1 - x, reach) + 1))
+        _kept(sums, inverse, limits, kept)
+        for area in range(most_frames.shape[1]):
+            most = most_frames[y // AREA_PX, area] - one
+            changed = np.float32(0.0)
+            for x in range(area * AREA_PX, min((area + 1) * AREA_PX, width)):
+                changed += one - kept[x]
+                times = min(count[y, x] * kept[x], most) + one
+                out_count[y, x] = times
+                part[x] = one / times
+                out_drift[y, x] *= kept[x]
+            out_changed[y // AREA_PX, area] += changed
+        _blended(new[y], full, mean[y], gain[y], part, out[y])

@@ -1,0 +1,151 @@
+"""Videos filtered in time: what is still, what moves, what drifts, and what lighting does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.temporal import TemporalFilter
+from mirrorcam.optics.light_field.temporal.recursive_mean import MEMORY
+from tests.optics.light_field.depth.surfaces import grid_views
+from tests.optics.light_field.temporal.videos import HEIGHT_PX, SIGMA, WIDTH_PX, error_grey, picture, shot
+
+
+def filtered(scenes: Any, count: int, sigma: float = SIGMA) -> tuple[LightField, LightField]:
+    """The last of some frames, as it is and filtered."""
+    random, video = np.random.default_rng(9), TemporalFilter(1)
+    for number in range(count):
+        frame = shot(scenes(number), random, sigma)
+        found = video.filtered(frame)
+    return frame, found
+
+
+def rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_noise_of_a_still_scene_falls_as_that_of_a_mean() -> None:
+    for count in (2, 5, 12):
+        _, found = filtered(lambda number: picture(), count)
+        assert rms(error_grey(found, picture())) == pytest.approx(SIGMA / np.sqrt(count), rel=0.12)
+    _, found = filtered(lambda number: picture(), 3 * MEMORY)
+    # A recursive mean with the weight w of a new frame has the variance w / (2 - w).
+    assert rms(error_grey(found, picture())) == pytest.approx(SIGMA / np.sqrt(2 * MEMORY - 1), rel=0.2)
+
+
+def test_the_first_frame_and_unrelated_frames_are_as_they_are() -> None:
+    random, video = np.random.default_rng(10), TemporalFilter(1)
+    for seed in range(6):
+        frame = shot(picture(seed, contrast=40.0), random)
+        found = video.filtered(frame)
+        if seed == 0:
+            assert found is frame
+        else:
+            # Every one of 256 grey levels comes back from 0 to 1.
+            assert np.array_equal(found.samples * np.float32(255.0), frame.samples)
+
+
+def test_what_moves_is_new_and_leaves_nothing_behind() -> None:
+    def scene(number: int) -> Any:
+        whole = picture(contrast=10.0)
+        whole[30:60, 5 + 3 * number : 35 + 3 * number] = picture(1, contrast=30.0)[:30, :30] + 40.0
+        return whole
+
+    count = 20
+    last, found = filtered(scene, count)
+    error, single = error_grey(found, scene(count - 1)), error_grey(last, scene(count - 1))
+    left = 5 + 3 * (count - 1)
+    assert rms(error[:, :, 32:58, left + 2 : left + 28]) <= 1.05 * rms(single[:, :, 32:58, left + 2 : left + 28])
+    assert rms(error[:, :, 32:58, left - 6 : left]) <= 1.1 * rms(single[:, :, 32:58, left - 6 : left])
+    assert rms(error[:, :, :20]) < 0.35 * SIGMA
+
+
+@pytest.mark.parametrize("speed_px", [0.05, 0.1, 0.3, 1.0])
+def test_a_slow_drift_of_all_is_not_smeared(speed_px: float) -> None:
+    wide = cv2.resize(picture(contrast=30.0), (4 * WIDTH_PX, 4 * HEIGHT_PX), interpolation=cv2.INTER_CUBIC)
+
+    def scene(number: int) -> Any:
+        place = np.array([[1.0, 0.0, -60.0 - speed_px * number], [0.0, 1.0, -60.0]])
+        return cv2.warpAffine(wide, place, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_CUBIC)
+
+    count = 30
+    last, found = filtered(scene, count)
+    truth = np.clip(scene(count - 1), 0, 255)
+    assert rms(error_grey(found, truth)) < 1.02 * rms(error_grey(last, truth))
+    # The error along the slope of the picture: what lag makes of it stays below half of a frame's noise.
+    slope = cv2.Sobel(truth, cv2.CV_64F, 1, 0, ksize=1, scale=0.5)
+    inner = (slice(None), slice(None), slice(8, -8), slice(8, -8))
+    wide_slope = np.broadcast_to(slope, found.samples.shape)[inner]
+    lag_px = abs(float((error_grey(found, truth)[inner] * wide_slope).sum() / np.square(wide_slope).sum()))
+    assert lag_px * rms(wide_slope) < 0.5 * SIGMA
+
+
+def test_a_texture_as_fine_as_noise_that_moves_all_over_is_not_averaged() -> None:
+    scenes = [picture(grain_px=0.7, contrast=8.0)]
+    last, found = filtered(lambda number: np.roll(scenes[0], 5 * number, axis=1), 12)
+    assert np.abs(found.samples * np.float32(255.0) - last.samples).mean() < 0.05
+
+
+@pytest.mark.parametrize("light", [lambda n: 1.0 + 0.03 * np.sin(2.4 * n), lambda n: 0.8 * 1.01**n])
+def test_lighting_that_changes_is_followed(light: Any) -> None:
+    count = 24
+    _, found = filtered(lambda number: picture() * light(number), count)
+    assert rms(error_grey(found, picture() * light(count - 1))) < 0.33 * SIGMA
+
+
+def test_a_frame_that_is_repeated_changes_nothing() -> None:
+    random, video = np.random.default_rng(11), TemporalFilter(1)
+    for _ in range(6):
+        frame = shot(picture(), random)
+        for _ in range(3):
+            found = video.filtered(frame)
+    assert rms(error_grey(found, picture())) < 0.6 * SIGMA
+    later = [shot(picture(), random) for _ in range(12)]
+    for frame in later:
+        found = video.filtered(frame)
+    assert rms(error_grey(found, picture())) < 0.33 * SIGMA
+
+
+def test_threads_and_other_videos_make_no_difference() -> None:
+    random = np.random.default_rng(12)
+    frames = [shot(picture(number // 3), random) for number in range(6)]
+    alone, beside = TemporalFilter(1), TemporalFilter(3)
+    for frame in frames:
+        TemporalFilter(1).filtered(frame)
+        assert np.array_equal(alone.filtered(frame).samples, beside.filtered(frame).samples)
+
+
+def test_other_views_and_other_samples_start_anew() -> None:
+    random, video = np.random.default_rng(13), TemporalFilter(1)
+    frame = shot(picture(), random)
+    moved = shot(picture(), random, step_mm=21.0)
+    grey = shot(picture()[..., :1], random)
+    for each in (frame, moved, grey, frame):
+        assert video.filtered(each) is each
+
+
+def test_grey_and_floating_point_videos_are_filtered_too() -> None:
+    random, video, floating = np.random.default_rng(14), TemporalFilter(1), TemporalFilter(1)
+    for _ in range(10):
+        frame = shot(picture()[..., :1], random)
+        found = video.filtered(frame)
+        again = floating.filtered(LightField.of(frame, frame.samples / np.float32(255.0), frame.weights))
+    assert rms(error_grey(found, picture()[..., :1])) < 0.4 * SIGMA
+    assert np.abs(again.samples - found.samples).max() * 255.0 < 0.6 * SIGMA
+
+
+def test_small_views_are_filtered_too() -> None:
+    random, video = np.random.default_rng(15), TemporalFilter(1)
+    for size in (4, 7, 8, 17):
+        views = grid_views(uneven=False, width_px=size, height_px=size)
+        for _ in range(4):
+            frame = shot(picture(), random)
+            samples, weights = frame.samples[:, :, :size, :size], frame.weights[:, :, :size, :size]
+            given = LightField.of(views, samples, weights)
+            found = video.filtered(given)
+        assert found.samples.shape == samples.shape
+        assert (found is given) == (size < 8)

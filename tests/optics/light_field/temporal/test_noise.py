@@ -1,0 +1,101 @@
+"""Noise that is measured between frames: by brightness, through motion, and how independent it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.temporal.blocks import Blocks
+from mirrorcam.optics.light_field.temporal.noise import BINS, LEAST, ROUNDING, Noise, measured_noise
+from tests.optics.light_field.temporal.videos import SIGMA, picture, shot
+
+
+def measured(frames: list[LightField], least: float = ROUNDING, trust: float = 1.0) -> Noise:
+    """The noise that the last of some frames shows, in even light."""
+    gains = np.ones((9, 11, 3), np.float32)
+    blocks = [Blocks.of(frames[0])]
+    for frame in frames[1:]:
+        blocks.append(Blocks.of(frame).after(blocks[-1], gains))
+    return measured_noise(blocks[-1], blocks[-2], gains, least, trust)
+
+
+def sigma_grey(noise: Noise, level: int = 7) -> float:
+    return float(np.sqrt(noise.colours[level] / 3.0) * 255.0)
+
+
+def frames(count: int, scenes: Any, sigma: float = SIGMA) -> list[LightField]:
+    random = np.random.default_rng(4)
+    return [shot(scenes(number), random, sigma) for number in range(count)]
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_noise_is_that_of_the_frames(count: int) -> None:
+    found = measured(frames(count, lambda number: picture()))
+    assert sigma_grey(found) == pytest.approx(SIGMA, rel=0.04)
+    # The mean of three channels has a third of the variance of one, a ninth of their sum.
+    assert found.brightness[7] == pytest.approx(found.colours[7] / 9.0, rel=0.08)
+
+
+def test_noise_grows_with_brightness_as_that_of_light_does() -> None:
+    random = np.random.default_rng(5)
+    ramp = np.broadcast_to(np.linspace(10.0, 245.0, 120)[None, :, None], (3, 3, 90, 120, 3))
+    noisy = [ramp + np.sqrt(ramp / 30.0) * random.normal(size=ramp.shape) for _ in range(2)]
+    found = measured([shot(each, random, 0.0) for each in noisy])
+    levels = (np.arange(BINS) + 0.5) / BINS * 255.0
+    expected = np.sqrt(levels / 30.0 + 1.0 / 12.0)
+    assert np.sqrt(found.colours / 3.0)[1:-1] * 255.0 == pytest.approx(expected[1:-1], rel=0.15)
+    assert found.information()[0, 128] == pytest.approx(1.0 / found.colours[7:9].mean(), rel=0.1)
+
+
+def test_slow_motion_of_all_and_fast_motion_of_most_is_no_noise() -> None:
+    wide = cv2.resize(picture(contrast=40.0), (480, 360), interpolation=cv2.INTER_CUBIC)
+
+    def slowly(number: int) -> Any:
+        return cv2.warpAffine(wide, np.array([[1.0, 0.0, -50 - 0.4 * number], [0.0, 1.0, -50.0]]), (120, 90))
+
+    assert sigma_grey(measured(frames(3, slowly))) == pytest.approx(SIGMA, rel=0.1)
+
+    def mostly(number: int) -> Any:
+        scene = picture()
+        scene[:, :72] = picture(seed=number + 1)[:, :72]
+        return scene
+
+    assert sigma_grey(measured(frames(3, mostly))) == pytest.approx(SIGMA, rel=0.15)
+
+
+def test_spread_tells_how_many_values_are_independent() -> None:
+    white = measured(frames(3, lambda number: picture()))
+    # Chi-squared of n values: 2 / (9 n) is the variance of its cube root.
+    assert white.spread[0] == pytest.approx(np.sqrt(2.0 / (9 * 75)), rel=0.15)
+    assert white.spread[1] == pytest.approx(np.sqrt(2.0 / (9 * 25)), rel=0.15)
+    assert white.limits(2.0) == pytest.approx((1.36, 1.65), abs=0.1)
+    random = np.random.default_rng(6)
+    joined = []
+    for _ in range(3):
+        noise = SIGMA * random.normal(size=(9, 90, 120, 3))
+        blurred = np.stack([cv2.blur(each, (2, 2)) for each in noise]).reshape(3, 3, 90, 120, 3)
+        joined.append(shot(picture() + 3.0 * blurred, random, 0.0))
+    assert measured(joined).spread[0] > 1.2 * white.spread[0]
+
+
+def test_without_noise_there_is_that_of_rounding_or_nothing() -> None:
+    still = frames(3, lambda number: picture(), sigma=0.0)
+    assert measured(still).colours == pytest.approx(3.0 * ROUNDING)
+    assert measured(still, LEAST).colours == pytest.approx(3.0 * LEAST)
+
+
+def test_noise_is_followed_down_at_once_and_up_slowly_and_only_where_it_can_be_trusted() -> None:
+    def noise(variance: float, trust: float) -> Noise:
+        return Noise(np.full(BINS, variance, np.float32), np.full(BINS, variance, np.float32), (0.1, 0.1), trust)
+
+    assert noise(4.0, 1.0).followed(noise(1.0, 1.0)).colours[0] == pytest.approx(2.5)
+    assert noise(1.0, 1.0).followed(noise(4.0, 1.0)).colours[0] == pytest.approx(1.0 + 3.0 / 16.0)
+    assert noise(1.0, 1.0).followed(noise(4.0, 0.0)).colours[0] == 1.0
+    first = noise(9.0, 0.0).followed(noise(4.0, 1.0))
+    assert (first.colours[0], first.trust) == (4.0, 1.0)
+    # Without trust, nothing is taken for noise.
+    assert noise(1.0, 0.0).information().min() >= 999.0
