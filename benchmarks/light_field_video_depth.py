@@ -9,7 +9,9 @@ own stands beside that of frames filtered in time. `... speed` times both.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import resource
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.light_field_depth import BAD_PX
-from benchmarks.light_field_depth_scenes import at_edges, sigma_px
+from benchmarks.light_field_depth_errors import at_edges, sigma_px
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -39,6 +41,8 @@ JUMP_PX = 0.5
 """Change from frame to frame, px of the farthest view's motion, that is a jump to another plane."""
 OBJECT_PX = 56
 BEHIND_PX = 8
+NEARER_PX = 0.4
+"""Disparity of the object, beyond the nearest of the scene."""
 MAINS_PART, RAMP_PART = 0.03, 0.01
 
 
@@ -97,8 +101,8 @@ def texture(size: int, grain_px: float = 1.5) -> Float32:
     return np.clip(110.0 + 18.0 * total, 20.0, 235.0).astype(np.float32)
 
 
-def with_object(samples: Float32, truth: Float32, left_px: float, disparity_px: float, way: float) -> Shot:
-    """A textured square at a place and a disparity before a scene; it moves to the right or, with `way` -1, left."""
+def with_object(samples: Float32, truth: Float32, left_px: float, disparity_px: float) -> Shot:
+    """A textured square, which moves to the right, at a place and a disparity before a scene."""
     rows, cols, height, width = samples.shape[:4]
     colours = np.pad(texture(OBJECT_PX), ((4, 4), (4, 4), (0, 0)), mode="edge")
     opaque = np.pad(np.ones((OBJECT_PX, OBJECT_PX), np.float32), 4)
@@ -117,7 +121,7 @@ def with_object(samples: Float32, truth: Float32, left_px: float, disparity_px: 
     inner = cv2.erode(inside.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     past = np.zeros_like(inside)
     for step in range(1, BEHIND_PX + 1):
-        past |= np.roll(inside, -step if way > 0 else step, axis=1)
+        past |= np.roll(inside, -step, axis=1)
     return Shot(result, np.where(inside, np.float32(disparity_px), truth), inner, past & ~inside)
 
 
@@ -128,7 +132,7 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
     top_px, left = (truth.shape[0] - HEIGHT_PX) // 2, (truth.shape[1] - WIDTH_PX) // 2
     window = (slice(top_px, top_px + HEIGHT_PX), slice(left, left + WIDTH_PX))
     nothing = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
-    near = float(np.nanmax(truth)) + 0.4
+    near = float(np.nanmax(truth)) + NEARER_PX
     random = np.random.default_rng(11)
     for number in range(count):
         moved, deep = samples, truth
@@ -137,7 +141,7 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
         shot = Shot(moved[:, :, *window], deep[window], nothing, nothing)
         if motion.object_px is not None:
             start = (WIDTH_PX - OBJECT_PX - motion.object_px * (count - 1)) / 2
-            shot = with_object(shot.samples, shot.truth, start + motion.object_px * number, near, 1.0)
+            shot = with_object(shot.samples, shot.truth, start + motion.object_px * number, near)
         light = 1.0
         if motion.light == "mains":
             light = 1.0 + MAINS_PART * float(random.uniform(-1, 1))
@@ -146,25 +150,25 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
         yield replace(shot, samples=shot.samples * np.float32(light))
 
 
-def photographed(
-    samples: Float32, sensor: SensorModel, random: np.random.Generator, passing: Passing = "raw"
-) -> NDArray[np.uint8]:
-    """Samples with the shot and read noise of a sensor, rounded to 8 bits.
+def photographed(samples: Float32, camera: Camera, random: np.random.Generator) -> NDArray[np.uint8]:
+    """Samples with the shot and read noise of a camera's sensor, rounded to 8 bits.
 
     Their noise is that of pixels, or as after interpolation midway between them, or as after JPEG.
     """
+    sensor = camera.sensor
     variance = np.full_like(samples, sensor.read_noise_grey**2)
     if sensor.full_well_electrons:
         variance += np.maximum(samples, 0.0) * np.float32(255.0 / sensor.full_well_electrons)
     noise = np.sqrt(variance) * random.standard_normal(samples.shape, dtype=np.float32)
-    if passing == "interpolated":
+    if camera.passing == "interpolated":
         for index in np.ndindex(samples.shape[:2]):
             noise[index] = cv2.blur(noise[index], (2, 2))
     result = np.clip(np.rint(samples + noise), 0, 255).astype(np.uint8)
-    if passing == "jpeg":
+    if camera.passing == "jpeg":
         for index in np.ndindex(samples.shape[:2]):
             quality = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality or 95]
-            result[index] = cv2.imdecode(cv2.imencode(".jpg", result[index], quality)[1], cv2.IMREAD_COLOR)
+            coded: Any = cv2.imencode(".jpg", result[index], quality)[1]
+            result[index] = cv2.imdecode(coded, cv2.IMREAD_COLOR)
     return result
 
 
@@ -176,108 +180,166 @@ def window_views(views: Views) -> Views:
     return Views(**(geometry | changed))
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Disparity (n, v, u) of the frames of a video, px per view step, and errors in standard deviations."""
-
-    disparity: Float32
-    sigmas: Float32
-
-
-def error_in_sigmas(found: DepthMap, truth: Float32) -> Float32:
-    steps = max(found.views.cols, found.views.rows) // 2
-    return np.asarray(np.abs(found.disparity_px() - truth) * steps / sigma_px(found), dtype=np.float32)
-
-
 @dataclass(frozen=True)
 class Scores:
-    """Of one video and one way: flicker (px per view step) and errors; percentages, and MSE times 100."""
+    """Of one video, measured in one way.
+
+    Attributes
+    ----------
+    flicker, flicker_flat, flicker_median
+        Standard deviation over time of each pixel's disparity, px per view step: root mean square everywhere and away
+        from depth edges, and the median.
+    jumps
+        Percentage of pixels that jump from one frame to the next.
+    bad, mse, moving_mse, behind_bad, behind_mse
+        BadPix(0.07) in % and MSE x 100 in px per step of the full grid: everywhere, inside the object, and in what it
+        has just uncovered.
+    sigmas
+        Median error in standard deviations, away from depth edges.
+    """
 
     flicker: float
-    flicker_median: float
     flicker_flat: float
+    flicker_median: float
     jumps: float
     bad: float
     mse: float
-    moving_bad: float
     moving_mse: float
     behind_bad: float
     behind_mse: float
     sigmas: float
 
 
-def scores(tracks: Track, truths: Float32, moving: Any, behind: Any, every: int, steps: int) -> Scores:
-    """Scores of the frames, once settled."""
+def scores(found: Sequence[DepthMap], shown: Sequence[Shot], every: int) -> Scores:
+    """Scores of the depths of frames."""
     inner = (slice(None), slice(MARGIN_PX, -MARGIN_PX), slice(MARGIN_PX, -MARGIN_PX))
-    found, truth = tracks.disparity[inner], truths[inner]
-    deviation = found.std(axis=0)
-    flat = ~at_edges(truth[0], every)
-    jumps = np.abs(np.diff(found, axis=0)) * steps > JUMP_PX
-    error = (found - truth) / every
+    steps = max(found[0].views.cols, found[0].views.rows) // 2
+    disparity = np.stack([each.disparity_px() for each in found])[inner]
+    sigma = np.stack([sigma_px(each) for each in found])[inner] / steps
+    truth, moving, behind = (
+        np.stack([getattr(shot, name) for shot in shown])[inner] for name in ("truth", "moving", "behind")
+    )
+    deviation, error = disparity.std(axis=0), (disparity - truth) / every
+    flat = np.stack([~at_edges(shot.truth / np.float32(every)) for shot in shown])[inner]
 
-    def errors(mask: Any) -> tuple[float, float]:
-        chosen = error[mask]
-        if not chosen.size:
-            return np.nan, np.nan
-        return 100.0 * float(np.mean(~(np.abs(chosen) <= BAD_PX))), 100.0 * float(np.nanmean(np.square(chosen)))
+    def bad(mask: Any) -> float:
+        return 100.0 * float(np.mean(~(np.abs(error[mask]) <= BAD_PX))) if mask.any() else np.nan
 
-    everywhere = np.ones_like(error, bool)
-    away = tracks.sigmas[inner][:, flat]
+    def mse(mask: Any) -> float:
+        return 100.0 * float(np.nanmean(np.square(error[mask]))) if mask.any() else np.nan
+
+    everywhere = np.ones_like(moving)
     return Scores(
-        float(np.sqrt(np.nanmean(np.square(deviation)))),
-        float(np.nanmedian(deviation)),
-        float(np.sqrt(np.nanmean(np.square(deviation[flat])))),
-        100.0 * float(jumps.mean()),
-        *errors(everywhere),
-        *errors(moving[inner]),
-        *errors(behind[inner]),
-        float(np.nanmedian(away)),
+        flicker=float(np.sqrt(np.nanmean(np.square(deviation)))),
+        flicker_flat=float(np.sqrt(np.nanmean(np.square(deviation[flat.all(axis=0)])))),
+        flicker_median=float(np.nanmedian(deviation)),
+        jumps=100.0 * float(np.mean(np.abs(np.diff(disparity, axis=0)) * steps > JUMP_PX)),
+        bad=bad(everywhere),
+        mse=mse(everywhere),
+        moving_mse=mse(moving),
+        behind_bad=bad(behind),
+        behind_mse=mse(behind),
+        sigmas=float(np.nanmedian(np.abs(error * every)[flat] / sigma[flat])),
     )
 
 
-def compared(
-    scene: HciScene,
-    motion: Motion,
-    every: int,
-    count: int,
-    sensor: SensorModel,
-    passing: Passing,
-    quality: Quality,
-) -> tuple[Scores, Scores]:
+@dataclass(frozen=True)
+class Camera:
+    """Whose noise, what pictures went through, and how depth is measured in them."""
+
+    sensor: SensorModel
+    passing: Passing
+    quality: Quality
+
+
+def compared(scene: HciScene, motion: Motion, every: int, count: int, camera: Camera) -> tuple[Scores, Scores]:
     """Scores of single frames, and of frames that are filtered in time."""
-    views = window_views(scene.light_field)
+    views, truth = window_views(scene.light_field), scene.disparity_px
+    assert truth is not None, "no truth in the scene's folder"
     weights = np.ones((views.rows, views.cols, HEIGHT_PX, WIDTH_PX), np.float32)
+    nearest, farthest = float(np.nanmax(truth)) + NEARER_PX + 0.2, float(np.nanmin(truth)) - 0.2
+    near, far = views.depth_mm_from_disparity(np.array([nearest, farthest])).tolist()
     random, temporal = np.random.default_rng(3), TemporalFilter(1)
-    found: tuple[list[Any], list[Any]] = ([], [])
-    sigmas: tuple[list[Any], list[Any]] = ([], [])
-    made: list[Shot] = []
     estimator: DepthEstimator | None = None
+    found: tuple[list[DepthMap], list[DepthMap]] = ([], [])
+    shown = []
     for number, shot in enumerate(shots(scene, motion, count)):
-        light_field = LightField.of(views, photographed(shot.samples, sensor, random, passing), weights)
+        frame = LightField.of(views, photographed(shot.samples, camera, random), weights)
         if estimator is None:
-            near, far = views.depth_mm_from_disparity(
-                np.array([np.nanmax(scene.disparity_px) + 0.6, np.nanmin(scene.disparity_px) - 0.2])
-            )
-            estimator = DepthEstimator(light_field, near_mm=near, far_mm=far, quality=quality, workers=1)
-        filtered = temporal.filtered(light_field)
-        if number < SETTLED:
-            continue
-        made.append(shot)
-        for way, each in enumerate((light_field, filtered)):
-            depth = estimator.estimate(each)
-            found[way].append(depth.disparity_px().astype(np.float32))
-            sigmas[way].append(error_in_sigmas(depth, shot.truth))
-    truths = np.stack([shot.truth for shot in made])
-    moving, behind = np.stack([shot.moving for shot in made]), np.stack([shot.behind for shot in made])
-    return tuple(  # type: ignore[return-value]
-        scores(Track(np.stack(found[way]), np.stack(sigmas[way])), truths, moving, behind, every, views.cols // 2)
-        for way in range(2)
+            estimator = DepthEstimator(frame, near_mm=near, far_mm=far, quality=camera.quality, workers=1)
+        filtered = temporal.filtered(frame)
+        if number >= SETTLED:
+            shown.append(shot)
+            found[0].append(estimator.estimate(frame))
+            found[1].append(estimator.estimate(filtered))
+    single, steady = (scores(each, shown, every) for each in found)
+    return single, steady
+
+
+COLUMNS = (
+    *(("flicker", "flicker, px"), ("flicker_flat", "off edges"), ("flicker_median", "median"), ("jumps", "jumps %")),
+    *(("bad", "BadPix %"), ("mse", "MSE"), ("moving_mse", "MSE inside"), ("behind_bad", "BadPix behind")),
+    *(("behind_mse", "MSE behind"), ("sigmas", "|e|/sigma")),
+)
+
+
+def report(name: str, single: Scores, filtered: Scores) -> None:
+    """Print a row: of each score that of single frames and that of filtered ones."""
+    cells = []
+    for field, _ in COLUMNS:
+        one, two = getattr(single, field), getattr(filtered, field)
+        digits = 3 if field.startswith("flicker") else 2
+        cells.append(f"{one:.{digits}f} {two:.{digits}f}" if np.isfinite(one) else "")
+    print(" | ".join([f"{name:34}", *(f"{cell:13}" for cell in cells)]), flush=True)
+
+
+def speed(frames: int = 60) -> None:
+    """Print milliseconds a frame, of nine views of 400x240 px on one core, and memory after some and all frames."""
+    random = np.random.default_rng(0)
+    light_field = rendered_noise(random)
+    estimator = DepthEstimator(light_field, quality="fast", workers=1)
+    temporal, spent = TemporalFilter(1), []
+    for number in range(frames):
+        frame = rendered_noise(random)
+        start = time.process_time()
+        found = temporal.filtered(frame)
+        spent.append(time.process_time() - start)
+        if number in (frames // 3, frames - 1):
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            print(f"after {number + 1} frames: {peak:.0f} MiB at most")
+    estimator.estimate(found)
+    start = time.process_time()
+    for _ in range(3):
+        estimator.estimate(found)
+    print(
+        f"filter {1e3 * float(np.median(spent)):.1f} ms, depth (fast) {1e3 * (time.process_time() - start) / 3:.0f} ms"
     )
+
+
+def rendered_noise(random: np.random.Generator) -> LightField:
+    """Nine views of 400x240 px of a textured plane at the reference depth, with noise."""
+    height, width = 240, 400
+    geometry: dict[str, Any] = {
+        "positions_mm": np.stack([*np.meshgrid([-20.0, 0.0, 20.0], [-20.0, 0.0, 20.0]), np.zeros((3, 3))], axis=-1),
+        "focal_px": 400.0,
+        "centre_px": np.array([(width - 1) / 2, (height - 1) / 2]),
+        "width_px": width,
+        "height_px": height,
+        "reference_depth_mm": 375.0,
+        "reference_view_in_rig_mm": np.zeros(3),
+        "view_from_rig": np.eye(3),
+        "layout_identity": "0" * 16,
+    }
+    plane = cv2.resize(texture(80), (width, height), interpolation=cv2.INTER_CUBIC)
+    samples = np.broadcast_to(plane, (3, 3, height, width, 3)).astype(np.float32)
+    camera = Camera(SENSORS["c920"], "raw", "fast")
+    weights = np.ones((3, 3, height, width), np.float32)
+    return LightField.of(Views(**geometry), photographed(samples, camera, random), weights)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE")
+    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE", help="folders, or `speed`")
     parser.add_argument("--every", type=int, default=4, help="take every Nth view of a whole scene")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--sensor", choices=sorted(SENSORS), default="c920", help="whose noise")
@@ -285,18 +347,15 @@ def main() -> None:
     parser.add_argument("--only", default="", help="videos whose name contains this")
     parser.add_argument("--best", action="store_true")
     options = parser.parse_args()
-    quality: Quality = "best" if options.best else "fast"
+    if options.scenes == [Path("speed")]:
+        speed()
+        return
+    camera = Camera(SENSORS[options.sensor], options.passing, "best" if options.best else "fast")
+    print(" | ".join([f"{'video: single, filtered':34}", *(f"{title:13}" for _, title in COLUMNS)]))
     for folder in options.scenes:
         scene = read_hci(folder, every=options.every)
         for motion in (motion for motion in MOTIONS if options.only in motion.name):
-            single, filtered = compared(
-                scene, motion, options.every, options.frames, SENSORS[options.sensor], options.passing, quality
-            )
-            print(f"{folder.name}, {motion.name}: single -> filtered")
-            for field in fields(Scores):
-                one, two = getattr(single, field.name), getattr(filtered, field.name)
-                if np.isfinite(one):
-                    print(f"  {field.name:15} {one:8.4f} {two:8.4f}  {two / one if one else np.nan:5.2f}", flush=True)
+            report(f"{folder.name}, {motion.name}", *compared(scene, motion, options.every, options.frames, camera))
 
 
 if __name__ == "__main__":

@@ -101,10 +101,13 @@ class TemporalFilter:
         """
         before = self._state
         if before is None or not _alike(before.last, light_field):
-            self._state = _State.first(light_field)
-        elif not np.array_equal(before.last.samples, light_field.samples):
-            self._state = self._next(before, light_field)
-        return self._state.mean
+            after = _State.first(light_field)
+        elif np.array_equal(before.last.samples, light_field.samples):
+            after = before
+        else:
+            after = self._next(before, light_field)
+        self._state = after
+        return after.mean
 
     def _next(self, before: _State, frame: LightField) -> _State:
         """The state after a frame."""

@@ -23,7 +23,8 @@ def noisy(light_field: LightField, random: np.random.Generator) -> LightField:
 def test_what_does_not_move_keeps_its_depth(scene: Any) -> None:
     random = np.random.default_rng(1)
     estimator = DepthEstimator(scene[0], quality="fast", workers=1)
-    video, found = VideoDepth(estimator), ([], [])
+    video = VideoDepth(estimator)
+    found: tuple[list[Any], list[Any]] = ([], [])
     for number in range(COUNT):
         frame = noisy(scene[0], random)
         depth = video.estimate(frame)

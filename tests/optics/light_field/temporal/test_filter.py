@@ -133,7 +133,8 @@ def test_grey_and_floating_point_videos_are_filtered_too() -> None:
     for _ in range(10):
         frame = shot(picture()[..., :1], random)
         found = video.filtered(frame)
-        again = floating.filtered(LightField.of(frame, frame.samples / np.float32(255.0), frame.weights))
+        samples: Any = frame.samples / np.float32(255.0)
+        again = floating.filtered(LightField.of(frame, samples, frame.weights))
     assert rms(error_grey(found, picture()[..., :1])) < 0.4 * SIGMA
     assert np.abs(again.samples - found.samples).max() * 255.0 < 0.6 * SIGMA
 
