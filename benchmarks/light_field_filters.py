@@ -5,7 +5,8 @@ and the nearest surface, are added to their views. Prints the peak signal-to-noi
 against the one without: of each filter between the true depths, with and without outliers left out; of the mean and the
 median of the views as they lie (at the reference plane) and warped by the true depth, which no one else is told; and of
 OpenCV's non-local means in the central view, of the best of six strengths, picked by the truth. --picture draws the
-central view, filtered and not.
+central view, filtered and not. Of each scene without noise, and of --decoded light fields (.npz), it prints by how many
+grey levels the hyperfan changes views: root mean square of all and of the central one, and the median.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.light_field.filters import FilterKind, Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
+from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -152,9 +154,25 @@ def judged(
         )
 
 
+def changes(light_field: LightField, depths_mm: tuple[float, float]) -> str:
+    """By how much the hyperfan between two depths changes views, grey levels."""
+    whole = 1.0 if light_field.samples.dtype == np.uint8 else 255.0
+    passband = Passband.of(light_field, "hyperfan", *depths_mm)
+    samples: Any = filter_light_field(light_field, passband).light_field.samples
+    off = whole * np.abs(samples.astype(np.float64) - light_field.samples)
+    central = (light_field.rows // 2, light_field.cols // 2)
+    every, one = (
+        np.sqrt(np.square(part[there]).mean())
+        for part, there in ((off, light_field.valid), (off[central], light_field.valid[central]))
+    )
+    return f"{every:.1f}, the central one {one:.1f}, median {np.median(off[light_field.valid]):.1f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE")
+    parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE")
+    parser.add_argument("--decoded", nargs="*", type=Path, default=(), metavar="FILE", help="light fields (.npz)")
+    parser.add_argument("--depths-mm", nargs=2, type=float, default=(300.0, 650.0), help="of what they show")
     parser.add_argument("--step", type=int, default=1, help="use every STEP-th view from the central one")
     parser.add_argument("--side-px", type=int, default=320, help="use the upper left of the views up to this side")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
@@ -162,6 +180,9 @@ def main() -> None:
     parser.add_argument("--rain", type=int, nargs="*", default=(40, 120), help="streaks")
     parser.add_argument("--picture", type=Path, metavar="FOLDER", help="folder for pictures")
     options = parser.parse_args()
+    for path in options.decoded:
+        changed = changes(load_npz(path), tuple(options.depths_mm))
+        print(f"{path.name}: the hyperfan changes views by {changed} grey levels", flush=True)
     for folder in options.scenes:
         scene = read_hci(folder)
         clean = every(scene.light_field, options.step, options.side_px)
@@ -170,6 +191,7 @@ def main() -> None:
         depth_mm = scene.depth_mm[: clean.height_px, : clean.width_px].astype(np.float64)
         depths = float(depth_mm.min()), float(depth_mm.max())
         print(f"{folder.name}: {clean.rows}x{clean.cols} views of {clean.width_px}x{clean.height_px} px")
+        print(f"  without noise, the hyperfan changes views by {changes(clean, depths)} grey levels")
         at = None if options.picture is None else options.picture / folder.name
         for grey in options.noise:
             judged(f"noise {grey:g}", with_noise(clean, grey), clean, depth_mm, at, options.kinds)

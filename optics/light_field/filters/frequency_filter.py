@@ -22,6 +22,7 @@ from mirrorcam.optics.light_field.filters.spectrum import (
     filtered_spectra,
     frequencies_of,
     measured_power,
+    rings_of,
 )
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -104,7 +105,8 @@ def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: boo
     frequencies = frequencies_of(*given.shape[1:3])
     lag = np.exp(1j * passband.phases(frequencies)).astype(np.complex64)[..., None]
     filled = kept = given
-    for number in range(OUTLIER_PASSES if leave_out else PASSES):
+    last = (OUTLIER_PASSES if leave_out else PASSES) - 1
+    for number in range(last + 1):
         if number:
             counted = known * _agreement(given, kept, known) if leave_out else known
             filled = counted * given + (1 - counted) * kept
@@ -112,6 +114,10 @@ def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: boo
         vectors = np.moveaxis(spectra, 0, 2).reshape(-1, spectra.shape[0], spectra.shape[3])
         power = measured_power(vectors, passband, frequencies.reshape(-1, 2), float(counted.mean()))
         passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
+        if number == last:
+            # No more than noise is taken away; what is missing was filled by what views have in common.
+            share = power.noisy[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
+            passed = vectors + share[:, None] * (passed - vectors)
         spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
         kept = scipy.fft.irfft2(spectra, given.shape[1:3], axes=(1, 2), norm="ortho").astype(np.float32)
     return kept[:, *inside], power, counted[:, *inside, 0]

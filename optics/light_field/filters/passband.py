@@ -15,8 +15,12 @@ from typing import Literal, Self
 
 import numpy as np
 
+from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
+
+SMALL = 1e-4
+"""Radians, below which sin(x) / x is 1 - x^2 / 6 to the last digit."""
 
 FilterKind = Literal["hyperfan", "dual-fan", "hypercone"]
 
@@ -98,5 +102,22 @@ class Passband:
 
 
 def _sinc(phases: FloatArray) -> FloatArray:
-    """sin(d) / d (m, n, n) of the differences of phases (m, n)."""
-    return np.sinc((phases[:, :, None] - phases[:, None, :]) / np.pi)
+    """sin(d) / d (m, n, n) of the differences d of phases (m, n)."""
+    found = np.empty((*phases.shape, phases.shape[1]))
+    _fill_sinc(np.ascontiguousarray(phases), np.sin(phases), np.cos(phases), found)
+    return found
+
+
+@compiled
+def _fill_sinc(phases: FloatArray, sines: FloatArray, cosines: FloatArray, found: FloatArray) -> None:
+    """Write sin(a - b) / (a - b), with sin(a - b) = sin a cos b - cos a sin b: a sine for each phase, not each pair."""
+    for m in range(phases.shape[0]):
+        for i in range(phases.shape[1]):
+            found[m, i, i] = 1.0
+            for j in range(i):
+                away = phases[m, i] - phases[m, j]
+                value = 1.0 - away * away / 6.0
+                if abs(away) > SMALL:
+                    value = (sines[m, i] * cosines[m, j] - cosines[m, i] * sines[m, j]) / away
+                found[m, i, j] = value
+                found[m, j, i] = value

@@ -44,6 +44,16 @@ class Power:
         return np.clip(ratios, LEAST_NOISE, MOST_NOISE)
 
     @property
+    def noisy(self) -> FloatArray:
+        """Share (rings, components) that noise has of what views do not have in common, as `ratios` are at least.
+
+        Where noise is less than `LEAST_NOISE`, views truly differ: at low frequencies, what lies before the borders of
+        some and beyond those of others does.
+        """
+        share = np.divide(self.noise, LEAST_NOISE * self.signal, out=np.ones_like(self.noise), where=self.signal > 0)
+        return np.clip(share, 0.0, 1.0)
+
+    @property
     def noise_of_sample(self) -> float:
         """Mean square of noise in a sample, summed over its components."""
         return float((self.counts @ self.noise).sum() / self.counts.sum())
