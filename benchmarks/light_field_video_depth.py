@@ -61,10 +61,15 @@ class Shot:
 
 @dataclass(frozen=True)
 class Motion:
-    """What happens in a video, in px per frame: an object's motion, a pan; and how light changes."""
+    """What happens in a video, in px per frame: an object's motion, a pan; and how light changes.
+
+    An object may come nearer, by disparity per frame, and its texture be weaker than usual.
+    """
 
     name: str
     object_px: float | None = None
+    nearing_px: float = 0.0
+    contrast: float = 1.0
     pan_px: float = 0.0
     light: str = "even"
 
@@ -74,6 +79,11 @@ MOTIONS = (
     Motion("mains flicker", light="mains"),
     Motion("light grows", light="ramp"),
     *(Motion(f"object {speed:g} px/frame", object_px=speed) for speed in (0.0, 0.1, 0.25, 0.5, 2.0, 6.0)),
+    *(Motion(f"object nears {speed:g} px/frame", object_px=0.0, nearing_px=speed) for speed in (0.01, 0.03, 0.1)),
+    *(
+        Motion(f"weak object nears {speed:g}", object_px=0.0, nearing_px=speed, contrast=0.2)
+        for speed in (0.01, 0.03, 0.1)
+    ),
     *(Motion(f"pan {speed:g} px/frame", pan_px=speed) for speed in (0.1, 0.25, 0.5, 2.0)),
 )
 
@@ -101,10 +111,12 @@ def texture(size: int, grain_px: float = 1.5) -> Float32:
     return np.clip(110.0 + 18.0 * total, 20.0, 235.0).astype(np.float32)
 
 
-def with_object(samples: Float32, truth: Float32, left_px: float, disparity_px: float) -> Shot:
+def with_object(samples: Float32, truth: Float32, left_px: float, disparity_px: float, contrast: float) -> Shot:
     """A textured square, which moves to the right, at a place and a disparity before a scene."""
     rows, cols, height, width = samples.shape[:4]
-    colours = np.pad(texture(OBJECT_PX), ((4, 4), (4, 4), (0, 0)), mode="edge")
+    colours = np.pad(110.0 + contrast * (texture(OBJECT_PX) - 110.0), ((4, 4), (4, 4), (0, 0)), mode="edge").astype(
+        np.float32
+    )
     opaque = np.pad(np.ones((OBJECT_PX, OBJECT_PX), np.float32), 4)
     top_px, result = (height - OBJECT_PX) / 2.0, samples.copy()
     mask = np.zeros((height, width), np.float32)
@@ -132,7 +144,7 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
     top_px, left = (truth.shape[0] - HEIGHT_PX) // 2, (truth.shape[1] - WIDTH_PX) // 2
     window = (slice(top_px, top_px + HEIGHT_PX), slice(left, left + WIDTH_PX))
     nothing = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
-    near = float(np.nanmax(truth)) + NEARER_PX
+    nearest = float(np.nanmax(truth)) + NEARER_PX
     random = np.random.default_rng(11)
     for number in range(count):
         moved, deep = samples, truth
@@ -140,8 +152,9 @@ def shots(scene: HciScene, motion: Motion, count: int) -> Iterator[Shot]:
             moved, deep = shifted(samples, motion.pan_px * number), shifted(truth, motion.pan_px * number)
         shot = Shot(moved[:, :, *window], deep[window], nothing, nothing)
         if motion.object_px is not None:
+            near = nearest + motion.nearing_px * (number - count + 1)
             start = (WIDTH_PX - OBJECT_PX - motion.object_px * (count - 1)) / 2
-            shot = with_object(shot.samples, shot.truth, start + motion.object_px * number, near)
+            shot = with_object(shot.samples, shot.truth, start + motion.object_px * number, near, motion.contrast)
         light = 1.0
         if motion.light == "mains":
             light = 1.0 + MAINS_PART * float(random.uniform(-1, 1))

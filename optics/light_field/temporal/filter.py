@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal.blocks import SMALL_STRIDE_PX, Blocks, full_brightness, lighting, row_gains
-from mirrorcam.optics.light_field.temporal.noise import LEAST, ROUNDING, Noise, measured_noise
-from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, MEMORY, filter_view
+from mirrorcam.optics.light_field.temporal.noise import LEAST, ROUNDING, Noise, chi_square, measured_noise
+from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, LAG_SUMS, MEMORY, filter_view
 from mirrorcam.optics.light_field.temporal.shared_changes import own_share
 
 Float32 = NDArray[np.float32]
@@ -27,9 +27,11 @@ Map = Callable[..., Any]
 
 LIKE, UNLIKE = 2.0, 4.0
 """Standard deviations of chance by which a square may differ before memory shrinks, and before none is left."""
-CALM, RESTLESS = 0.2, 0.6
-"""Share of an area that changed in the frame before, up to which memory is whole, and from which on there is none."""
-MOVING, RESTING = 0.75, 0.92
+LAG_LIKE, LAG_UNLIKE = 3.0, 6.0
+"""The same of the lag of an area, over all views."""
+SOME_LAG_PX, MOST_LAG_PX = 0.25, 0.5
+"""Lag of all views from which on memory shrinks, and at which nothing is left of it: by as much less, and at most."""
+MOVING, RESTING = 0.82, 0.95
 """Share of changes that are each view's own, up to which noise cannot be told from motion, and from which it can."""
 
 
@@ -114,14 +116,22 @@ class TemporalFilter:
         blocks = Blocks.of(frame)
         gains = lighting(blocks.means, Blocks.of(before.mean).means)
         blocks, rows = blocks.after(before.blocks, gains), row_gains(gains, frame.height_px)
-        measured = _noise(before, frame, blocks, gains, rows)
+        share = own_share(frame, before.last, rows)
+        trust = min(max((share - MOVING) / (RESTING - MOVING), 0.0), 1.0)
+        measured = measured_noise(
+            blocks, before.blocks, gains, ROUNDING if frame.samples.dtype == np.uint8 else LEAST, trust
+        )
+        if before.noise is not None:
+            measured = before.noise.followed(measured)
         new, old = _by_view(frame), _by_view(before.mean)
         if old.dtype == np.uint8:
             old = old.astype(np.float32) / full_brightness(before.mean)
         samples = np.empty(new.shape, np.float32)
         count, drift = np.empty_like(before.count), np.empty_like(before.drift)
-        changed = np.zeros((len(new), *before.most_frames.shape), np.float32)
+        lag = np.zeros((len(new), *before.most_frames.shape, LAG_SUMS), np.float32)
         tables = measured.information()
+        # Where everything moves, what looks the same is not.
+        most = np.minimum(before.most_frames, np.float32(1.0 + (MEMORY - 1) * trust))
         limits = np.array([measured.limits(LIKE), measured.limits(UNLIKE)], np.float32)
 
         def one(view: int) -> None:
@@ -135,24 +145,16 @@ class TemporalFilter:
                 tables,
                 INFORMATION,
                 limits,
-                before.most_frames,
+                most,
                 samples[view],
                 count[view],
                 drift[view],
-                changed[view],
+                lag[view],
             )
 
         list(self._run(one, range(len(new))))
         mean = LightField.of(frame, samples.reshape(frame.samples.shape), frame.weights)
-        return _State(mean, frame, count, drift, _most_frames(changed, new.shape[1:3]), blocks, measured)
-
-
-def _noise(before: _State, frame: LightField, blocks: Blocks, gains: Float32, rows: Float32) -> Noise:
-    """The noise after a frame."""
-    least = ROUNDING if frame.samples.dtype == np.uint8 else LEAST
-    trust = (own_share(frame, before.last, rows) - MOVING) / (RESTING - MOVING)
-    found = measured_noise(blocks, before.blocks, gains, least, min(max(trust, 0.0), 1.0))
-    return found if before.noise is None else before.noise.followed(found)
+        return _State(mean, frame, count, drift, _most_frames(before.most_frames, lag, measured), blocks, measured)
 
 
 def _by_view(light_field: LightField) -> Any:
@@ -168,9 +170,34 @@ def _alike(before: LightField, now: LightField) -> bool:
     return same and before.samples.shape == now.samples.shape and before.samples.dtype == now.samples.dtype
 
 
-def _most_frames(changed: Float32, shape: tuple[int, int]) -> Float32:
-    """Frames (i, j) that are averaged at most in areas of AREA_PX, of the samples (k, i, j) of views that changed."""
-    rows, columns = (np.minimum(AREA_PX, side - np.arange(0, side, AREA_PX)) for side in shape)
-    share: Any = cv2.blur(changed.mean(axis=0) / np.outer(rows, columns).astype(np.float32), (3, 3))
-    part = np.clip((RESTLESS - share) / (RESTLESS - CALM), 0.0, 1.0)
-    return np.asarray(1.0 + (MEMORY - 1) * part, dtype=np.float32)
+def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
+    """Frames (i, j) that areas average at most after some before, of sums (k, i, j, LAG_SUMS) of the views.
+
+    Drift that follows from the slopes of the mean is lag. Where the views' lags differ, by their chi-squared, depth is
+    changing, which no single square may tell. A lag that all share moves a surface by as much in all views, so that its
+    depth is right; it may be a part of a pixel. Means are left out, as they are of lighting.
+    """
+    # Each area with those around it.
+    near = np.stack([9.0 * np.asarray(cv2.blur(view, (3, 3))) for view in sums])
+    total, across, down, moved, *products = np.moveaxis(near, -1, 0)
+    total = np.maximum(total, np.float32(1e-20))
+    pairs = ((across, across), (across, down), (down, down), (across, moved), (down, moved))
+    own = np.stack([product - one * two / total for product, (one, two) in zip(products, pairs, strict=True)])
+    squares, _ = _lag(own)
+    shared, lag_px = _lag(own.sum(axis=1))
+    values = 2 * len(sums)
+    like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
+    kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
+    told = shared > chi_square(2, LAG_LIKE) * noise.joined
+    kept = np.where(told, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
+    return np.clip((before + 1.0) * kept, 1.0, MEMORY).astype(np.float32)
+
+
+def _lag(parts: Any) -> tuple[Any, Any]:
+    """Chi-squared (...) of the lag that weighted sums (5, ...) tell, and its length in px."""
+    xx, xy, yy, xe, ye = parts
+    least = 1e-6 * (xx + yy) + 1e-20
+    xx, yy = xx + least, yy + least
+    across, down = yy * xe - xy * ye, xx * ye - xy * xe
+    scale = xx * yy - xy * xy
+    return (across * xe + down * ye) / scale, np.hypot(across, down) / scale

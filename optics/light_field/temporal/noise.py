@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.compiled import compiled
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.light_field.temporal.blocks import Blocks
+from mirrorcam.optics.light_field.temporal.blocks import BLOCK_PX, Blocks
 
 Float32 = NDArray[np.float32]
 
@@ -82,6 +82,11 @@ class Noise:
             max(self.trust, new.trust),
         )
 
+    @property
+    def joined(self) -> float:
+        """How many pixels are as good as one where noise joins them, 1 or more."""
+        return max(1.0, BLOCK_PX**2 * 4.5 * self.spread[1] ** 2)
+
     def limits(self, deviations: float) -> tuple[float, float]:
         """What the variance of a block, in that of noise, exceeds as seldom as a normal value that many deviations.
 
@@ -90,6 +95,11 @@ class Noise:
         """
         colours, brightness = (_quantile(spread, deviations) for spread in self.spread)
         return colours, brightness
+
+
+def chi_square(values: int, deviations: float) -> float:
+    """Quantile of chi-squared of some values, as seldom exceeded as a normal value that many deviations."""
+    return values * _quantile(float(np.sqrt(2.0 / (9.0 * values))), deviations)
 
 
 @compiled

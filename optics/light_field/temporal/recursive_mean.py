@@ -16,6 +16,7 @@ MEMORY = 24
 SIDE_PX = 5
 """Side of the square over which changes are judged."""
 AREA_PX = 16
+LAG_SUMS = 9
 DRIFT_SHARE = 0.25
 """Share of a frame in the running mean of differences."""
 MOST = 100.0
@@ -58,9 +59,20 @@ def _differences(new: Any, scale: Any, mean: Any, gain: Any, difference: Any, le
 
 @compiled
 def _tested(
-    difference: Any, level: Any, count: Any, drift: Any, tables: Any, by_count: Any, drifted: Any, out: Any
+    difference: Any,
+    level: Any,
+    count: Any,
+    drift: Any,
+    tables: Any,
+    by_count: Any,
+    drifted: Any,
+    information: Any,
+    out: Any,
 ) -> None:
-    """Squares (2, u) of the difference and of its running mean, in those of noise; the running mean is `drifted`."""
+    """Squares (2, u) of the difference and of its running mean, in those of noise.
+
+    The running mean is `drifted` (u,), and `information` (u,) one over the variance that noise gives it.
+    """
     width, channels = difference.shape
     last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
     share, most, third = np.float32(DRIFT_SHARE), np.float32(MOST), np.float32(1.0 / 3.0)
@@ -75,7 +87,40 @@ def _tested(
         drifted[x] = moved
         place, times = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
         out[0, x] = min(squares * tables[0, place] * by_count[0, times], most)
-        out[1, x] = min(moved * moved * tables[1, place] * by_count[1, times], most)
+        information[x] = tables[1, place] * by_count[1, times]
+        out[1, x] = min(moved * moved * information[x], most)
+
+
+@compiled
+def _add_lag(above: Any, level: Any, below: Any, drift: Any, information: Any, out: Any) -> None:
+    """Add a row to the weighted sums (j, LAG_SUMS) of areas, of drift and the slopes of the mean and their products."""
+    width = len(level)
+    half = np.float32(0.5)
+    for area in range(len(out)):
+        total, across, down, moved = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        xx, xy, yy, xe, ye = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for x in range(max(area * AREA_PX, 1), min((area + 1) * AREA_PX, width - 1)):
+            right, lower = half * (level[x + 1] - level[x - 1]), half * (below[x] - above[x])
+            weight, error = information[x], drift[x]
+            total += weight
+            moved += weight * error
+            across += weight * right
+            down += weight * lower
+            xx += weight * right * right
+            xy += weight * right * lower
+            yy += weight * lower * lower
+            xe += weight * right * error
+            ye += weight * lower * error
+        sums = out[area]
+        sums[0] += total
+        sums[1] += across
+        sums[2] += down
+        sums[3] += moved
+        sums[4] += xx
+        sums[5] += xy
+        sums[6] += yy
+        sums[7] += xe
+        sums[8] += ye
 
 
 @compiled
@@ -123,25 +168,31 @@ def filter_view(
     out: Any,
     out_count: Any,
     out_drift: Any,
-    out_changed: Any,
+    out_lag: Any,
 ) -> None:
     """Filter one view: `new` (v, u, c) of `full` brightness, `mean` (v, u, c), `count` and `drift` (v, u).
 
     `gain` (v, c) brings the mean to the light of now; `tables` and `by_count` are inverse variances by brightness and
-    by count; `most_frames` and `out_changed` (i, j) belong to areas.
+    by count; `most_frames` (i, j) and `out_lag` (i, j, LAG_SUMS) belong to areas.
     """
     height, width, channels = new.shape
     reach = SIDE_PX // 2
     one, scale = np.float32(1.0), np.float32(1.0) / full
-    difference, level = np.empty((width, channels), np.float32), np.empty(width, np.float32)
+    difference = np.empty((width, channels), np.float32)
+    levels, information = np.empty((3, width), np.float32), np.empty((2, width), np.float32)
     rows = np.zeros((SIDE_PX, 2, width), np.float32)
     sums = np.zeros((2, width + 2 * reach), np.float32)
     kept, part, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     for below in range(height + reach):
         if below < height:
+            level, own = levels[below % 3], information[below % 2]
             _differences(new[below], scale, mean[below], gain[below], difference, level)
             ring = rows[below % SIDE_PX]
-            _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], ring)
+            _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], own, ring)
+            if below >= 2 and below % 2 == 0:
+                y = below - 1
+                above, middle = levels[(y - 1) % 3], levels[y % 3]
+                _add_lag(above, middle, level, out_drift[y], information[y % 2], out_lag[y // AREA_PX])
         else:
             rows[below % SIDE_PX] = 0.0
         y = below - reach
@@ -160,12 +211,9 @@ def filter_view(
         _kept(sums, inverse, limits, kept)
         for area in range(most_frames.shape[1]):
             most = most_frames[y // AREA_PX, area] - one
-            changed = np.float32(0.0)
             for x in range(area * AREA_PX, min((area + 1) * AREA_PX, width)):
-                changed += one - kept[x]
                 times = min(count[y, x] * kept[x], most) + one
                 out_count[y, x] = times
                 part[x] = one / times
                 out_drift[y, x] *= kept[x]
-            out_changed[y // AREA_PX, area] += changed
         _blended(new[y], full, mean[y], gain[y], part, out[y])

@@ -84,6 +84,30 @@ def test_a_slow_drift_of_all_is_not_smeared(speed_px: float) -> None:
     assert lag_px * rms(wide_slope) < 0.5 * SIGMA
 
 
+def test_what_comes_nearer_slowly_is_not_kept_where_it_was() -> None:
+    """A weak texture whose disparity grows: no square of it differs by more than noise, but depth would lag."""
+    wide = cv2.resize(picture(contrast=8.0), (4 * WIDTH_PX, 4 * HEIGHT_PX), interpolation=cv2.INTER_CUBIC)
+    rate_px, count = 0.03, 40
+
+    def scene(number: int) -> Any:
+        def view(t: int, s: int) -> Any:
+            place = np.array([[1.0, 0.0, -60.0 - rate_px * number * s], [0.0, 1.0, -60.0 - rate_px * number * t]])
+            return cv2.warpAffine(wide, place, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_CUBIC)
+
+        return np.stack([np.stack([view(t, s) for s in (-1, 0, 1)]) for t in (-1, 0, 1)])
+
+    _, found = filtered(scene, count)
+    truth = scene(count - 1)
+    error = error_grey(found, truth)
+    assert rms(error) < 0.8 * SIGMA
+    slope = np.stack(
+        [np.stack([cv2.Sobel(view, cv2.CV_64F, 1, 0, ksize=1, scale=0.5) for view in row]) for row in truth]
+    )
+    lag_px = (error * slope).sum(axis=(0, 2, 3, 4)) / np.square(slope).sum(axis=(0, 2, 3, 4))
+    # Of the views at the left and at the right, which lag the opposite way: a mean of MEMORY frames would by 0.7 px.
+    assert abs(lag_px[2] - lag_px[0]) / 2 < 0.2
+
+
 def test_a_texture_as_fine_as_noise_that_moves_all_over_is_not_averaged() -> None:
     scenes = [picture(grain_px=0.7, contrast=8.0)]
     last, found = filtered(lambda number: np.roll(scenes[0], 5 * number, axis=1), 12)

@@ -12,6 +12,7 @@ from mirrorcam.optics.light_field.temporal.recursive_mean import (
     AREA_PX,
     DRIFT_SHARE,
     INFORMATION,
+    LAG_SUMS,
     MEMORY,
     MOST,
     SIDE_PX,
@@ -43,11 +44,11 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     limits = np.array([[0.8, 0.5], [1.4, 2.0]], np.float32)
     most = random.uniform(1.0, MEMORY, (2, 3)).astype(np.float32)
     out, out_count, out_drift = np.empty_like(mean), np.empty_like(count), np.empty_like(drift)
-    changed = np.zeros_like(most)
+    lag = np.zeros((*most.shape, LAG_SUMS), np.float32)
     full = np.float32(255.0)
     filter_view(
         *(new, full, mean, count, drift, gain, tables, INFORMATION, limits, most),
-        *(out, out_count, out_drift, changed),
+        *(out, out_count, out_drift, lag),
     )
     lit = mean * gain[:, None]
     difference = new / 255.0 - lit
@@ -64,9 +65,16 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     assert out_count == pytest.approx(expected, rel=1e-4)
     assert out_drift == pytest.approx(moved * kept, abs=1e-6)
     assert out == pytest.approx(lit + difference / expected[..., None], abs=1e-5)
-    whole = np.zeros((2 * AREA_PX, 3 * AREA_PX))
-    whole[: SHAPE[0], : SHAPE[1]] = 1.0 - kept
-    assert changed == pytest.approx(whole.reshape(2, AREA_PX, 3, AREA_PX).sum(axis=(1, 3)), rel=1e-3, abs=1e-2)
+    down, across = np.gradient(lit.mean(axis=-1))
+    weight = tables[1, 0] * INFORMATION[1, times]
+    # Every other row, away from the sides.
+    weight = np.pad(weight[1:-1, 1:-1], 1) * (np.arange(SHAPE[0]) % 2)[:, None]
+    factors = (1.0 + 0.0 * moved, across, down, moved, across**2, across * down, down**2, across * moved, down * moved)
+    for found, factor in zip(np.moveaxis(lag, -1, 0), factors, strict=True):
+        whole = np.zeros((2 * AREA_PX, 3 * AREA_PX))
+        whole[: SHAPE[0], : SHAPE[1]] = weight * factor
+        areas = whole.reshape(2, AREA_PX, 3, AREA_PX).sum(axis=(1, 3))
+        assert found == pytest.approx(areas, rel=1e-3, abs=1e-3 * np.abs(whole).sum() / 6)
     new_only = out_count == 1.0
     assert np.array_equal(out[new_only], (new / full)[new_only].astype(np.float32))
 
