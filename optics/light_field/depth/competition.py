@@ -14,10 +14,13 @@ UNSEEN = 1e6
 """Cost of what no view of a sector sees: sorted last and then left out."""
 TRUNCATION = 6.0
 """Largest difference, in contrasts, that counts as such: what is hidden may look like anything."""
-BETTER_SHARE, SEEING_SHARE = 0.5, 0.75
+BETTER_SHARE, SEEING_SHARE = 0.4, 0.6
 """Share of the directions that decides: of all, and of those that see the place by a first depth."""
-FEWER = 2.0
+FEWER = 1.0
 """Surcharge, in contrasts, where half of that share decides alone."""
+HIDDEN, USUALLY_HIDDEN = 3.0, 0.5
+"""Surcharge, in contrasts a part of the views, for each part more than the usual that a place is hidden from: few views
+match by chance, and an edge hides what is beside it from half of them at most."""
 
 
 class Work(NamedTuple):
@@ -77,7 +80,8 @@ def decide(rings: Any, known: Any, work: Any, count: Any) -> None:
     out = work.decided[:count]
     seeing, taken, share = work.ring[0, :count], work.ring[1, :count], work.ring[2, :count]
     weight, every = work.ring[3, :count], work.ring[4, :count]
-    out[:], every[:] = 0.0, 0.0
+    all_views = work.ring[7, :count]
+    out[:], every[:], all_views[:] = 0.0, 0.0, 0.0
     for ring in range(len(rings) - 1):
         first, last = rings[ring], rings[ring + 1]
         seeing[:], taken[:], weight[:] = 0.0, 0.0, 0.0
@@ -91,6 +95,8 @@ def decide(rings: Any, known: Any, work: Any, count: Any) -> None:
         costs = work.sectors[: last - first]
         for sector in range(first, last):
             sums, weights = work.sums[0, sector, :count], work.weights[0, sector, :count]
+            for x in range(count):
+                all_views[x] += weights[x]
             if known:
                 sums_seeing, weights_seeing = work.sums[1, sector, :count], work.weights[1, sector, :count]
                 for x in range(count):
@@ -109,4 +115,5 @@ def decide(rings: Any, known: Any, work: Any, count: Any) -> None:
             every[x] += weight[x]
         _add_better(costs, taken, share, weight, work, out)
     for x in range(count):
-        out[x] = out[x] / every[x] if every[x] > zero else np.float32(0.5 * TRUNCATION)
+        hidden = np.float32(HIDDEN) * max(one - every[x] / all_views[x] - np.float32(USUALLY_HIDDEN), zero)
+        out[x] = out[x] / every[x] + hidden if every[x] > zero else np.float32(0.5 * TRUNCATION)

@@ -91,12 +91,12 @@ def _truncate(cost: Any, contrast: Any) -> None:
 
 
 @compiled
-def _add(cost: Any, sight: Any, weight: Any, total: Any, part: Any) -> None:
-    """Add costs (u,) and the weight of a view to sums where the view sees: sight (u,), 0 or 1."""
+def _add(cost: Any, sight: Any, total: Any, part: Any) -> None:
+    """Add costs (u,) to sums, and to the number of views, where the view sees: sight (u,), 0 or 1."""
     for x in range(len(cost)):
-        total[x] += weight * np.float32(sight[x]) * cost[x]
+        total[x] += sight[x] * cost[x]
     for x in range(len(cost)):
-        part[x] += weight * np.float32(sight[x])
+        part[x] += sight[x]
 
 
 @compiled
@@ -174,10 +174,10 @@ def _block(top: Any, bottom: Any, plane: Any, first: Any, last: Any, pictures: A
         for y in range(top, bottom):
             a, b = (y - top) * count, (y - top + 1) * count
             _compare_row(y, plane, view, first, last, pictures, motion, work.line, cost[a:b], sight[a:b], sees[a:b])
-        sector, weight = motion.sector[view], motion.weight[view]
-        _add(cost, sight, weight, work.sums[0, sector, :every], work.weights[0, sector, :every])
+        sector = motion.sector[view]
+        _add(cost, sight, work.sums[0, sector, :every], work.weights[0, sector, :every])
         if known:
-            _add(cost, sees, weight, work.sums[1, sector, :every], work.weights[1, sector, :every])
+            _add(cost, sees, work.sums[1, sector, :every], work.weights[1, sector, :every])
     decide(motion.rings, known, work, every)
 
 
@@ -190,7 +190,7 @@ def fill_costs(first: Any, last: Any, pictures: Any, motion: Any, ranges: Any, c
         np.zeros((2, sectors, most), np.float32),
         np.zeros((2, sectors, most), np.float32),
         np.empty((DIRECTIONS, most), np.float32),
-        np.empty((7, most), np.float32),
+        np.empty((8, most), np.float32),
         np.empty((3, most), np.float32),
         np.empty(LONGEST_PX + 1, np.float32),
         np.empty(most, np.float32),

@@ -152,12 +152,12 @@ class DepthEstimator:
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.again:
-            found = search(size, reference, others, self._run, known=found.planes)
+            found = search(size, reference, others, self._run, known=found)
         for each in larger:
             before = each.enlarged(found, size)
-            found = search(each, reference, others, self._run, known=before.planes, near=True).beside(before)
+            found = search(each, reference, others, self._run, known=before, near=True).beside(before)
             if self._effort.again:
-                found = search(each, reference, others, self._run, known=found.planes, near=True).beside(before)
+                found = search(each, reference, others, self._run, known=found, near=True).beside(before)
             size = each
         return self._full.enlarged(found, size), others
 

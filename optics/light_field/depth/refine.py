@@ -43,6 +43,8 @@ EDGE_PX = 0.15
 HELD = 1.0
 """Inverse variance with which a value is held where it was, 1/px^2."""
 LEAST_AGREEING = np.float32(1e-6)
+SHARED_POWER = 0.5
+"""Views share errors, those of the reference view's slopes: of many, the information counts for less than its sum."""
 SOLVER_STEPS = 30
 LONGEST_PX, LONGEST_BESIDE_PX = 1.0, 0.15
 """Longest way of a value from where it was, px of the farthest view's motion: elsewhere, and beside a depth edge."""
@@ -179,10 +181,11 @@ class Refiner:
         beside = jumps(moved)
         longest = np.where(beside, np.float32(LONGEST_BESIDE_PX), np.float32(LONGEST_PX))
         inside = np.float32(1.0) - beside
+        fewer = np.float32((8.0 / max(len(others), 8)) ** SHARED_POWER)
         for _ in range(steps):
             match, gradient = self.match(moved / reach, reference, others)
             across, down = self._smoothness(moved)
-            say = inside / self._noise(match)
+            say = inside * fewer / self._noise(match)
             held = match.information * say + np.float32(HELD)
             solved = _solved(held, across, down, held * moved - gradient * say, moved)
             before, moved = moved, np.clip(solved, first - longest, first + longest)

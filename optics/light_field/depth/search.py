@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -28,9 +28,9 @@ FINE_PX, COARSE_PX = 0.5, 1.0
 """How far the farthest view moves from one plane to the next, in pixels of the size that is searched at."""
 MOST_SEARCHED = 192
 """More planes than that are taken farther apart, where all of them are searched."""
-NEXT_PLANE, ANY_PLANE = 3.0, 24.0
+NEXT_PLANE, ANY_PLANE = 2.5, 18.0
 """Penalties, in contrasts, of eight views; more views are surer."""
-PENALTY_POWER = 0.63
+PENALTY_POWER = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def search(
     run: Map = map,
     *,
     rounds: int = 0,
-    known: Float32 | None = None,
+    known: Cheapest | None = None,
     near: bool = False,
 ) -> Cheapest:
     """The planes of a size that cost least, and how sure that is: margins in contrasts of eight views.
@@ -117,7 +117,7 @@ def search(
     rounds
         So often paths are followed again, along the surfaces that were found.
     known
-        Planes (v, u) of this size that are known already: of what hides what, and of how surfaces lean.
+        What is known already, at this size: of what hides what, and of how surfaces lean.
     near
         Whether only planes near these are searched.
     """
@@ -131,16 +131,17 @@ def search(
         np.stack([each.seen for each in small]),
         size.sweep,
         run,
-        None if known is None else nearest_planes(known, size.sweep, run),
-        None if known is None or not near else range_around(known, size.sweep.planes),
+        None if known is None else nearest_planes(known.planes, size.sweep, run),
+        None if known is None or not near else range_around(known.planes, size.sweep.planes),
     )
 
     def chosen(leans: tuple[Float32, Float32]) -> Cheapest:
         total = aggregate(volume, own.colours, leans, penalties, run)
-        return cheapest(total, volume, DOUBTFUL_MARGIN * len(WAYS) * unit, run)
+        found = cheapest(total, volume, DOUBTFUL_MARGIN * len(WAYS) * unit, run)
+        return replace(found, margin=found.margin * np.float32(1.0 / (len(WAYS) * unit)))
 
     level = np.zeros(size.shape, np.float32)
-    found = chosen((level, level) if known is None else leans_of(known))
+    found = chosen((level, level) if known is None else leans_of(known.planes, known.margin))
     for _ in range(rounds):
-        found = chosen(leans_of(found.planes))
-    return Cheapest(found.planes, found.margin * np.float32(1.0 / (len(WAYS) * unit)), found.rivals, found.mismatch)
+        found = chosen(leans_of(found.planes, found.margin))
+    return found

@@ -28,7 +28,12 @@ EDGE_LEAST = 0.2
 """Part of the penalty that remains at the strongest edge."""
 LEAST_RATIO = 1.5
 """Least ratio of the penalty of any step to that of a step to the next plane."""
-SLOPE_REACH_PX, SLOPE_MEDIAN_PX, SLOPE_MEAN_PX = 3, 21, 9
+SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
+SLOPE_MEAN_PX = (145, 49, 17, 9)
+SLOPE_HELD = 0.03
+"""Share of sure places in a square at which what they say counts as much as a larger square."""
+SURE = 12.0
+"""Margin, in contrasts of eight views, from which on a lean is sure."""
 STEEPEST = 2.0
 """Steepest lean, in planes a pixel."""
 LEVEL = 0.02
@@ -240,16 +245,33 @@ def cheapest(total: Volume, volume: Volume, doubtful: float, run: Map = map) -> 
     return Cheapest(found[0], found[1], found[2], np.asarray(mismatch))
 
 
-def leans_of(planes: Float32) -> tuple[Float32, Float32]:
-    """Planes (v, u) that the surfaces of a map (v, u) rise per pixel, across and down: medians over a square."""
+def leans_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:
+    """Planes (v, u) that the surfaces of a map (v, u) rise per pixel, across and down.
+
+    Medians over a square; where the map is unsure, by its margin (v, u) in contrasts of eight views, the lean is that
+    of surer places around, the farther away the fewer are near.
+    """
+    sure = np.square(np.clip(margin * np.float32(1.0 / SURE), 0.0, 1.0))
+    weights = [cv2.blur(sure, (side, side), borderType=cv2.BORDER_REPLICATE) for side in SLOPE_MEAN_PX]
     result = []
     for axis in (1, 0):
-        ahead, behind = (np.roll(planes, shift, axis) for shift in (-SLOPE_REACH_PX, SLOPE_REACH_PX))
-        rise = (ahead - behind) * np.float32(0.5 / SLOPE_REACH_PX)
+        rise = _rise(planes, axis)
         coded = np.clip(rise * np.float32(127.0 / STEEPEST) + np.float32(128.5), 0.0, 255.0).astype(np.uint8)
         median: Any = cv2.medianBlur(coded, SLOPE_MEDIAN_PX).astype(np.float32)
-        lean = (median - np.float32(128.0)) * np.float32(STEEPEST / 127.0)
-        lean = cv2.blur(lean, (SLOPE_MEAN_PX, SLOPE_MEAN_PX))
+        median = (median - np.float32(128.0)) * np.float32(STEEPEST / 127.0) * sure
+        lean = np.zeros_like(planes)
+        for side, weight in zip(SLOPE_MEAN_PX, weights, strict=True):
+            sums = cv2.blur(median, (side, side), borderType=cv2.BORDER_REPLICATE)
+            lean = (sums + np.float32(SLOPE_HELD) * lean) / (weight + np.float32(SLOPE_HELD))
         lean[np.abs(lean) < LEVEL] = 0.0
         result.append(np.asarray(lean, dtype=np.float32))
     return result[0], result[1]
+
+
+def _rise(planes: Float32, axis: int) -> Float32:
+    """Rise per pixel (v, u) along an axis, over SLOPE_REACH_PX ahead and behind, fewer at the sides."""
+    count = planes.shape[axis]
+    ahead, behind = (np.clip(np.arange(count) + way * SLOPE_REACH_PX, 0, count - 1) for way in (1, -1))
+    apart = (ahead - behind).astype(np.float32)
+    rise = np.take(planes, ahead, axis) - np.take(planes, behind, axis)
+    return np.asarray(rise / (apart if axis == 1 else apart[:, None]))

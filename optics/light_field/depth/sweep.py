@@ -32,8 +32,6 @@ class Motion(NamedTuple):
         (K,): views at like distance from the reference view form a ring, those of one ring in like direction a sector.
     rings : ndarray of int64
         (r + 1,): the first sector of each ring, and the number of sectors.
-    weight : ndarray of float32
-        (K,), part of the largest distance: a view says the more of depth the farther away it is.
     """
 
     scale: Float32
@@ -41,7 +39,6 @@ class Motion(NamedTuple):
     down: Float32
     sector: NDArray[np.int64]
     rings: NDArray[np.int64]
-    weight: Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +79,6 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     others = other_views(views)
     matrices = np.array([[parallax(views, index).affine(q) for index in others] for q in inverse_distances])
     positions = np.array([views.positions_mm[index] for index in others])
-    distance = np.linalg.norm(positions[:, :2], axis=1)
     far = np.abs(positions[:, :2]).max(axis=1)
     share = far / far.max()
     rings = min(MOST_RINGS, len(np.unique(np.round(share, 2))))
@@ -100,6 +96,5 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
         down,
         sector.astype(np.int64),
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
-        (distance / distance.max()).astype(np.float32),
     )
     return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * far.max() * step))

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.competition import BETTER_SHARE, FEWER, SEEING_SHARE, TRUNCATION, Work, decide
+from mirrorcam.optics.light_field.depth.competition import (
+    BETTER_SHARE,
+    FEWER,
+    HIDDEN,
+    SEEING_SHARE,
+    TRUNCATION,
+    USUALLY_HIDDEN,
+    Work,
+    decide,
+)
 
 PIXELS = 50
 
@@ -16,6 +25,7 @@ PIXELS = 50
 def plainly(sums: Any, weights: Any, rings: Any, known: bool) -> float:
     """The cost of one pixel of sums and weights (2, sectors)."""
     total = every = 0.0
+    views = weights[0].sum()
     for first, last in pairwise(rings):
         sees = known and (weights[1, first:last] > 0).sum() >= 2
         kind = 1 if sees else 0
@@ -32,14 +42,17 @@ def plainly(sums: Any, weights: Any, rings: Any, known: bool) -> float:
         take, less = max(share * len(ordered), 1.0), max(0.5 * share * len(ordered), 1.0)
         total += weight.sum() * min(mean(take), mean(less) + FEWER)
         every += weight.sum()
-    return total / every if every > 0 else 0.5 * TRUNCATION
+    hidden = HIDDEN * max(1.0 - every / views - USUALLY_HIDDEN, 0.0) if every > 0 else 0.0
+    return total / every + hidden if every > 0 else 0.5 * TRUNCATION
 
 
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("rings", [[0, 8], [0, 5, 8], [0, 1]])
 def test_the_better_part_of_each_ring_decides(known: bool, rings: list[int]) -> None:
     random = np.random.default_rng(0)
-    weights = random.uniform(0.2, 1.0, (2, rings[-1], PIXELS)) * (random.uniform(size=(2, rings[-1], PIXELS)) < 0.6)
+    weights = random.integers(1, 4, (2, rings[-1], PIXELS)) * (random.uniform(size=(2, rings[-1], PIXELS)) < 0.8)
+    # What sees a place has samples of it.
+    weights[1] = weights[0] * (random.uniform(size=weights[1].shape) < 0.5)
     weights[:, :, 0] = 0.0
     sums = weights * random.uniform(0.0, TRUNCATION, weights.shape)
     expected = [plainly(sums[:, :, x], weights[:, :, x], rings, known) for x in range(PIXELS)]
@@ -47,7 +60,7 @@ def test_the_better_part_of_each_ring_decides(known: bool, rings: list[int]) -> 
         sums.astype(np.float32),
         weights.astype(np.float32),
         np.empty((16, PIXELS), np.float32),
-        np.empty((7, PIXELS), np.float32),
+        np.empty((8, PIXELS), np.float32),
         np.empty((3, PIXELS), np.float32),
         np.empty(PIXELS + 1, np.float32),
         np.empty(PIXELS, np.float32),

@@ -12,6 +12,7 @@ from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
 from mirrorcam.optics.light_field.depth.semiglobal import (
     EDGE_GREY,
     EDGE_LEAST,
+    SURE,
     WAYS,
     Cheapest,
     aggregate,
@@ -150,11 +151,26 @@ def test_the_least_plane_its_margin_its_rivals_and_its_mismatch() -> None:
     np.testing.assert_allclose(found.mismatch, 0.25)
 
 
+SURELY = np.full((60, 80), SURE, np.float32)
+
+
 def test_leans_are_those_of_a_plane_and_ignore_a_jump() -> None:
     v, u = np.mgrid[:60, :80].astype(np.float32)
     planes = 0.3 * u - 0.7 * v + np.where(u > 60, np.float32(20.0), np.float32(0.0))
-    across, down = leans_of(planes)
+    across, down = leans_of(planes, SURELY)
     # To an eight-bit code of 4 planes a pixel.
-    np.testing.assert_allclose(across[15:-15, 15:50], 0.3, atol=0.02)
-    np.testing.assert_allclose(down[15:-15, 15:50], -0.7, atol=0.02)
-    assert (leans_of(np.zeros((60, 80), np.float32))[0] == 0).all()
+    np.testing.assert_allclose(across[:, :50], 0.3, atol=0.02)
+    np.testing.assert_allclose(down[:, :50], -0.7, atol=0.02)
+    assert (leans_of(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
+
+
+def test_what_is_unsure_leans_as_what_is_sure_beside_it() -> None:
+    u = np.mgrid[:60, :80][1].astype(np.float32)
+    planes = 0.3 * u
+    planes[40:] = 24.0 - 0.4 * u[40:]
+    margin = SURELY.copy()
+    margin[40:] = 0.3
+    across = leans_of(planes, margin)[0]
+    np.testing.assert_allclose(across[:30], 0.3, atol=0.02)
+    np.testing.assert_allclose(across[50:], 0.3, atol=0.05)
+    assert (leans_of(planes, SURELY)[0][55:, 20:60] < -0.3).all()
