@@ -157,6 +157,12 @@ def _quantile(spread: float, deviations: float) -> float:
     return float((1.0 - spread**2 + deviations * spread) ** 3)
 
 
+def _low(values: Any, share: float) -> Any:
+    """The value (n,) below which a share of the values lies."""
+    number = int(share * len(values))
+    return np.partition(values, number)[number]
+
+
 def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int64]) -> FloatArray:
     """What the other classes make one expect of each, in which something may move: the median over the blocks.
 
@@ -178,10 +184,11 @@ def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tupl
     """
     count = np.bincount(level, minlength=BINS)
     known = np.flatnonzero(count >= min(FEWEST_BLOCKS, count.max()))
-    found = np.array([np.quantile(energies[level == number], LOW_QUANTILES[1]) for number in known])
+    found = np.array([_low(energies[level == number], LOW_QUANTILES[1]) for number in known])
     curve = np.interp(np.arange(BINS), known, np.minimum(found, STEEP * _expected(known, found, count[known])))
     with np.errstate(divide="ignore", invalid="ignore"):
-        low, high = np.cbrt(np.quantile(np.nan_to_num(energies / curve[level], posinf=0.0), LOW_QUANTILES))
+        relative = np.nan_to_num(energies / curve[level], posinf=0.0)
+    low, high = np.cbrt([_low(relative, share) for share in LOW_QUANTILES])
     spread = float((high - low) / (NORMAL[1] * low - NORMAL[0] * high)) if high > 0 else LEAST_SPREAD
     spread = min(max(spread, LEAST_SPREAD), MOST_SPREAD)
     chance = _quantile(spread, NORMAL[1]) * (1.0 - (LESSER * spread if second else 0.0))

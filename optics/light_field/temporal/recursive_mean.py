@@ -179,20 +179,17 @@ def filter_view(
     reach = SIDE_PX // 2
     one, scale = np.float32(1.0), np.float32(1.0) / full
     difference = np.empty((width, channels), np.float32)
-    levels, information = np.empty((3, width), np.float32), np.empty((2, width), np.float32)
+    levels = np.empty((reach + 2, width), np.float32)
+    information = np.empty_like(levels)
     rows = np.zeros((SIDE_PX, 2, width), np.float32)
     sums = np.zeros((2, width + 2 * reach), np.float32)
     kept, part, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     for below in range(height + reach):
         if below < height:
-            level, own = levels[below % 3], information[below % 2]
+            level, own = levels[below % (reach + 2)], information[below % (reach + 2)]
             _differences(new[below], scale, mean[below], gain[below], difference, level)
             ring = rows[below % SIDE_PX]
             _tested(difference, level, count[below], drift[below], tables, by_count, out_drift[below], own, ring)
-            if below >= 2 and below % 2 == 0:
-                y = below - 1
-                above, middle = levels[(y - 1) % 3], levels[y % 3]
-                _add_lag(above, middle, level, out_drift[y], information[y % 2], out_lag[y // AREA_PX])
         else:
             rows[below % SIDE_PX] = 0.0
         y = below - reach
@@ -216,4 +213,8 @@ def filter_view(
                 out_count[y, x] = times
                 part[x] = one / times
                 out_drift[y, x] *= kept[x]
+        if y % 2 == 1 and y < height - 1:
+            above, under = levels[(y - 1) % (reach + 2)], levels[(y + 1) % (reach + 2)]
+            middle, own = levels[y % (reach + 2)], information[y % (reach + 2)]
+            _add_lag(above, middle, under, out_drift[y], own, out_lag[y // AREA_PX])
         _blended(new[y], full, mean[y], gain[y], part, out[y])

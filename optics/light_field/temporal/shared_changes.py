@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 Float32 = NDArray[np.float32]
 
 SIDE_PX = 10
-BLOCKS = 100
+BLOCKS = 64
 """Number of blocks of the reference view that are compared, about."""
 NEIGHBOURS = 4
 MOST_DISPARITY_PX = 24

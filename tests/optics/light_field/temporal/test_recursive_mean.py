@@ -69,7 +69,8 @@ def test_a_view_is_filtered_as_defined(channels: int) -> None:
     weight = tables[1, 0] * INFORMATION[1, times]
     # Every other row, away from the sides.
     weight = np.pad(weight[1:-1, 1:-1], 1) * (np.arange(SHAPE[0]) % 2)[:, None]
-    factors = (1.0 + 0.0 * moved, across, down, moved, across**2, across * down, down**2, across * moved, down * moved)
+    left = moved * kept
+    factors = (1.0 + 0.0 * left, across, down, left, across**2, across * down, down**2, across * left, down * left)
     for found, factor in zip(np.moveaxis(lag, -1, 0), factors, strict=True):
         whole = np.zeros((2 * AREA_PX, 3 * AREA_PX))
         whole[: SHAPE[0], : SHAPE[1]] = weight * factor
