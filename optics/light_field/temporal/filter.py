@@ -94,6 +94,8 @@ class TemporalFilter:
     def __init__(self, workers: int | None = None) -> None:
         self._run: Map = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._state: _State | None = None
+        # Memory of the state before the last, used again: new memory takes as long as the work itself.
+        self._spare: tuple[Float32, Float32] | None = None
 
     def filtered(self, light_field: LightField) -> LightField:
         """The next light field of the video, averaged with those before where nothing moved.
@@ -109,6 +111,8 @@ class TemporalFilter:
         else:
             after = self._next(before, light_field)
         self._state = after
+        if before is not None and after is not before:
+            self._spare = before.count, before.drift
         return after.mean
 
     def _next(self, before: _State, frame: LightField) -> _State:
@@ -127,7 +131,10 @@ class TemporalFilter:
         if old.dtype == np.uint8:
             old = old.astype(np.float32) / full_brightness(before.mean)
         samples = np.empty(new.shape, np.float32)
-        count, drift = np.empty_like(before.count), np.empty_like(before.drift)
+        spare, self._spare = self._spare, None
+        if spare is None or spare[0].shape != before.count.shape:
+            spare = np.empty_like(before.count), np.empty_like(before.drift)
+        count, drift = spare
         lag = np.zeros((len(new), *before.most_frames.shape, LAG_SUMS), np.float32)
         tables = measured.information()
         # Where everything moves, what looks the same is not.
