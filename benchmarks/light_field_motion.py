@@ -5,7 +5,8 @@ first picture behind, in good light and in little. Prints of each path the drift
 of the path), the root mean square error of all positions, NEES (the squared error by the covariance, over its six
 degrees of freedom: 1 for a covariance that is true), key frames, lost frames, and the time of a frame. The peer takes
 the same ORB keypoints of the central view, depth by StereoSGBM of the widest pair of the row, and solvePnPRansac with
-refinement from frame to frame. TUM files of both go to --out.
+refinement from frame to frame. TUM files of both go to --out. With --mirrors, the same paths are filmed by the mirror
+camera: each pixel's ray goes by its mirror to the scene, and frames are decoded.
 """
 
 from __future__ import annotations
@@ -23,13 +24,17 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid
+from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.keypoints import grey_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose, save_tum
+from tests.optics.light_field.photographs import reflected_rays
 
 STEP_MM = 10.0
 HZ = 30.0
+LAYOUT = Path("tests/data/fold_90_layout.json")
 
 
 @dataclass(frozen=True)
@@ -61,12 +66,16 @@ def line(frames: int) -> list[FloatArray]:
     return poses
 
 
-def film(name: str, path: list[FloatArray], views: Views, seed: int, noise_grey: float) -> Filmed:
-    scene = Relief(
+def scene_of(seed: int) -> Relief:
+    return Relief(
         seed=seed,
         slants=(0.0, -0.2),
         cards=(Card(400.0, (-80.0, -50.0, -30.0, 10.0)), Card(430.0, (140.0, 20.0, 190.0, 60.0))),
     )
+
+
+def film(name: str, path: list[FloatArray], views: Views, seed: int, noise_grey: float) -> Filmed:
+    scene = scene_of(seed)
     first = inverse(path[0])
     poses = [first @ pose for pose in path]
     light_fields = [
@@ -75,6 +84,22 @@ def film(name: str, path: list[FloatArray], views: Views, seed: int, noise_grey:
         )[0]
         for number, pose in enumerate(poses)
     ]
+    return Filmed(name, light_fields, poses)
+
+
+def film_by_mirrors(name: str, path: list[FloatArray], layout: Layout, seed: int, noise_grey: float) -> Filmed:
+    """Light fields decoded from frames of the mirror camera, whose reference view has the poses."""
+    scene, decoder, first = scene_of(seed), Decoder(layout), inverse(path[0])
+    poses, light_fields = [first @ pose for pose in path], []
+    origin = decoder.views.reference_view_in_rig_mm @ layout.view_from_rig.T
+    for number, pose in enumerate(poses):
+        grey = np.zeros((layout.camera.height_px, layout.camera.width_px))
+        for hit, start, turned in reflected_rays(layout):
+            at = (start - origin) @ pose[:3, :3].T + pose[:3, 3]
+            grey[hit] = scene.seen(at, turned @ pose[:3, :3].T)[0]
+        grey += np.random.default_rng(1000 * seed + number).normal(0.0, noise_grey, grey.shape)
+        frame = np.repeat(np.rint(np.clip(grey, 0.0, 255.0)).astype(np.uint8)[..., None], 3, axis=-1)
+        light_fields.append(decoder.decode(frame))
     return Filmed(name, light_fields, poses)
 
 
@@ -148,12 +173,16 @@ def _off_mm(poses: list[FloatArray], filmed: Filmed) -> FloatArray:
     return np.array([np.linalg.norm(one[:3, 3] - true[:3, 3]) for one, true in zip(poses, filmed.poses, strict=True)])
 
 
-def sequences(seeds: int, frames: int) -> Iterator[Filmed]:
+def sequences(seeds: int, frames: int, layout: Layout | None = None) -> Iterator[Filmed]:
     views = even_views(3, STEP_MM)
     for title, path in (("loop", loop(frames)), ("line", line(frames))):
         for light, noise_grey in (("", 1.5), (", dim", 5.0)):
             for seed in range(seeds):
-                yield film(f"{title}{light} {seed}", path, views, seed, noise_grey)
+                name = f"{title}{light} {seed}"
+                if layout is None:
+                    yield film(name, path, views, seed, noise_grey)
+                else:
+                    yield film_by_mirrors(f"mirrors, {name}", path, layout, seed, noise_grey)
 
 
 def main() -> None:
@@ -161,14 +190,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="scenes of each kind")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--out", type=Path, default=Path("output/motion"))
+    parser.add_argument("--mirrors", action="store_true", help="frames of the mirror camera, decoded")
     given = parser.parse_args()
     print(
-        f"{'':14}{'path mm':>8}{'drift %':>9}{'RMS mm':>8}{'NEES':>7}{'keys':>5}{'lost':>5}{'cpu ms':>8}"
+        f"{'':22}{'path mm':>8}{'drift %':>9}{'RMS mm':>8}{'NEES':>7}{'keys':>5}{'lost':>5}{'cpu ms':>8}"
         f"   OpenCV: {'drift %':>8}{'RMS mm':>8}{'cpu ms':>8}"
     )
     given.out.mkdir(parents=True, exist_ok=True)
     all_nees = []
-    for filmed in sequences(given.seeds, given.frames):
+    for filmed in sequences(given.seeds, given.frames, Layout.load(LAYOUT) if given.mirrors else None):
         poses, cpu_s = tracked(filmed)
         path_mm = length_mm(filmed.poses)
         off = _off_mm([pose.world_from_view for pose in poses], filmed)
@@ -177,7 +207,7 @@ def main() -> None:
         all_nees.append(nees(filmed, poses))
         keys, lost = sum(pose.is_key for pose in poses), sum(pose.is_lost for pose in poses)
         print(
-            f"{filmed.name:14}{path_mm:8.0f}{100 * off[-1] / path_mm:9.4f}{np.sqrt(np.nanmean(off**2)):8.3f}"
+            f"{filmed.name:22}{path_mm:8.0f}{100 * off[-1] / path_mm:9.4f}{np.sqrt(np.nanmean(off**2)):8.3f}"
             f"{all_nees[-1].mean():7.2f}{keys:5}{lost:5}{1e3 * cpu_s:8.0f}"
             f"           {100 * other_off[-1] / path_mm:8.3f}{np.sqrt(np.mean(other_off**2)):8.2f}{1e3 * other_s:8.0f}",
             flush=True,

@@ -19,6 +19,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 CELLS = 2048
 ROUNDS = 24
+ROW = 512
 Floats = NDArray[np.float32]
 
 
@@ -105,15 +106,15 @@ class Relief:
         return self.depth_mm + self.slants[0] * x + self.slants[1] * y + _at(self._fields[0], x, y, self.cell_mm)
 
     def seen(self, start_mm: FloatArray, ways: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Grey levels (...) that rays from a point (3,) along directions (..., 3) see, and how far they go."""
-        along = (self.depth_mm - start_mm[2]) / ways[..., 2]
+        """Grey levels (...) that rays from points (..., 3) along directions (..., 3) see, and how far they go."""
+        along = (self.depth_mm - start_mm[..., 2]) / ways[..., 2]
         for _ in range(ROUNDS):
             points = start_mm + ways * along[..., None]
             along = along + 0.7 * (self.surface_mm(points[..., 0], points[..., 1]) - points[..., 2]) / ways[..., 2]
         points = start_mm + ways * along[..., None]
         grey = self._painted(points, 0.0) * self._shade(points)
         for number, card in enumerate(self.cards, start=1):
-            to_card = (card.depth_mm - start_mm[2]) / ways[..., 2]
+            to_card = (card.depth_mm - start_mm[..., 2]) / ways[..., 2]
             at = start_mm + ways * to_card[..., None]
             left, top, right, bottom = card.bounds_mm
             hit = (at[..., 0] > left) & (at[..., 0] < right) & (at[..., 1] > top) & (at[..., 1] < bottom)
@@ -172,10 +173,11 @@ def _ways(views: Views, view: tuple[int, int], pixels: FloatArray) -> FloatArray
 
 def _at(values: Floats, x: FloatArray, y: FloatArray, cell_mm: float) -> FloatArray:
     """A field at places in mm from its middle, between its cells bilinearly; it repeats."""
-    rows = x.reshape(-1, x.shape[-1]) if x.ndim > 1 else x.reshape(1, -1)
-    columns = y.reshape(rows.shape)
-    across, down = ((each / cell_mm + CELLS / 2) % CELLS for each in (rows, columns))
-    found = cv2.remap(
-        values, across.astype(np.float32), down.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+    # In rows of a length that OpenCV takes.
+    padding = -x.size % ROW
+    across, down = (
+        np.pad((each.ravel() / cell_mm + CELLS / 2) % CELLS, (0, padding)).astype(np.float32).reshape(-1, ROW)
+        for each in (x, y)
     )
-    return np.asarray(found, dtype=np.float64).reshape(x.shape)
+    found = cv2.remap(values, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return np.asarray(found.ravel()[: x.size], dtype=np.float64).reshape(x.shape)

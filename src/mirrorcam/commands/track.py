@@ -37,8 +37,8 @@ class TrackOptions(LightFieldsOptions):
     out: Path = Field(
         default=Path("output/track"),
         description=(
-            "folder for trajectory.tum (a pose per line in the TUM format, metres) and trajectory.json (poses in mm, "
-            "and their covariances)"
+            "folder for trajectory.tum (a pose per line in the TUM format, metres), trajectory.json (poses in mm, and "
+            "their covariances) and trajectory.png (a figure)"
         ),
     )
     force: bool = FORCE
@@ -67,5 +67,5 @@ def run(options: TrackOptions) -> int:
     say_some("track", [f"{name}: lost, too little of the last key frame is seen" for name in lost])
     keys = count_text(sum(pose.is_key for pose in found.poses), "key frame")
     say("track", f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys}, path {found.path_mm:.1f} mm")
-    say("track", f"trajectory.tum and trajectory.json written to {options.out}")
+    say("track", f"trajectory.tum, .json and .png written to {options.out}")
     return 1 if len(lost) == len(found.poses) - 1 else 0

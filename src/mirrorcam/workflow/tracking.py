@@ -14,7 +14,7 @@ from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose, 
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.output_folder import output_folder
 
-FILES = ("trajectory.tum", "trajectory.json")
+FILES = ("trajectory.tum", "trajectory.json", "trajectory.png")
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,13 @@ def write_trajectory(
     force: bool = False,
     progress: Progress = no_progress,
 ) -> Trajectory:
-    """Track the camera through light fields, in their order, and write trajectory.tum and .json into a folder.
+    """Track the camera through light fields, in their order, and write trajectory.tum, .json and .png into a folder.
 
     `force` also replaces files of others there. Raises InputError for less than two light fields, and for light fields
     of different views.
     """
+    from mirrorcam.figures.trajectory_figure import draw_trajectory
+
     found = Trajectory([], [], [])
     tracker: LightFieldTracker | None = None
     with output_folder(folder, "track", force=force) as output:
@@ -79,4 +81,5 @@ def write_trajectory(
         with output.staged(complete=False) as staged:
             save_tum(staged / FILES[0], found.times_s, found.poses)
             save_json(staged / FILES[1], found.names, found.times_s, found.poses)
+            draw_trajectory(staged / FILES[2], found.times_s, found.poses)
     return found

@@ -33,7 +33,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_files_hold_the_poses_of_the_tracker(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [str(stored / f"{name}.npz") for name in "abc"]
     assert cli.main(["track", *files, "--rate-hz", "10", "--out", str(tmp_path)]) == 0
-    assert results(tmp_path) == ["trajectory.json", "trajectory.tum"]
+    assert results(tmp_path) == ["trajectory.json", "trajectory.png", "trajectory.tum"]
     tracker = LightFieldTracker(load_npz(stored / "a.npz"))
     expected = [tracker.track(load_npz(stored / f"{name}.npz")) for name in "abc"]
     rows = np.loadtxt(tmp_path / "trajectory.tum")
