@@ -2,7 +2,9 @@
 
 Each sample is the mean of those before, up to MEMORY frames, as long as the new one differs by no more than noise
 explains. Two tests decide, both over a small square of the view: of the difference itself, and of its running mean,
-which tells of a drift too slow for the first. What moves, and what it uncovers, is the new sample alone.
+which tells of a drift too slow for the first. A third one finds the lag that slow changes of depth leave in an area of
+all views. What moves, and what it uncovers, is the new sample alone. Where views share most of what changes, everything
+moves, and nothing is averaged.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ SOME_LAG_PX, MOST_LAG_PX = 0.25, 0.5
 """Lag of all views from which on memory shrinks, and at which nothing is left of it: by as much less, and at most."""
 MOVING, RESTING = 0.82, 0.95
 """Share of changes that are each view's own, up to which noise cannot be told from motion, and from which it can."""
+MOST_SAMPLES = 2**26
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,8 @@ class TemporalFilter:
     """Filters the light fields of one video, one after the other, in order.
 
     It starts anew at a light field of other views or another kind of samples. The result depends on the frames given so
-    far and on nothing else; memory is that of a few light fields, however long the video.
+    far and on nothing else; memory is that of a few light fields, however long the video. Light fields of more than
+    MOST_SAMPLES samples are left as they are: in floating point, they would take gigabytes.
 
     Parameters
     ----------
@@ -100,9 +104,12 @@ class TemporalFilter:
     def filtered(self, light_field: LightField) -> LightField:
         """The next light field of the video, averaged with those before where nothing moved.
 
-        One that repeats the frame before, as cameras give in the dark, counts once.
         The first one is returned as it is; others have float32 samples, where nothing is averaged the very same ones.
+        One that repeats the frame before, as cameras give in the dark, counts once.
         """
+        if light_field.samples.size > MOST_SAMPLES:
+            self._state = self._spare = None
+            return light_field
         before = self._state
         if before is None or not _alike(before.last, light_field):
             after = _State.first(light_field)
@@ -196,8 +203,9 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
     kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
     told = shared > chi_square(2, LAG_LIKE) * noise.joined
+    # Of samples beyond all bounds, nothing is known.
     kept = np.where(told, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
-    return np.clip((before + 1.0) * kept, 1.0, MEMORY).astype(np.float32)
+    return np.clip((before + 1.0) * np.nan_to_num(kept), 1.0, MEMORY).astype(np.float32)
 
 
 def _lag(parts: Any) -> tuple[Any, Any]:

@@ -83,7 +83,7 @@ def _tested(
             b, c = difference[x, 1], difference[x, 2]
             squares += b * b + c * c
             total = (a + b + c) * third
-        moved = drift[x] + share * (total - drift[x])
+        moved = max(min(drift[x] + share * (total - drift[x]), one), -one)
         drifted[x] = moved
         place, times = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
         out[0, x] = min(squares * tables[0, place] * by_count[0, times], most)

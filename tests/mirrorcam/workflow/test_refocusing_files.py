@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs
 from mirrorcam.workflow.light_field_results import write_depths
@@ -84,7 +85,8 @@ def test_depth_is_measured_once(tmp_path: Path) -> None:
 
 
 def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_path: Path) -> None:
-    write_recording(tmp_path / "film.zarr", noisy_walls(4))
+    frames = noisy_walls(4)
+    write_recording(tmp_path / "film.zarr", frames)
     inputs, request = LightFieldInputs((tmp_path / "film.zarr",)), RefocusRequest(all_in_focus=True)
     write_refocused(inputs, tmp_path / "whole", request)
     shutil.copytree(tmp_path / "whole", tmp_path / "resumed")
@@ -94,3 +96,7 @@ def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_p
     assert [depth.measured for depth in used] == [True, False, True, False]
     for path in (tmp_path / "whole").glob("film_*"):
         assert path.read_bytes() == (tmp_path / "resumed" / path.name).read_bytes()
+    video = VideoDepth(DepthEstimator(frames[0]))
+    expected = [video.estimate(each).depth_mm for each in frames]
+    with np.load(tmp_path / "whole/film_000003_depth.npz") as arrays:
+        assert np.array_equal(arrays["depth_mm"], expected[3], equal_nan=True)

@@ -163,6 +163,30 @@ def test_grey_and_floating_point_videos_are_filtered_too() -> None:
     assert np.abs(again.samples - found.samples).max() * 255.0 < 0.6 * SIGMA
 
 
+def test_samples_beyond_all_bounds_do_no_harm_to_later_frames() -> None:
+    random, video = np.random.default_rng(16), TemporalFilter(1)
+    for number in range(10):
+        frame = shot(picture(), random)
+        samples: Any = frame.samples / np.float32(255.0)
+        if number == 2:
+            samples[:, :, 20:30, 20:30] = 3e38
+            samples[:, :, 40:50, 20:30] = -3e38
+        found = video.filtered(LightField.of(frame, samples, frame.weights))
+    assert np.isfinite(found.samples).all()
+    assert rms(error_grey(found, picture())) < 0.5 * SIGMA
+
+
+def test_light_fields_that_would_take_gigabytes_are_left_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    random, video = np.random.default_rng(17), TemporalFilter(1)
+    monkeypatch.setattr("mirrorcam.optics.light_field.temporal.filter.MOST_SAMPLES", 9 * WIDTH_PX * HEIGHT_PX)
+    for _ in range(3):
+        frame = shot(picture(), random)
+        assert video.filtered(frame) is frame
+        grey = shot(picture()[..., :1], random)
+        video.filtered(grey)
+    assert video.filtered(shot(picture()[..., :1], random)).samples.dtype == np.float32
+
+
 def test_small_views_are_filtered_too() -> None:
     random, video = np.random.default_rng(15), TemporalFilter(1)
     for size in (4, 7, 8, 17):
