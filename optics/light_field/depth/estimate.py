@@ -139,27 +139,30 @@ class DepthEstimator:
         reference, others = pictures[0], pictures[1:]
         gains = [first_gain(other.grey, reference.grey) for other in others]
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
-        found, others = self._searched(reference, others)
+        found, everywhere, others = self._searched(reference, others)
         planes = follow_edges(found.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
         planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
-        return self._depth_map(planes, match, smooth, found, reference.known)
+        return self._depth_map(planes, match, smooth, found, everywhere, reference.known)
 
-    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[Cheapest, list[ViewPicture]]:
-        """What is found, at full size and in its planes, and the other views made as bright as the reference view."""
+    def _searched(
+        self, reference: ViewPicture, others: list[ViewPicture]
+    ) -> tuple[Cheapest, Float32, list[ViewPicture]]:
+        """What is found, at full size and in its planes, the rivals (v, u) of the first search, and the other views
+        made as bright as the reference view."""
         size, *larger = self._sizes
         found = search(size, reference, others, self._run, rounds=self._effort.rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.again:
             found = search(size, reference, others, self._run, known=found)
+        everywhere = self._full.enlarged(found, size).rivals
         for each in larger:
-            before = each.enlarged(found, size)
-            found = search(each, reference, others, self._run, known=before, near=True).beside(before)
+            found = search(each, reference, others, self._run, known=each.enlarged(found, size), near=True)
             if self._effort.again:
-                found = search(each, reference, others, self._run, known=found, near=True).beside(before)
+                found = search(each, reference, others, self._run, known=found, near=True)
             size = each
-        return self._full.enlarged(found, size), others
+        return self._full.enlarged(found, size), everywhere, others
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
@@ -178,6 +181,7 @@ class DepthEstimator:
         match: Match,
         smooth: Float32,
         found: Cheapest,
+        everywhere: Float32,
         known: NDArray[np.bool_],
     ) -> DepthMap:
         """The depth map of planes (v, u) and what is known of them."""
@@ -186,13 +190,14 @@ class DepthEstimator:
         inverse = np.maximum(inverse, np.float32(0.0))
         known = known & (match.seeing >= min(2, len(self.others)))
         reach = np.float32(full.reach_px)
-        sigma_px = standard_deviation_px(match, smooth, found.margin, len(self.others), full.planes * full.reach_px)
+        halved = self._sizes[-1].halvings > 0
+        sigma_px = standard_deviation_px(match, smooth, found.margin, halved, full.planes * full.reach_px)
         deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
-        confidence = probability(planes * reach, found.rivals, found.mismatch)
+        confidence = probability(planes * reach, found.rivals, everywhere, smooth, halved)
         return DepthMap(
             views=self.views,
             view=self.reference,

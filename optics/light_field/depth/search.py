@@ -30,7 +30,7 @@ MOST_SEARCHED = 192
 """More planes than that are taken farther apart, where all of them are searched."""
 NEXT_PLANE, ANY_PLANE = 2.5, 18.0
 """Penalties, in contrasts, of eight views; more views are surer."""
-PENALTY_POWER = 0.75
+PENALTY_POWER = 0.55
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Size:
 
     def enlarged(self, found: Cheapest, smaller: Size) -> Cheapest:
         """What was found at a smaller size, at this one and in its planes."""
-        maps = {name: getattr(found, name) for name in ("planes", "margin", "rivals", "mismatch")}
+        maps = {name: getattr(found, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(smaller.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
             maps = {name: _doubled(each, shape) for name, each in maps.items()}
@@ -137,7 +137,7 @@ def search(
 
     def chosen(leans: tuple[Float32, Float32]) -> Cheapest:
         total = aggregate(volume, own.colours, leans, penalties, run)
-        found = cheapest(total, volume, DOUBTFUL_MARGIN * len(WAYS) * unit, run)
+        found = cheapest(total, DOUBTFUL_MARGIN * len(WAYS) * unit, run)
         return replace(found, margin=found.margin * np.float32(1.0 / (len(WAYS) * unit)))
 
     level = np.zeros(size.shape, np.float32)

@@ -6,7 +6,7 @@ After Hirschmueller, PAMI 30(2), 2008, and, for surfaces that lean, Scharstein, 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.volume import Volume
 
@@ -42,7 +41,6 @@ SAME_PLANES = 2
 """Planes so near each other are one place, when it is asked whether another is as cheap."""
 PLACE_PLANES = 3
 """Planes that are right together, to half a pixel of the farthest view's motion."""
-MISMATCH_PX = 3
 LINES = 32
 
 
@@ -178,8 +176,8 @@ def aggregate(
 
 
 @compiled
-def _least(first: Any, last: Any, ranges: Any, total: Any, costs: Any, doubtful: Any, found: Any) -> None:
-    """Fill rows `first` to `last` of `found` (4, v, u): place, margin, rivals and mismatch."""
+def _least(first: Any, last: Any, ranges: Any, total: Any, doubtful: Any, found: Any) -> None:
+    """Fill rows `first` to `last` of `found` (3, v, u): place, margin and rivals."""
     one = np.float32(1.0)
     for y in range(first, last):
         for x in range(ranges.low.shape[1]):
@@ -203,7 +201,7 @@ def _least(first: Any, last: Any, ranges: Any, total: Any, costs: Any, doubtful:
                     dearer = (cost - least) / doubtful
                     near += max(one - dearer * dearer, np.float32(0.0)) ** 2
             found[0, y, x], found[1, y, x] = place + np.float32(ranges.low[y, x]), other - least
-            found[2, y, x], found[3, y, x] = near / np.float32(PLACE_PLANES), np.float32(costs[start + at])
+            found[2, y, x] = near / np.float32(PLACE_PLANES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,31 +216,22 @@ class Cheapest:
         By how much (v, u) the next best is dearer that is farther than SAME_PLANES away.
     rivals
         Number (v, u) of other places that are about as cheap, as a sum of weights.
-    mismatch
-        Matching cost (v, u) there, as a part of the largest that there is.
     """
 
     planes: Float32
     margin: Float32
     rivals: Float32
-    mismatch: Float32
-
-    def beside(self, other: Cheapest) -> Cheapest:
-        """These planes, no surer than another search of more planes was."""
-        return replace(self, margin=np.minimum(self.margin, other.margin), rivals=np.maximum(self.rivals, other.rivals))
 
 
-def cheapest(total: Volume, volume: Volume, doubtful: float, run: Map = map) -> Cheapest:
-    """The planes of least summed path cost of a volume of matching costs.
+def cheapest(total: Volume, doubtful: float, run: Map = map) -> Cheapest:
+    """The planes of least summed path cost.
 
     A place that is dearer by `doubtful` is no rival.
     """
-    shape = volume.ranges.low.shape
-    found = np.empty((4, *shape), np.float32)
-    job = volume.ranges, total.costs, volume.costs, np.float32(doubtful), found
-    list(run(lambda band: _least(*band, *job), bands(shape[0])))
-    mismatch = cv2.blur(found[3], (MISMATCH_PX, MISMATCH_PX)) * np.float32(1.0 / (TRUNCATION * UNITS))
-    return Cheapest(found[0], found[1], found[2], np.asarray(mismatch))
+    shape = total.ranges.low.shape
+    found = np.empty((3, *shape), np.float32)
+    list(run(lambda band: _least(*band, total.ranges, total.costs, np.float32(doubtful), found), bands(shape[0])))
+    return Cheapest(found[0], found[1], found[2])
 
 
 def leans_of(planes: Float32, margin: Float32) -> tuple[Float32, Float32]:

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS
 from mirrorcam.optics.light_field.depth.semiglobal import (
     EDGE_GREY,
     EDGE_LEAST,
     SURE,
     WAYS,
-    Cheapest,
     aggregate,
     cheapest,
     leans_of,
@@ -108,19 +106,8 @@ def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning:
     # Far dearer than any path: never on the cheapest one.
     expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, leans)
     assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
-    best = cheapest(found, Volume(found.ranges, costs[inside]), 400.0)
+    best = cheapest(found, 400.0)
     assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not leaning
-
-
-def test_a_search_near_what_is_known_is_no_surer_than_the_one_before() -> None:
-    near, before = (
-        Cheapest(*(np.full((2, 2), value, np.float32) for value in values))
-        for values in ((5.0, 9.0, 0.1, 0.2), (4.0, 3.0, 0.4, 0.9))
-    )
-    joined = near.beside(before)
-    assert [float(each[0, 0]) for each in (joined.planes, joined.margin, joined.rivals, joined.mismatch)] == (
-        pytest.approx([5.0, 3.0, 0.4, 0.2])
-    )
 
 
 def test_without_penalties_each_pixel_stands_alone() -> None:
@@ -138,17 +125,15 @@ def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
     assert (summed(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
 
 
-def test_the_least_plane_its_margin_its_rivals_and_its_mismatch() -> None:
+def test_the_least_plane_its_margin_and_its_rivals() -> None:
     total = np.full((8, 8, 12), 900, np.uint16)
     total[..., 4] = 100
     total[..., [3, 5]] = [400, 200]
     total[..., 9] = 300
-    volume = np.full_like(total, round(0.25 * TRUNCATION * UNITS))
-    found = cheapest(volume_of(total), volume_of(volume), 400.0)
+    found = cheapest(volume_of(total), 400.0)
     np.testing.assert_allclose(found.planes, 4.0 + 0.5 * (400 - 200) / (400 + 200 - 200))
     np.testing.assert_allclose(found.margin, 200.0)
     np.testing.assert_allclose(found.rivals, (1 - 0.5**2) ** 2 / 3, rtol=1e-6)
-    np.testing.assert_allclose(found.mismatch, 0.25)
 
 
 SURELY = np.full((60, 80), SURE, np.float32)

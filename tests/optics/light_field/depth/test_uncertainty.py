@@ -8,9 +8,16 @@ import pytest
 from mirrorcam.optics.light_field.depth.refine import Match
 from mirrorcam.optics.light_field.depth.uncertainty import (
     ELSEWHERE,
+    FEWEST_RIVALS,
+    HALVED,
     INFORMATION,
+    MARGIN_ROOT,
+    RIVALS,
+    ROUGH_POWER,
     SIGMA_PX,
+    SMOOTH,
     SURE_MARGIN,
+    USUAL_RIVALS,
     probability,
     standard_deviation_px,
 )
@@ -18,26 +25,41 @@ from mirrorcam.optics.light_field.depth.uncertainty import (
 ONES = np.ones((30, 40), np.float32)
 
 
-def sigma(information: float = INFORMATION, residual: float = 2.0, margin: float = 50.0, smooth: float = 1.0) -> float:
+def sigma(
+    information: float = INFORMATION,
+    residual: float = 2.0,
+    margin: float = 50.0,
+    smooth: float = 1.0,
+    halved: bool = False,
+) -> float:
     match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES)
-    return float(standard_deviation_px(match, smooth * ONES, margin * ONES, 8, 20.0)[15, 20])
+    return float(standard_deviation_px(match, smooth * ONES, margin * ONES, halved, 20.0)[15, 20])
 
 
 def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None:
     assert sigma() == pytest.approx(SIGMA_PX)
     assert sigma(information=10 * INFORMATION) < 0.7 * sigma()
     assert sigma(residual=20.0) > 1.4 * sigma()
-    assert sigma(margin=SURE_MARGIN / 10) == pytest.approx(10 * sigma())
-    assert sigma(smooth=0.5) == pytest.approx(8 * sigma())
+    assert sigma(margin=SURE_MARGIN / 10) == pytest.approx(10**MARGIN_ROOT * sigma())
+    assert sigma(smooth=0.8) == pytest.approx(0.8**-ROUGH_POWER * sigma())
+    assert sigma(halved=True) == pytest.approx(HALVED * sigma())
     # Never more than that of any depth of the range being as likely.
-    assert sigma(information=0.0, margin=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
+    assert sigma(information=0.0, margin=0.0, smooth=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
 
 
-def test_probability_is_shared_among_rivals_and_lost_where_no_view_shows_the_same() -> None:
+def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -> None:
     level = 3.0 * ONES
-    assert probability(level, 0 * ONES, 0.2 * ONES)[15, 20] == pytest.approx(ELSEWHERE)
-    assert probability(level, ONES, 0.2 * ONES)[15, 20] == pytest.approx(ELSEWHERE / 2)
-    assert probability(level, 0 * ONES, ONES).max() == 0.0
+
+    def odds(found: np.ndarray) -> float:
+        return float(np.log(found[15, 20] / (1.0 - found[15, 20])))
+
+    alone, one = (probability(level, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
+    assert odds(one) == pytest.approx(ELSEWHERE + SMOOTH + RIVALS * np.log(1 + FEWEST_RIVALS), rel=1e-4)
+    assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(FEWEST_RIVALS / (1 + FEWEST_RIVALS)), rel=1e-3)
+    assert probability(level, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
+    assert probability(level, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
+    told_nothing = probability(level, ONES, 9.0 * ONES, ONES, False)
+    np.testing.assert_allclose(told_nothing, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
     torn = level + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
-    found = probability(torn, 0 * ONES, 0.2 * ONES)[15]
+    found = probability(torn, ONES, 0 * ONES, ONES, False)[15]
     assert found[20] == found[21] < found[18] < found[10]
