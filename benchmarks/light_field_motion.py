@@ -3,10 +3,10 @@
 A grid of 3x3 pinholes moves past rendered reliefs with cards before them, on a loop and along a line that leaves the
 first picture behind, in good light and in little. Prints of each path the drift (how far the last pose is off, in parts
 of the path), the root mean square error of all positions, NEES (the squared error by the covariance, over its six
-degrees of freedom: 1 for a covariance that is true), key frames, lost frames, and the time of a frame. The peer takes
-the same ORB keypoints of the central view, depth by StereoSGBM of the widest pair of the row, and solvePnPRansac with
-refinement from frame to frame. TUM files of both go to --out. With --mirrors, the same paths are filmed by the mirror
-camera: each pixel's ray goes by its mirror to the scene, and frames are decoded.
+degrees of freedom: 1 for a covariance that is true), key frames, lost frames, processor time of a frame, and frames per
+second. The peer takes the same ORB keypoints of the central view, depth by StereoSGBM of the widest pair of the row,
+and solvePnPRansac with refinement from frame to frame. TUM files of both go to --out. With --mirrors, the same paths
+are filmed by the mirror camera: each pixel's ray goes by its mirror to the scene, and frames are decoded.
 """
 
 from __future__ import annotations
@@ -193,13 +193,15 @@ def main() -> None:
     parser.add_argument("--mirrors", action="store_true", help="frames of the mirror camera, decoded")
     given = parser.parse_args()
     print(
-        f"{'':22}{'path mm':>8}{'drift %':>9}{'RMS mm':>8}{'NEES':>7}{'keys':>5}{'lost':>5}{'cpu ms':>8}"
+        f"{'':22}{'path mm':>8}{'drift %':>9}{'RMS mm':>8}{'NEES':>7}{'keys':>5}{'lost':>5}{'cpu ms':>8}{'1/s':>6}"
         f"   OpenCV: {'drift %':>8}{'RMS mm':>8}{'cpu ms':>8}"
     )
     given.out.mkdir(parents=True, exist_ok=True)
     all_nees = []
     for filmed in sequences(given.seeds, given.frames, Layout.load(LAYOUT) if given.mirrors else None):
+        start = time.perf_counter()
         poses, cpu_s = tracked(filmed)
+        rate = len(poses) / (time.perf_counter() - start)
         path_mm = length_mm(filmed.poses)
         off = _off_mm([pose.world_from_view for pose in poses], filmed)
         other, other_s = opencv_chain(filmed)
@@ -208,7 +210,7 @@ def main() -> None:
         keys, lost = sum(pose.is_key for pose in poses), sum(pose.is_lost for pose in poses)
         print(
             f"{filmed.name:22}{path_mm:8.0f}{100 * off[-1] / path_mm:9.4f}{np.sqrt(np.nanmean(off**2)):8.3f}"
-            f"{all_nees[-1].mean():7.2f}{keys:5}{lost:5}{1e3 * cpu_s:8.0f}"
+            f"{all_nees[-1].mean():7.2f}{keys:5}{lost:5}{1e3 * cpu_s:8.0f}{rate:6.1f}"
             f"           {100 * other_off[-1] / path_mm:8.3f}{np.sqrt(np.mean(other_off**2)):8.2f}{1e3 * other_s:8.0f}",
             flush=True,
         )

@@ -74,10 +74,10 @@ def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> Fl
 def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigmas: SharedErrors) -> PoseFit | None:
     """Refine a pose until it explains best where landmarks are seen; None where too few of them agree."""
     pose, used = frame_from_key, seen.valid
-    normal, usual = np.eye(6), 1.0
+    normal, weighted, usual = np.eye(6), np.zeros((0, 6)), 1.0
     for _ in range(ROUNDS):
         rest, jacobian, by_w, weight = _equations(landmarks, seen, pose)
-        square = np.einsum("ni,nij,nj->n", rest, weight, rest)
+        square = ((weight @ rest[:, :, None])[..., 0] * rest).sum(axis=1)
         candidates = seen.valid & np.isfinite(square)
         if candidates.sum() < LEAST_LANDMARKS:
             return None
@@ -86,21 +86,21 @@ def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigma
         if used.sum() < LEAST_LANDMARKS:
             return None
         robust = 1.0 / (1.0 + square[used] / (OUTLIER * usual))
-        weight = weight[used] * robust[:, None, None]
-        normal = np.einsum("nki,nkl,nlj->ij", jacobian[used], weight, jacobian[used])
-        right = np.einsum("nki,nkl,nl->i", jacobian[used], weight, rest[used])
-        step = np.linalg.solve(normal, right)
+        # Rows of all landmarks below one another: products of matrices, which are faster than sums over four indices.
+        weighted = ((weight[used] * robust[:, None, None]) @ jacobian[used]).reshape(-1, 6)
+        normal = weighted.T @ jacobian[used].reshape(-1, 6)
+        step = np.linalg.solve(normal, weighted.T @ rest[used].ravel())
         pose = rigid(Rotation.from_rotvec(step[3:]).as_matrix(), step[:3]) @ pose
         if np.abs(step).max() < 1e-9:
             break
     # Columns: what remains of each landmark, and an error of one along each axis of its direction.
     told = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
-    scores = np.einsum("nki,nkl,nlj->nij", jacobian[used], weight, told)
+    scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ told
     # Weights that depend on residuals make the curvature of what is least smaller than `normal`.
-    fall = (2.0 / (OUTLIER * usual)) * np.einsum("ni,nj->ij", scores[..., 0], scores[..., 0])
+    fall = (2.0 / (OUTLIER * usual)) * scores[..., 0].T @ scores[..., 0]
     covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
     # What slopes of all landmarks have in common moves the pose, and no residual tells.
-    alike = np.linalg.solve(normal, np.einsum("nki,nkl,nl->i", jacobian[used], weight, by_w[used]))
+    alike = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
     return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
 
 
