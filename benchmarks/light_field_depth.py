@@ -2,15 +2,12 @@
 
 `python benchmarks/light_field_depth.py hci FOLDER` scores depth from 3x3 of the 9x9 views of a scene in the format of
 the 4D Light Field Benchmark; a folder that does not exist gets a rendered scene in that format first (minutes).
-`... tabletop FOLDER` compares with the truth of a set of `mirrorcam scene`, `... speed` times estimates.
+`... tabletop FOLDER` compares with the truth of a set of `mirrorcam scene`.
 """
 
 from __future__ import annotations
 
-import statistics
 import sys
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from itertools import product
@@ -221,66 +218,9 @@ def scene_errors(folder: Path) -> None:
         )
 
 
-def speed(rounds: int = 20) -> None:
-    """Milliseconds of an estimate, of a bare `cv2.remap` of the views and of copying them, in turn, on frames of noise,
-    which cost what others do; for more pixels and for more views over the same baselines."""
-    print(f"{cv2.getNumThreads()} threads; median of {rounds} rounds, best in brackets")
-    for count, width, height in ((3, 400, 240), (3, 200, 120), (3, 800, 480), (2, 400, 240), (5, 400, 240)):
-        base = choose_views(Layout.load(DEFAULT_LAYOUT), 375.0, "common")
-        reach = np.abs(base.positions_mm[..., :2]).max(axis=(0, 1))
-        offsets = (np.arange(count) - count // 2) / (count // 2)
-        scale = width / base.width_px
-        views = replace(
-            base,
-            positions_mm=np.stack([*np.meshgrid(offsets * reach[0], offsets * reach[1]), np.zeros((count, count))], -1),
-            focal_px=base.focal_px * scale,
-            centre_px=(base.centre_px + 0.5) * scale - 0.5,
-            width_px=width,
-            height_px=height,
-        )
-        shape = (count, count, height, width)
-        samples = np.random.default_rng(0).integers(0, 255, (*shape, 3), dtype=np.uint8)
-        light_field = LightField.of(views, samples, np.ones(shape, np.float32))
-        estimator = DepthEstimator(light_field)
-        times = _times(light_field, estimator, rounds)
-        texts = [f"{name} {statistics.median(each):6.1f} ms ({min(each):.1f})" for name, each in times.items()]
-        rate = 1e3 / statistics.median(times["depth"])
-        print(
-            f"{count}x{count} views of {width}x{height} px, {estimator.planes} planes: {', '.join(texts)}; {rate:.1f}/s"
-        )
-
-
-def _times(light_field: LightField, estimator: DepthEstimator, rounds: int) -> dict[str, list[float]]:
-    height, width = light_field.height_px, light_field.width_px
-    columns, rows = (
-        axis.astype(np.float32) + np.float32(0.3) for axis in np.meshgrid(np.arange(width), np.arange(height))
-    )
-    maps = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
-
-    def bare() -> None:
-        for index in np.ndindex(light_field.rows, light_field.cols):
-            cv2.remap(light_field.samples[index], *maps, cv2.INTER_LINEAR)
-
-    jobs: dict[str, Callable[[], object]] = {
-        "depth": lambda: estimator.estimate(light_field),
-        "bare cv2.remap": bare,
-        "copy": light_field.samples.copy,
-    }
-    times: dict[str, list[float]] = {name: [] for name in jobs}
-    for _ in range(rounds):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times[name].append(1e3 * (time.perf_counter() - start))
-    return times
-
-
 def main(arguments: list[str]) -> None:
-    job, *rest = arguments or ["speed"]
-    if job == "speed":
-        speed()
-    else:
-        {"hci": hci, "tabletop": scene_errors}[job](Path(rest[0]))
+    job, folder = arguments
+    {"hci": hci, "tabletop": scene_errors}[job](Path(folder))
 
 
 if __name__ == "__main__":
