@@ -47,16 +47,17 @@ SMALLEST_PX = 16
 @dataclass(frozen=True)
 class _Effort:
     """Of a quality: how often pictures are halved for the first search and for the last, rounds along leaning surfaces
-    in the first, whether it is done again with what hides what, and steps of refinement."""
+    in the first, whether it is done again with what hides what, steps of refinement, and rounds of their solver."""
 
     first: int
     last: int
     rounds: int
     again: bool
     steps: int
+    solver: int
 
 
-EFFORTS = {"best": _Effort(1, 0, 2, True, 2), "fast": _Effort(2, 1, 1, False, 1)}
+EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
 
 
 class DepthEstimator:
@@ -137,12 +138,13 @@ class DepthEstimator:
             raise InputError("light field has other views or weights than the one the estimator was built for")
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
-        gains = [first_gain(other.grey, reference.grey) for other in others]
+        own_grey = reference.grey
+        gains = self._run(lambda other: first_gain(other.grey, own_grey), others)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         found, everywhere, others = self._searched(reference, others)
         planes = follow_edges(found.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
-        planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps)
+        planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps, self._effort.solver)
         return self._depth_map(planes, match, smooth, found, everywhere, reference.known)
 
     def _searched(
@@ -191,7 +193,9 @@ class DepthEstimator:
         known = known & (match.seeing >= min(2, len(self.others)))
         reach = np.float32(full.reach_px)
         halved = self._sizes[-1].halvings > 0
-        sigma_px = standard_deviation_px(match, smooth, found.margin, halved, full.planes * full.reach_px)
+        sigma_px = standard_deviation_px(
+            match, smooth, found.margin, len(self.others), halved, full.planes * full.reach_px
+        )
         deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse

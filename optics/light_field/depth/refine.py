@@ -43,9 +43,8 @@ EDGE_PX = 0.15
 HELD = 1.0
 """Inverse variance with which a value is held where it was, 1/px^2."""
 LEAST_AGREEING = np.float32(1e-6)
-SHARED_POWER = 0.5
+SHARED_POWER = 0.8
 """Views share errors, those of the reference view's slopes: of many, the information counts for less than its sum."""
-SOLVER_STEPS = 30
 LONGEST_PX, LONGEST_BESIDE_PX = 1.0, 0.15
 """Longest way of a value from where it was, px of the farthest view's motion: elsewhere, and beside a depth edge."""
 JUMP_PX = 0.6
@@ -79,7 +78,7 @@ class Match:
         return replace(self, residual=np.maximum(self.residual + fewer, np.float32(0.0)))
 
 
-def _solved(held: Float32, across: Float32, down: Float32, target: Float32, start: Float32) -> Float32:
+def _solved(held: Float32, across: Float32, down: Float32, target: Float32, start: Float32, rounds: int) -> Float32:
     """Values (v, u) near `target` / `held` whose second differences are small (conjugate gradients, Jacobi scaling)."""
     work: Any = np.empty_like(start), np.empty_like(start)
     out = np.empty_like(start)
@@ -99,7 +98,7 @@ def _solved(held: Float32, across: Float32, down: Float32, target: Float32, star
     scaled = scaling * left
     way = scaled.copy()
     size = float(np.vdot(left, scaled))
-    for _ in range(SOLVER_STEPS):
+    for _ in range(rounds):
         moved = matrix(way)
         length = np.float32(size / max(float(np.vdot(way, moved)), 1e-30))
         values += length * way
@@ -114,6 +113,11 @@ def _solved(held: Float32, across: Float32, down: Float32, target: Float32, star
 def slopes_of(picture: Float32) -> Float32:
     """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1))])
+
+
+def unshared(views: int) -> float:
+    """The part of the information of so many views that counts: of more than eight, less than all."""
+    return float((8.0 / max(views, 8)) ** SHARED_POWER)
 
 
 def jumps(moved: Float32) -> NDArray[np.bool_]:
@@ -172,22 +176,23 @@ class Refiner:
         ), terms.gradient / reach
 
     def refined(
-        self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int
+        self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, rounds: int
     ) -> tuple[Float32, Match, Float32]:
-        """The map (v, u) after some steps, the match there, and the weight (v, u), 0 to 1, of its being smooth."""
+        """The map (v, u) after some steps, each solved in so many rounds, the match there, and the weight (v, u) of its
+        being smooth, 0 to 1."""
         reach = np.float32(self.sweep.reach_px)
         moved = planes * reach
         first = moved.copy()
         beside = jumps(moved)
         longest = np.where(beside, np.float32(LONGEST_BESIDE_PX), np.float32(LONGEST_PX))
         inside = np.float32(1.0) - beside
-        fewer = np.float32((8.0 / max(len(others), 8)) ** SHARED_POWER)
+        fewer = np.float32(unshared(len(others)))
         for _ in range(steps):
             match, gradient = self.match(moved / reach, reference, others)
             across, down = self._smoothness(moved)
             say = inside * fewer / self._noise(match)
             held = match.information * say + np.float32(HELD)
-            solved = _solved(held, across, down, held * moved - gradient * say, moved)
+            solved = _solved(held, across, down, held * moved - gradient * say, moved, rounds)
             before, moved = moved, np.clip(solved, first - longest, first + longest)
         across, down = self._smoothness(moved)
         return moved / reach, match.after(gradient, moved - before), np.minimum(across, down) * np.float32(1.0 / SMOOTH)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.depth.refine import Match, jumps
+from mirrorcam.optics.light_field.depth.refine import Match, jumps, unshared
 
 Float32 = NDArray[np.float32]
 
@@ -46,7 +46,9 @@ def _mean(values: Float32) -> Any:
     return cv2.blur(values, (AVERAGED_PX, AVERAGED_PX))
 
 
-def standard_deviation_px(match: Match, smooth: Float32, margin: Float32, halved: bool, range_px: float) -> Float32:
+def standard_deviation_px(
+    match: Match, smooth: Float32, margin: Float32, views: int, halved: bool, range_px: float
+) -> Float32:
     """Standard deviation (v, u) of the place, px of the farthest view's motion, that of an even `range_px` at most.
 
     Parameters
@@ -57,6 +59,8 @@ def standard_deviation_px(match: Match, smooth: Float32, margin: Float32, halved
         Weight (v, u), 0 to 1, of the surface's being smooth.
     margin
         By how much (v, u) the next best place is dearer, in the unit of the penalties of eight views.
+    views
+        Number of views but the reference view.
     halved
         Whether planes were searched at half size.
     range_px
@@ -64,7 +68,7 @@ def standard_deviation_px(match: Match, smooth: Float32, margin: Float32, halved
     """
     weight = np.maximum(match.agreeing, np.float32(1e-3))
     noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, LEAST_NOISE)
-    information = np.maximum(_mean(match.information), LEAST_INFORMATION)
+    information = np.maximum(_mean(match.information) * unshared(views), LEAST_INFORMATION)
     least: Any = cv2.erode(margin, np.ones((3, 3), np.uint8))
     unsure = (SURE_MARGIN / np.clip(least, LEAST_MARGIN, SURE_MARGIN)) ** MARGIN_ROOT
     rough = np.clip(_mean(smooth), LEAST_SMOOTH, 1.0) ** -ROUGH_POWER

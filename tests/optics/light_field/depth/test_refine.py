@@ -37,7 +37,7 @@ def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
 def test_a_few_steps_find_a_slanted_plane_to_a_hundredth_of_a_pixel(slanted: Any, wrong_px: float) -> None:
     refiner, planes, reference, others, truth = slanted
     start = truth + np.float32(wrong_px / planes.reach_px)
-    found, match, smooth = refiner.refined(start, reference, others, 3)
+    found, match, smooth = refiner.refined(start, reference, others, 3, 30)
     error_px = np.abs(found - truth)[INSIDE] * planes.reach_px
     assert np.median(error_px) < 0.02
     assert np.quantile(error_px, 0.95) < 0.08
@@ -50,10 +50,10 @@ def test_a_few_steps_find_a_slanted_plane_to_a_hundredth_of_a_pixel(slanted: Any
 def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     start = truth + np.float32(3.0 / planes.reach_px)
-    found = refiner.refined(start, reference, others, 2)[0]
+    found = refiner.refined(start, reference, others, 2, 30)[0]
     assert np.abs(found - start).max() * planes.reach_px <= 1.001
     torn = start + np.where(np.arange(120) > 60, np.float32(2.0 / planes.reach_px), np.float32(0.0))
-    found = refiner.refined(torn, reference, others, 2)[0]
+    found = refiner.refined(torn, reference, others, 2, 30)[0]
     beside = jumps(torn * np.float32(planes.reach_px))
     assert beside.sum() == 2 * 90
     assert np.abs(found - torn)[beside].max() * planes.reach_px <= 0.1501
@@ -62,7 +62,7 @@ def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
 def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
     blank = SlopePicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
-    found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2)
+    found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2, 30)
     assert np.abs(found - truth).max() < 0.01
     assert (match.information == 0.0).all()
     assert (match.residual[INSIDE] == 0.0).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.refine import Match
+from mirrorcam.optics.light_field.depth.refine import SHARED_POWER, Match
 from mirrorcam.optics.light_field.depth.uncertainty import (
     ELSEWHERE,
     FEWEST_RIVALS,
@@ -13,6 +13,7 @@ from mirrorcam.optics.light_field.depth.uncertainty import (
     INFORMATION,
     MARGIN_ROOT,
     RIVALS,
+    ROOT,
     ROUGH_POWER,
     SIGMA_PX,
     SMOOTH,
@@ -31,9 +32,10 @@ def sigma(
     margin: float = 50.0,
     smooth: float = 1.0,
     halved: bool = False,
+    views: int = 8,
 ) -> float:
     match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES)
-    return float(standard_deviation_px(match, smooth * ONES, margin * ONES, halved, 20.0)[15, 20])
+    return float(standard_deviation_px(match, smooth * ONES, margin * ONES, views, halved, 20.0)[15, 20])
 
 
 def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None:
@@ -42,6 +44,7 @@ def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None
     assert sigma(residual=20.0) > 1.4 * sigma()
     assert sigma(margin=SURE_MARGIN / 10) == pytest.approx(10**MARGIN_ROOT * sigma())
     assert sigma(smooth=0.8) == pytest.approx(0.8**-ROUGH_POWER * sigma())
+    assert sigma(views=80) == pytest.approx(10 ** (SHARED_POWER * ROOT) * sigma())
     assert sigma(halved=True) == pytest.approx(HALVED * sigma())
     # Never more than that of any depth of the range being as likely.
     assert sigma(information=0.0, margin=0.0, smooth=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
