@@ -30,6 +30,7 @@ from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, S
 from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
+from mirrorcam.optics.light_field.depth.volume import range_around
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -39,6 +40,8 @@ NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is searched by default, in reference depths."""
 MOST_CELLS = 2**26
 """Most pixels times planes that are searched without knowing where."""
+MOST_NEAR_CELLS = 2**28
+"""Most pixels times planes near what is known; where depth changes so much, what smaller pictures tell is all."""
 SMALLEST_SEARCHED_PX = 48
 """Pictures are not halved to less than that."""
 SMALLEST_PX = 16
@@ -58,6 +61,16 @@ class _Effort:
 
 
 EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What searches found, at full size: planes, the rivals (v, u) of the first search, and whether the last was of
+    halved pictures."""
+
+    cheapest: Cheapest
+    everywhere: Float32
+    halved: bool
 
 
 class DepthEstimator:
@@ -141,17 +154,14 @@ class DepthEstimator:
         own_grey = reference.grey
         gains = self._run(lambda other: first_gain(other.grey, own_grey), others)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
-        found, everywhere, others = self._searched(reference, others)
-        planes = follow_edges(found.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
+        found, others = self._searched(reference, others)
+        planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
         planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps, self._effort.solver)
-        return self._depth_map(planes, match, smooth, found, everywhere, reference.known)
+        return self._depth_map(planes, match, smooth, found, reference.known)
 
-    def _searched(
-        self, reference: ViewPicture, others: list[ViewPicture]
-    ) -> tuple[Cheapest, Float32, list[ViewPicture]]:
-        """What is found, at full size and in its planes, the rivals (v, u) of the first search, and the other views
-        made as bright as the reference view."""
+    def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
+        """What is found, and the other views made as bright as the reference view."""
         size, *larger = self._sizes
         found = search(size, reference, others, self._run, rounds=self._effort.rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
@@ -160,11 +170,14 @@ class DepthEstimator:
             found = search(size, reference, others, self._run, known=found)
         everywhere = self._full.enlarged(found, size).rivals
         for each in larger:
-            found = search(each, reference, others, self._run, known=each.enlarged(found, size), near=True)
-            if self._effort.again:
-                found = search(each, reference, others, self._run, known=found, near=True)
-            size = each
-        return self._full.enlarged(found, size), everywhere, others
+            known = each.enlarged(found, size)
+            for _ in range(1 + self._effort.again):
+                ranges = range_around(known.planes, each.sweep.planes)
+                if ranges.cells > MOST_NEAR_CELLS:
+                    return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
+                known = search(each, reference, others, self._run, known=known, ranges=ranges)
+            found, size = known, each
+        return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Gains (v, u) that make the other views as bright as the reference view, by what both show at a map (v, u)."""
@@ -182,8 +195,7 @@ class DepthEstimator:
         planes: Float32,
         match: Match,
         smooth: Float32,
-        found: Cheapest,
-        everywhere: Float32,
+        found: _Found,
         known: NDArray[np.bool_],
     ) -> DepthMap:
         """The depth map of planes (v, u) and what is known of them."""
@@ -192,16 +204,15 @@ class DepthEstimator:
         inverse = np.maximum(inverse, np.float32(0.0))
         known = known & (match.seeing >= min(2, len(self.others)))
         reach = np.float32(full.reach_px)
-        halved = self._sizes[-1].halvings > 0
-        sigma_px = standard_deviation_px(
-            match, smooth, found.margin, len(self.others), halved, full.planes * full.reach_px
-        )
+        range_px, views = full.planes * full.reach_px, len(self.others)
+        sigma_px = standard_deviation_px(match, smooth, found.cheapest.margin, views, found.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.reach_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
-        confidence = probability(planes * reach, found.rivals, everywhere, smooth, halved)
+        rivals = found.cheapest.rivals
+        confidence = probability(planes * reach, rivals, found.everywhere, smooth, found.halved)
         return DepthMap(
             views=self.views,
             view=self.reference,

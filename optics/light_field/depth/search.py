@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggreg
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN
 from mirrorcam.optics.light_field.depth.visibility import nearest_planes
-from mirrorcam.optics.light_field.depth.volume import range_around
+from mirrorcam.optics.light_field.depth.volume import Ranges
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
@@ -102,7 +102,7 @@ def search(
     *,
     rounds: int = 0,
     known: Cheapest | None = None,
-    near: bool = False,
+    ranges: Ranges | None = None,
 ) -> Cheapest:
     """The planes of a size that cost least, and how sure that is: margins in contrasts of eight views.
 
@@ -118,8 +118,8 @@ def search(
         So often paths are followed again, along the surfaces that were found.
     known
         What is known already, at this size: of what hides what, and of how surfaces lean.
-    near
-        Whether only planes near these are searched.
+    ranges
+        The planes that are searched at each pixel; all by default.
     """
     own, *small = run(size.picture, [reference, *others])
     # One contrast of the cost of a path where there are eight views.
@@ -132,7 +132,7 @@ def search(
         size.sweep,
         run,
         None if known is None else nearest_planes(known.planes, size.sweep, run),
-        None if known is None or not near else range_around(known.planes, size.sweep.planes),
+        ranges,
     )
 
     def chosen(leans: tuple[Float32, Float32]) -> Cheapest:

@@ -175,3 +175,16 @@ def test_one_call_is_the_estimator_of_that_light_field(scene: Any) -> None:
     near, far = 0.7 * light_field.reference_depth_mm, 1.8 * light_field.reference_depth_mm
     wanted = DepthEstimator(light_field, near_mm=near, far_mm=far).estimate(light_field)
     np.testing.assert_array_equal(estimate_depth(light_field, near_mm=near, far_mm=far).depth_mm, wanted.depth_mm)
+
+
+def test_where_too_much_would_be_searched_a_smaller_picture_tells_depth(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light_field, depth, *_ = scene
+    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.SMALLEST_SEARCHED_PX", 24)
+    usual = DepthEstimator(light_field, workers=1).estimate(light_field)
+    monkeypatch.setattr("mirrorcam.optics.light_field.depth.estimate.MOST_NEAR_CELLS", 1000)
+    found = DepthEstimator(light_field, workers=1).estimate(light_field)
+    assert not np.array_equal(found.depth_mm, usual.depth_mm, equal_nan=True)
+    assert np.nanmedian(np.abs(found.depth_mm - depth) / depth) < 0.01
+    assert np.nanmedian(found.sigma_mm) > 1.3 * np.nanmedian(usual.sigma_mm)

@@ -11,6 +11,8 @@ import pytest
 from mirrorcam.optics.light_field.depth.geometry import other_views
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.search import Size, search
+from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
+from mirrorcam.optics.light_field.depth.volume import Ranges, range_around
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 NEAR_MM, FAR_MM = 320.0, 900.0
@@ -31,15 +33,19 @@ def planes_of(size: Size, views: Any, depth: Any) -> Any:
     return (inverse - size.sweep.inverse_distances[0]) / size.sweep.step
 
 
+def near(found: Cheapest, size: Size) -> Ranges:
+    return range_around(found.planes, size.sweep.planes)
+
+
 def test_a_search_of_all_planes_finds_the_surfaces_and_one_near_them_finds_them_again(step: Any) -> None:
     views, own, others, depth = step
     size = Size.of(views, NEAR_MM, FAR_MM, 0)
     found = search(size, own, others, rounds=1)
     wrong = np.abs(found.planes - planes_of(size, views, depth)) > 1.0
     assert wrong.mean() < 0.01
-    again = search(size, own, others, ThreadPoolExecutor(2).map, known=found, near=True)
+    again = search(size, own, others, ThreadPoolExecutor(2).map, known=found, ranges=near(found, size))
     assert (np.abs(again.planes - planes_of(size, views, depth)) > 1.0).mean() < 0.01
-    assert np.array_equal(again.planes, search(size, own, others, known=found, near=True).planes)
+    assert np.array_equal(again.planes, search(size, own, others, known=found, ranges=near(found, size)).planes)
 
 
 def test_what_half_the_size_finds_guides_the_search_at_full_size(step: Any) -> None:
@@ -50,7 +56,7 @@ def test_what_half_the_size_finds_guides_the_search_at_full_size(step: Any) -> N
     before = full.enlarged(search(half, own, others, rounds=1), half)
     truth = planes_of(full, views, depth)
     assert np.median(np.abs(before.planes - truth)) < 1.0
-    found = search(full, own, others, known=before, near=True)
+    found = search(full, own, others, known=before, ranges=near(before, full))
     assert (np.abs(found.planes - truth) > 1.0).mean() < 0.01
 
 
