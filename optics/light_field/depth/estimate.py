@@ -1,8 +1,9 @@
 """Depth of the reference view from all views of a light field, with its uncertainty.
 
-A sweep of planes gives each pixel a cost at each depth (`cost`); paths along surfaces that lean choose among them
-(`semiglobal`), first with views in competition, then again with what hides what known from the first depth
-(`visibility`); edges follow the picture (`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
+Small pictures are searched first, in all planes, larger ones near what is found (`search`): a sweep of planes gives each
+pixel a cost at each depth (`cost`), first with views in competition, then with what hides what known from the depth
+before (`visibility`), and paths along surfaces that lean choose among them (`semiglobal`). Edges follow the picture
+(`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class DepthEstimator:
         Depths between which is searched, from the pupil along view z; by default 0.6 and 2 times that of the reference
         plane. Infinity is a depth.
     quality
-        "best", or "fast" for videos: searched at half size.
+        "best", or "fast" for videos: searched at a quarter and at half of the size.
     workers
         Number of threads; by default as many as OpenCV uses.
 
