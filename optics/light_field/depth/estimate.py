@@ -2,8 +2,8 @@
 
 Small pictures are searched first, in all planes, larger ones near what is found (`search`): a sweep of planes gives
 each pixel a cost at each depth (`cost`), first with views in competition, then with what hides what known from the
-depth before (`visibility`), and paths along surfaces that lean choose among them (`semiglobal`). Edges follow the picture
-(`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
+depth before (`visibility`), and paths along surfaces that lean choose among them (`semiglobal`). Edges follow the
+picture (`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
 """
 
 from __future__ import annotations
