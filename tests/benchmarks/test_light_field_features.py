@@ -138,7 +138,7 @@ def test_on_a_rendered_scene_the_limits_hold(tmp_path: Path) -> None:
         assert inliers > plain["pair"][1]
         assert inliers > plain["pair, on line"][1]
         marked += flagged(features, recorded)
-    # Of what is matte hardly any: 1 of 911. Of what is glossy or of glass a good part, 13 of 35: the slopes of the others
-    # are less than four of their standard deviations apart, which those of curved matte things are as well.
+    # Of what is matte hardly any: 1 of 911. Of what is glossy or of glass a good part, 13 of 35: the slopes of the
+    # others are less than four of their standard deviations apart, which those of curved matte things are as well.
     assert marked[0] < 0.01 * marked[1]
     assert marked[2] > 0.3 * marked[3]
