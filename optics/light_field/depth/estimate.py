@@ -213,7 +213,7 @@ class DepthEstimator:
             behind = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + behind, deviation * np.square(distance)
         rivals = found.cheapest.rivals
-        confidence = probability(planes * reach, rivals, found.everywhere, smooth, found.halved)
+        confidence = probability(planes * reach, match, rivals, found.everywhere, smooth, found.halved)
         return DepthMap(
             views=self.views,
             view=self.reference,

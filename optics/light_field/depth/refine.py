@@ -63,12 +63,17 @@ class Match:
         Sums of weights of the other views that show the same there, and number of those that see it.
     residual
         Weighted mean square difference of the two slopes, in their variances: 2 where these are true.
+    products, energies
+        Sums over the views of the products of both views' slopes, and of the means of their squares, grey^2 per px^2:
+        alike where views show the same; where what they show has nothing in common, products sum to nothing.
     """
 
     information: Float32
     agreeing: Float32
     seeing: Float32
     residual: Float32
+    products: Float32
+    energies: Float32
 
     def after(self, gradient: Float32, step: Float32) -> Match:
         """The match after a small step (v, u), px of the farthest view's motion, by the gradient that goes with it."""
@@ -171,9 +176,9 @@ class Refiner:
         # Per px of the farthest view's motion.
         reach = np.float32(self.sweep.reach_px)
         residual = terms.squares / np.maximum(terms.agreeing, LEAST_AGREEING)
-        return Match(
-            terms.information / np.square(reach), terms.agreeing, terms.seeing, residual
-        ), terms.gradient / reach
+        information, agreeing = terms.information / np.square(reach), terms.agreeing
+        found = Match(information, agreeing, terms.seeing, residual, terms.products, terms.energies)
+        return found, terms.gradient / reach
 
     def refined(
         self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, rounds: int

@@ -60,6 +60,8 @@ class Terms(NamedTuple):
         Sums of weights, and number of views that see the place.
     squares
         Weighted squares of residuals, in their variances.
+    products, energies
+        Of the slopes of both, where the view sees the place: their products, and half of the sum of their squares.
     """
 
     information: Any
@@ -67,6 +69,8 @@ class Terms(NamedTuple):
     agreeing: Any
     seeing: Any
     squares: Any
+    products: Any
+    energies: Any
 
 
 @compiled
@@ -158,7 +162,7 @@ def add_terms(
         for x in range(width):
             squares[y - top, x] = (row[0, x] * row[0, x] + row[1, x] * row[1, x]) / variance[y, x]
     mean = np.empty(width, np.float32)
-    ninth, limit, one = np.float32(1.0 / 9.0), np.float32(1.0 / OUTLIER**2), np.float32(1.0)
+    ninth, limit, one, half = np.float32(1.0 / 9.0), np.float32(1.0 / OUTLIER**2), np.float32(1.0), np.float32(0.5)
     for y in range(first, last):
         # Beyond the border, pictures are mirrored at their last pixels.
         above = y - 1 if y > 0 else 1
@@ -180,6 +184,11 @@ def add_terms(
             terms.agreeing[y, x] += weight
             terms.seeing[y, x] += row[4, x]
             terms.squares[y, x] += weight * squares[y - top, x]
+            across, down = own[y, x, 0], own[y, x, 1]
+            shown_across, shown_down = across + row[0, x], down + row[1, x]
+            terms.products[y, x] += row[5, x] * (across * shown_across + down * shown_down)
+            energy = across * across + down * down + shown_across * shown_across + shown_down * shown_down
+            terms.energies[y, x] += row[5, x] * half * energy
 
 
 @compiled

@@ -38,6 +38,10 @@ NEAR_EDGE_PX = 3
 RIVALS, FEWEST_RIVALS, SMOOTH, HALVED_ODDS = -0.81, 0.02, 1.2, -1.33
 """What the logarithm of the number of rivals, smoothness, and a search at half size add to it."""
 
+CORRELATED_PX = 41
+UNRELATED, RELATED = 0.04, 0.16
+"""Correlation of slopes up to which views show different things, and from which on they show the same."""
+LEAST_ENERGY = 1e-3
 USUAL_RIVALS = 2.0
 """So many of a first search are places that it does not tell apart."""
 
@@ -76,13 +80,18 @@ def standard_deviation_px(
     return np.minimum(sigma, range_px / np.sqrt(12.0)).astype(np.float32)
 
 
-def probability(moved: Float32, rivals: Float32, everywhere: Float32, smooth: Float32, halved: bool) -> Float32:
+def probability(
+    moved: Float32, match: Match, rivals: Float32, everywhere: Float32, smooth: Float32, halved: bool
+) -> Float32:
     """Probability (v, u) that a depth map is right to RIGHT_PX.
 
     Parameters
     ----------
     moved
         Places (v, u), px of the farthest view's motion: at edges, pixels are of two surfaces.
+    match
+        The match of the views there: where, over CORRELATED_PX, their slopes of brightness are not correlated with
+        those of the reference view, no depth of the range is right.
     rivals
         Number (v, u) of other places that are about as cheap, of those searched last.
     everywhere
@@ -95,5 +104,10 @@ def probability(moved: Float32, rivals: Float32, everywhere: Float32, smooth: Fl
     away: Any = cv2.distanceTransform((~jumps(moved)).astype(np.uint8), cv2.DIST_L2, 3)
     odds = np.where(away < 1, AT_EDGE, np.where(away < NEAR_EDGE_PX, NEAR_EDGE, ELSEWHERE)) + SMOOTH * smooth
     odds += RIVALS * np.log(rivals + FEWEST_RIVALS) + (HALVED_ODDS if halved else 0.0)
+    energies = cv2.blur(match.energies, (CORRELATED_PX, CORRELATED_PX))
+    correlation = cv2.blur(match.products, (CORRELATED_PX, CORRELATED_PX)) / np.maximum(energies, LEAST_ENERGY)
+    # Where there is no texture at all, rivals tell that.
+    alike = np.where(energies > LEAST_ENERGY, correlation, 1.0)
+    shown = np.clip((alike - UNRELATED) / (RELATED - UNRELATED), 0.0, 1.0)
     shared = 1.0 + np.maximum(everywhere - USUAL_RIVALS, 0.0)
-    return np.asarray(1.0 / ((1.0 + np.exp(-odds)) * shared), dtype=np.float32)
+    return np.asarray(shown / ((1.0 + np.exp(-odds)) * shared), dtype=np.float32)

@@ -188,3 +188,8 @@ def test_where_too_much_would_be_searched_a_smaller_picture_tells_depth(
     assert not np.array_equal(found.depth_mm, usual.depth_mm, equal_nan=True)
     assert np.nanmedian(np.abs(found.depth_mm - depth) / depth) < 0.01
     assert np.nanmedian(found.sigma_mm) > 1.3 * np.nanmedian(usual.sigma_mm)
+
+
+def test_depths_that_nothing_is_at_are_not_trusted(scene: Any) -> None:
+    found = DepthEstimator(scene[0], near_mm=2500.0, far_mm=9000.0, workers=1).estimate(scene[0])
+    assert np.mean(found.confidence > 0.5) < 0.1

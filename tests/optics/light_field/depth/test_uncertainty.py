@@ -12,18 +12,21 @@ from mirrorcam.optics.light_field.depth.uncertainty import (
     HALVED,
     INFORMATION,
     MARGIN_ROOT,
+    RELATED,
     RIVALS,
     ROOT,
     ROUGH_POWER,
     SIGMA_PX,
     SMOOTH,
     SURE_MARGIN,
+    UNRELATED,
     USUAL_RIVALS,
     probability,
     standard_deviation_px,
 )
 
 ONES = np.ones((30, 40), np.float32)
+ALIKE = Match(*(ONES for _ in range(6)))
 
 
 def sigma(
@@ -34,7 +37,7 @@ def sigma(
     halved: bool = False,
     views: int = 8,
 ) -> float:
-    match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES)
+    match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES, ONES, ONES)
     return float(standard_deviation_px(match, smooth * ONES, margin * ONES, views, halved, 20.0)[15, 20])
 
 
@@ -56,13 +59,25 @@ def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -
     def odds(found: np.ndarray) -> float:
         return float(np.log(found[15, 20] / (1.0 - found[15, 20])))
 
-    alone, one = (probability(level, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
+    alone, one = (probability(level, ALIKE, count * ONES, 0 * ONES, ONES, False) for count in (0, 1))
     assert odds(one) == pytest.approx(ELSEWHERE + SMOOTH + RIVALS * np.log(1 + FEWEST_RIVALS), rel=1e-4)
     assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(FEWEST_RIVALS / (1 + FEWEST_RIVALS)), rel=1e-3)
-    assert probability(level, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
-    assert probability(level, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
-    told_nothing = probability(level, ONES, 9.0 * ONES, ONES, False)
+    assert probability(level, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
+    assert probability(level, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
+    told_nothing = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
     np.testing.assert_allclose(told_nothing, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
     torn = level + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
-    found = probability(torn, ONES, 0 * ONES, ONES, False)[15]
+    found = probability(torn, ALIKE, ONES, 0 * ONES, ONES, False)[15]
     assert found[20] == found[21] < found[18] < found[10]
+
+
+def test_where_views_show_nothing_in_common_no_depth_is_likely() -> None:
+    unlike, hardly, blank = (
+        Match(ONES, ONES, ONES, ONES, products * ONES, energies * ONES)
+        for products, energies in ((0.0, 1.0), (0.5 * (UNRELATED + RELATED), 1.0), (0.0, 0.0))
+    )
+    usual, *found = (
+        float(probability(3.0 * ONES, match, 0 * ONES, 0 * ONES, ONES, False)[15, 20])
+        for match in (ALIKE, unlike, hardly, blank)
+    )
+    assert found == pytest.approx([0.0, 0.5 * usual, usual])
