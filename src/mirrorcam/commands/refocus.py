@@ -134,4 +134,6 @@ def run(options: RefocusOptions) -> int:
 
 
 def _of_depth(used: UsedDepth) -> str:
-    return f"{used.name}: " + (f"depth measured, kept in {used.path}" if used.measured else f"depth of {used.path}")
+    near, far = used.searched_mm
+    how = f"depth measured, kept in {used.path}" if used.measured else f"depth of {used.path}"
+    return f"{used.name}: {how}, searched from {near:.0f} to {far:.0f} mm"

@@ -96,10 +96,21 @@ class GreyPicture:
 
 @dataclass(frozen=True)
 class UsedDepth:
-    """The depth that pictures of a light field were made by: the file that holds it, and whether it is new."""
+    """The depth that pictures of a light field were made by.
+
+    Attributes
+    ----------
+    path
+        The file that holds it.
+    searched_mm
+        The nearest and the farthest depth that were searched.
+    measured
+        Whether it is new.
+    """
 
     name: str
     path: Path
+    searched_mm: tuple[float, float]
     measured: bool
 
 
@@ -150,11 +161,13 @@ def _depths(
     if kept is None or output.has_written(name):
         output.refuse_others(glob.escape(name))
     if kept is not None:
-        return UsedDepth(each.name, kept[0], measured=False), ViewDepths.of_reference(light_field, kept[1])
+        used = UsedDepth(each.name, kept.path, kept.searched_mm, measured=False)
+        return used, ViewDepths.of_reference(light_field, kept.depth_mm)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
     depth = estimator.estimate(filtered)
     keep_depth(staged / name, depth, light_field, estimator)
-    used = UsedDepth(each.name, output.path / name, measured=True)
+    searched = (estimator.near_mm, estimator.far_mm)
+    used = UsedDepth(each.name, output.path / name, searched, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)
 
 

@@ -31,8 +31,9 @@ def test_what_was_kept_comes_back(wall: LightField, kept: Path) -> None:
     for near, far in ((None, None), (300.0, None), (300.0, 800.0)):
         found = kept_depth([kept / "none", kept], "wall", wall, near, far)
         assert found is not None
-        assert found[0] == kept / "wall_depth.npz"
-        np.testing.assert_array_equal(found[1], expected)
+        assert found.path == kept / "wall_depth.npz"
+        assert found.searched_mm == (300.0, 800.0)
+        np.testing.assert_array_equal(found.depth_mm, expected)
 
 
 def test_depth_of_another_light_field_or_range_is_not_used(wall: LightField, kept: Path) -> None:
