@@ -93,6 +93,8 @@ class LightFieldsOptions(GeometryOptions):
 
 
 def say_some(title: str, lines: Sequence[str]) -> None:
-    """Print lines, at most the first `PRINTED_LINES`."""
+    """Print lines, at most the first `PRINTED_LINES`, and how many more there are."""
     for line in lines[:PRINTED_LINES]:
         say(title, line)
+    if len(lines) > PRINTED_LINES:
+        say(title, f"and {len(lines) - PRINTED_LINES} more like these")

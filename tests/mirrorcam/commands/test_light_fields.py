@@ -20,5 +20,6 @@ def test_of_very_many_lines_the_first_are_printed(capsys: pytest.CaptureFixture[
     say_some("depth", [f"line {number}" for number in range(2 * PRINTED_LINES)])
     printed = capsys.readouterr().out.splitlines()
     console.cache_clear()
-    assert len(printed) == PRINTED_LINES
-    assert printed[-1].endswith(f"line {PRINTED_LINES - 1}")
+    assert len(printed) == PRINTED_LINES + 1
+    assert printed[-2].endswith(f"line {PRINTED_LINES - 1}")
+    assert printed[-1].endswith(f"and {PRINTED_LINES} more like these")
