@@ -22,7 +22,7 @@ EDGE_STEP_PX = 0.12
 """Second difference of the truth, px per view step of the full grid, that is a depth edge."""
 RIGHT_PX = 0.5
 BLOCK_PX = 32
-"""Pixels within a square of so many err together: they count as fewer than they are."""
+"""Side of the squares within which errors are taken to be dependent: their pixels count as fewer than they are."""
 Mask = NDArray[np.bool_]
 
 

@@ -90,7 +90,7 @@ def _distributions(near: Axes, exceed: Axes, scenes: Sequence[MeasuredScene]) ->
 
 
 def half_normal(sigmas: FloatArray) -> FloatArray:
-    """Probability (n,) that a normal error is less than so many of its sigmas either way."""
+    """Probability (n,) that a normal error is less than a number (n,) of its sigmas either way."""
     from scipy.special import erf
 
     return np.asarray(erf(sigmas / np.sqrt(2.0)))

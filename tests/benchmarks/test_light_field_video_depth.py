@@ -9,6 +9,7 @@ from benchmarks.light_field_video_depth import (
     BEHIND_PX,
     OBJECT_PX,
     Camera,
+    Passing,
     photographed,
     rendered_noise,
     scores,
@@ -36,10 +37,10 @@ def test_an_object_is_where_its_disparity_says_and_has_uncovered_what_is_left_of
 
 
 @pytest.mark.parametrize(("passing", "part"), [("raw", 1.0), ("interpolated", 0.5)])
-def test_noise_is_that_of_the_sensor(passing: str, part: float) -> None:
+def test_noise_is_that_of_the_sensor(passing: Passing, part: float) -> None:
     sensor, random = SENSORS["c920"], np.random.default_rng(0)
     grey = np.full((3, 3, 60, 80, 3), 120.0, np.float32)
-    camera = Camera(sensor, passing, "fast")  # type: ignore[arg-type]
+    camera = Camera(sensor, passing, "fast")
     noise = photographed(grey, camera, random) - grey
     variance = part**2 * (sensor.read_noise_grey**2 + 120.0 * 255.0 / sensor.full_well_electrons) + 1.0 / 12.0
     assert noise.var() == pytest.approx(variance, rel=0.03)

@@ -15,7 +15,7 @@ from mirrorcam.optics.light_field.depth.volume import TILE_PX
 Float32 = NDArray[np.float32]
 
 LONGEST_PX = 512
-"""So many pixels of a row are worked on at once, a multiple of the tile's: what they take stays in the cache."""
+"""Most pixels of a row that are worked on at once, a multiple of the tile's: what they take stays in the cache."""
 
 
 class Pictures(NamedTuple):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -121,7 +122,7 @@ def slopes_of(picture: Float32) -> Float32:
 
 
 def unshared(views: int) -> float:
-    """The part of the information of so many views that counts: of more than eight, less than all."""
+    """The part of the information of a number of views that counts: of more than eight, less than all."""
     return float((8.0 / max(views, 8)) ** SHARED_POWER)
 
 
@@ -150,6 +151,17 @@ class SlopePicture:
     def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePicture:
         return cls(np.ascontiguousarray(np.moveaxis(slopes_of(grey), 0, -1)), seen)
 
+    @cached_property
+    def derivatives(self) -> Float32:
+        """Slopes (2, 2, v, u) of each slope, across and down."""
+        return np.stack([slopes_of(self.slopes[..., way]) for way in range(2)])
+
+    @cached_property
+    def variance(self) -> Float32:
+        """Variance (v, u) of a difference of slopes between views, for noise and for interpolation."""
+        detail: Any = cv2.blur(np.square(self.derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
+        return np.asarray(np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail)
+
 
 class Refiner:
     """Refines maps (v, u) of planes of a sweep."""
@@ -162,9 +174,7 @@ class Refiner:
         """The match at a map (v, u), and the gradient that goes with its information."""
         nearest = nearest_planes(planes, self.sweep, self.run)
         views = [View(each.slopes, each.seen, surface) for each, surface in zip(others, nearest, strict=True)]
-        derivatives = np.stack([slopes_of(reference.slopes[..., way]) for way in range(2)])
-        detail: Any = cv2.blur(np.square(derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
-        variance = np.float32(NOISE_GREY**2) + np.float32(MISPLACED_PX**2) * detail
+        derivatives, variance = reference.derivatives, reference.variance
         hiding = np.float32(HIDING_PX / self.sweep.reach_px)
         terms = Terms(*(np.zeros(planes.shape, np.float32) for _ in Terms._fields))
 
@@ -183,8 +193,8 @@ class Refiner:
     def refined(
         self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, rounds: int
     ) -> tuple[Float32, Match, Float32]:
-        """The map (v, u) after some steps, each solved in so many rounds, the match there, and the weight (v, u) of its
-        being smooth, 0 to 1."""
+        """The map (v, u) after some steps, each solved in a number of rounds, the match there, and the weight (v, u),
+        0 to 1, of its being smooth."""
         reach = np.float32(self.sweep.reach_px)
         moved = planes * reach
         first = moved.copy()

@@ -43,7 +43,7 @@ UNRELATED, RELATED = 0.04, 0.16
 """Correlation of slopes up to which views show different things, and from which on they show the same."""
 LEAST_ENERGY = 1e-3
 USUAL_RIVALS = 2.0
-"""So many of a first search are places that it does not tell apart."""
+"""Number of rivals that a first search leaves since it does not tell places near each other apart."""
 
 
 def _mean(values: Float32) -> Any:

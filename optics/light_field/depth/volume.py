@@ -53,7 +53,7 @@ def whole_range(shape: tuple[int, int], planes: int) -> Ranges:
 
 
 def range_around(known: Float32, planes: int) -> Ranges:
-    """What is near a map of planes (v, u), tile by tile, of so many `planes` that there are."""
+    """The ranges near a map of planes (v, u), tile by tile, within the number of `planes` that there are."""
     side = TILE_PX + 2 * AROUND_PX
     # OpenCV's kernels of even sides reach one pixel farther up and left; tiles are sampled so that they are centred.
     height, width = known.shape
@@ -89,7 +89,3 @@ class Volume:
     def empty(cls, ranges: Ranges) -> Volume:
         """Costs to be filled in."""
         return cls(ranges, np.empty(ranges.cells, np.uint16))
-
-    def everywhere(self) -> NDArray[np.uint16]:
-        """Costs (v, u, n) where all pixels have the same range of n planes."""
-        return self.costs.reshape(*self.ranges.low.shape, -1)

@@ -34,6 +34,18 @@ def pixel_taps(scale: float) -> Float32:
 
 
 @compiled
+def _first_tap(u: int, v: int, matrix: FloatArray, taps: int, height: int, width: int) -> tuple[int, int, int, int]:
+    """Column and row of the first tap of what a view's pixel shows, and the phases there; -1 where it looks beyond."""
+    w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
+    x = (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w - (taps // 2 - 1)
+    y = (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w - (taps // 2 - 1)
+    if not (w > 0.0 and 0.0 <= x < width - taps and 0.0 <= y < height - taps):
+        return -1, -1, 0, 0
+    left, top = int(x), int(y)
+    return left, top, int((x - left) * PHASES + 0.5), int((y - top) * PHASES + 0.5)
+
+
+@compiled
 def project(picture: Float32, matrix: FloatArray, table: Float32, shown: Float32) -> None:
     """Write what a view shows of a picture (c, h, w) to (c, v, u); where it looks beyond it, nothing is written."""
     channels, height, width = picture.shape
@@ -41,14 +53,10 @@ def project(picture: Float32, matrix: FloatArray, table: Float32, shown: Float32
     row = np.zeros(taps, np.float32)
     for v in range(shown.shape[1]):
         for u in range(shown.shape[2]):
-            w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
-            x = (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w - (taps // 2 - 1)
-            y = (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w - (taps // 2 - 1)
-            if not (w > 0.0 and 0.0 <= x < width - taps and 0.0 <= y < height - taps):
+            left, top, phase_across, phase_down = _first_tap(u, v, matrix, taps, height, width)
+            if left < 0:
                 continue
-            left, top = int(x), int(y)
-            across = table[int((x - left) * PHASES + 0.5)]
-            down = table[int((y - top) * PHASES + 0.5)]
+            across, down = table[phase_across], table[phase_down]
             for c in range(channels):
                 row[:] = 0.0
                 for j in range(taps):
@@ -68,14 +76,10 @@ def back_project(shown: Float32, matrix: FloatArray, table: Float32, added: Floa
     taps = table.shape[1]
     for v in range(shown.shape[1]):
         for u in range(shown.shape[2]):
-            w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
-            x = (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w - (taps // 2 - 1)
-            y = (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w - (taps // 2 - 1)
-            if not (w > 0.0 and 0.0 <= x < width - taps and 0.0 <= y < height - taps):
+            left, top, phase_across, phase_down = _first_tap(u, v, matrix, taps, height, width)
+            if left < 0:
                 continue
-            left, top = int(x), int(y)
-            across = table[int((x - left) * PHASES + 0.5)]
-            down = table[int((y - top) * PHASES + 0.5)]
+            across, down = table[phase_across], table[phase_down]
             for c in range(channels):
                 value = shown[c, v, u]
                 for j in range(taps):

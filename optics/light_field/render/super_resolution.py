@@ -38,7 +38,7 @@ STEEP = 0.03
 FIRST, LEAST, MOST = 1e-3, 1e-4, 0.1
 """Variance of noise over that of slopes: of the picture that noise is measured with, and its range."""
 SQUARED = 2.0
-"""Of least absolute differences, those below so many standard deviations of noise count as squares."""
+"""Of least absolute differences, those below this number of standard deviations of noise count as squares."""
 LEAST_NOISE = 1.0 / 255.0
 DARK = 0.3
 """Light per grey level, at least: of black, rounding is larger than noise."""

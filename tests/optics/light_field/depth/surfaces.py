@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
+from mirrorcam.optics.light_field.depth.volume import Volume
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SUBPIXELS = 2
@@ -116,3 +117,8 @@ def photograph(
     distance, number = met(views, centre, views.pixel_grid(), surfaces)[1:]
     depth = distance + views.reference_view_depth_mm
     return LightField.of(views, samples, np.ones(shape, np.float32)), depth, number
+
+
+def everywhere(volume: Volume) -> NDArray[np.uint16]:
+    """Costs (v, u, n) of a volume where all pixels have the same range of n planes."""
+    return volume.costs.reshape(*volume.ranges.low.shape, -1)

@@ -18,6 +18,7 @@ from mirrorcam.optics.light_field.depth.semiglobal import (
     leans_of,
 )
 from mirrorcam.optics.light_field.depth.volume import Ranges, Volume, whole_range
+from tests.optics.light_field.depth.surfaces import everywhere
 
 
 def volume_of(costs: np.ndarray) -> Volume:
@@ -26,7 +27,7 @@ def volume_of(costs: np.ndarray) -> Volume:
 
 
 def summed(costs: np.ndarray, *arguments: Any) -> np.ndarray:
-    return aggregate(volume_of(costs), *arguments).everywhere()
+    return everywhere(aggregate(volume_of(costs), *arguments))
 
 
 EVEN = np.full((7, 9, 3), 90.0, np.float32)

@@ -15,14 +15,14 @@ from mirrorcam.optics.light_field.depth.volume import (
     range_around,
     whole_range,
 )
+from tests.optics.light_field.depth.surfaces import everywhere
 
 
 def test_costs_lie_one_after_the_other() -> None:
     ranges = Ranges.of(np.array([[2, 0], [5, 1]], np.int32), np.array([[3, 4], [1, 2]], np.int32))
     assert ranges.cells == 10
     assert ranges.start.tolist() == [[0, 3], [7, 8]]
-    everywhere = Volume.empty(whole_range((2, 3), 5)).everywhere()
-    assert everywhere.shape == (2, 3, 5)
+    assert everywhere(Volume.empty(whole_range((2, 3), 5))).shape == (2, 3, 5)
 
 
 @pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])

@@ -23,7 +23,7 @@ SHAPE = (21, 37)
 
 
 def over_square(values: Any) -> Any:
-    """Means of the square about each pixel, of what of it lies in the view."""
+    """Means of the square about each pixel, of the part of it that lies in the view."""
     sums, counts = (
         cv2.boxFilter(each, cv2.CV_64F, (SIDE_PX, SIDE_PX), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for each in (values, np.ones(SHAPE))
