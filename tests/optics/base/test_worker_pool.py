@@ -17,8 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_pool import ATTEMPTS, ONE_THREAD, Call, Died, _Queue, call_all, run_local
-from tests.optics.base.processes import ended, first_line
+from mirrorcam.optics.base.worker_pool import ATTEMPTS, Call, Died, _Queue, call_all, run_local
+from mirrorcam.optics.base.worker_process import ONE_THREAD
+from tests.optics.base.processes import ended, finding_tests, first_line
 
 TASKS = [f"{40 + number}" for number in range(6)]
 
@@ -205,7 +206,7 @@ def busy(path: str) -> None:
 def test_workers_end_with_a_parent_that_is_killed(start: str, tmp_path: Path) -> None:
     (tmp_path / "owner.py").write_text(OWNER)
     names = [tmp_path / "0", tmp_path / "1"]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3]), "SLOW_TO_LOAD": str(names[0])}
+    environment = finding_tests() | {"SLOW_TO_LOAD": str(names[0])}
     names = names[:1] if start == "preload" else names
     process = subprocess.Popen([sys.executable, tmp_path / "owner.py", start, *names], env=environment)
     workers = [int(first_line(name)) for name in names]
