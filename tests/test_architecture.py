@@ -37,7 +37,9 @@ MAY_IMPORT = {
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": OPTICS
-    | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun"},
+    | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun"}
+    # The studio's server, and what writes its design.toml.
+    | {"starlette", "uvicorn", "tomli_w"},
 }
 # Inside each package, from the ground up: a folder may import those before it, never those after it. The package's own
 # modules, beside the folders, stand where its name stands.
@@ -61,7 +63,7 @@ LAYERS = {
         *("write", "checks", "documents", ""),
     ),
     "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop", "depth_scenes"),
-    "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "commands", ""),
+    "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "studio", "commands", ""),
 }
 # Neighbours that do without each other, whatever their order above.
 APART = {
@@ -80,7 +82,7 @@ APART = {
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
     *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "numcodecs", "PIL", "h5py", "jinja2"),
-    *("rosbags", "rerun", "numba"),
+    *("rosbags", "rerun", "numba", "starlette", "uvicorn"),
 )
 
 KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}

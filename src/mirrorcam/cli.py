@@ -44,6 +44,7 @@ from mirrorcam.commands import (
     render,
     run,
     scene,
+    studio,
     sweep,
     track,
     validate,
@@ -62,6 +63,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 RUNNERS: dict[type, Callable[[Any], int]] = {
     run.RunOptions: run.run,
     design.DesignOptions: design.run,
+    studio.StudioOptions: studio.run,
     sweep.SweepOptions: sweep.run,
     cad.CadOptions: cad.run,
     board.BoardOptions: board.run,
@@ -93,6 +95,7 @@ class Command:
     command: OmitSubcommandPrefixes[
         Annotated[run.RunOptions, subcommand("run")]
         | Annotated[design.DesignOptions, subcommand("design")]
+        | Annotated[studio.StudioOptions, subcommand("studio")]
         | Annotated[sweep.SweepOptions, subcommand("sweep")]
         | Annotated[cad.CadOptions, subcommand("cad")]
         | Annotated[board.BoardOptions, subcommand("board")]

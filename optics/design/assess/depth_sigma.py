@@ -54,13 +54,18 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
     Views are those of whole pupils, for the pixels that the camera can use. A depth at which they share nothing is left
     out.
     """
-    found = {}
-    for depth_mm in depths_mm:
-        places = _places(views, depth_mm)
-        if len(places):
-            sigma = depth_sigma_mm(views.layout, places)
-            found[f"depth_sigma_{depth_mm:g}mm"] = Metric(value=float(sigma.mean()), unit="mm")
-    return found
+    found = {depth_mm: mean_depth_sigma_mm(views, depth_mm) for depth_mm in depths_mm}
+    return {
+        f"depth_sigma_{depth_mm:g}mm": Metric(value=sigma, unit="mm")
+        for depth_mm, sigma in found.items()
+        if sigma is not None
+    }
+
+
+def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
+    """Expected standard deviation of depth, mm, meaned over the region that all views show; None where there is none."""
+    places = _places(views, depth_mm)
+    return float(depth_sigma_mm(views.layout, places).mean()) if len(places) else None
 
 
 def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:

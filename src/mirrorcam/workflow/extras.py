@@ -13,6 +13,7 @@ MODULES = {
     "parquet": ("pyarrow",),
     "robot": ("rosbags",),
     "view": ("rerun",),
+    "studio": ("starlette", "uvicorn", "tomli_w"),
 }
 
 

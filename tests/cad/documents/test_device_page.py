@@ -15,6 +15,7 @@ import pytest
 
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.documents.device_page import WEB
+from mirrorcam.optics.base.html.templates import KIT
 from mirrorcam.optics.base.values import Metric
 from tests.cad.documents.conftest import CHECKS, Made, write_documents
 
@@ -75,7 +76,7 @@ def test_nothing_on_the_page_is_fetched_from_elsewhere(made: Made) -> None:
     assert "@import" not in css
     assert "url(" not in css
     # Its one address is a namespace; the loader of models fetches what a model names, and ours names nothing.
-    script = (WEB / "page.js").read_text(encoding="utf-8") + (WEB / "three.bundle.js").read_text(
+    script = (WEB / "page.js").read_text(encoding="utf-8") + (KIT / "three.bundle.js").read_text(
         encoding="utf-8"
     ).partition("*/")[2]
     assert set(re.findall(r"https?://[\w./-]+", script)) <= {"http://www.w3.org/1999/xhtml"}

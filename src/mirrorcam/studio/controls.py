@@ -1,0 +1,238 @@
+"""The controls of a request for a design: what the page offers, in which range, and what each buys."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+
+
+class Control(Value):
+    """One control: the field of the request that it sets, and the range of its slider; a number may be beyond it.
+
+    `auto` is the text of a switch that leaves the value to the optimiser, `preset` the value when it is switched off.
+    """
+
+    name: str
+    label: str
+    help: str
+    kind: Literal["slider", "counts", "depths", "choice", "camera"] = "slider"
+    unit: str = ""
+    least: float = 0.0
+    most: float = 1.0
+    step: float = 1.0
+    log: bool = False
+    choices: tuple[tuple[str, str], ...] = ()
+    preset: float | str | None = None
+    auto: str = ""
+    cameras: tuple[dict[str, Any], ...] = ()
+    numbers: tuple[dict[str, str], ...] = ()
+
+
+class ControlGroup(Value):
+    """Controls under one title."""
+
+    title: str
+    open: bool = True
+    controls: tuple[Control, ...] = Field(min_length=1)
+
+
+CAMERA_NUMBERS = (
+    ("width_px", "Width", "px"),
+    ("height_px", "Height", "px"),
+    ("fx_px", "Focal length, x", "px"),
+    ("fy_px", "Focal length, y", "px"),
+    ("cx_px", "Principal point, x", "px"),
+    ("cy_px", "Principal point, y", "px"),
+    ("aperture_mm", "Aperture", "mm"),
+    ("focus_mm", "In focus at", "mm"),
+)
+
+
+def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
+    """All controls; a camera that is no preset, as in a file that was opened, is offered beside the presets."""
+    cameras = [Camera.c920()]
+    if spec.camera not in cameras:
+        cameras.append(spec.camera)
+    camera = Control(
+        name="camera",
+        label="Camera",
+        kind="camera",
+        help="The webcam below the mirrors. Its pixels are what all views share; its lens and body decide how near "
+        "mirrors can be.",
+        cameras=tuple(each.model_dump(mode="json") for each in cameras),
+        numbers=tuple({"name": name, "label": label, "unit": unit} for name, label, unit in CAMERA_NUMBERS),
+    )
+    return (
+        ControlGroup(title="Camera and views", controls=(camera, *_VIEWS)),
+        ControlGroup(title="Scene", controls=_SCENE),
+        ControlGroup(title="Mirrors", controls=_MIRRORS),
+        ControlGroup(title="Limits and tolerances", open=False, controls=_LIMITS),
+    )
+
+
+_VIEWS = (
+    Control(
+        name="rows",
+        label="Rows and columns",
+        kind="counts",
+        least=1,
+        most=6,
+        help="More views see round more obstacles and average more noise; each gets fewer pixels.",
+    ),
+    Control(
+        name="scale_mm",
+        label="Scale",
+        unit="mm",
+        least=30,
+        most=200,
+        log=True,
+        help="Height of the central mirror above the lens. A larger device has longer baselines, so finer depth; it "
+        "is heavier, and its views overlap from farther on.",
+    ),
+    Control(
+        name="fold_deg",
+        label="Fold",
+        unit="\N{DEGREE SIGN}",
+        least=60,
+        most=150,
+        preset=120.0,
+        auto="choose the best",
+        help="Angle between the camera's axis and the views. Larger folds keep the camera out of the light; smaller "
+        "ones need smaller mirrors.",
+    ),
+)
+_SCENE = (
+    Control(
+        name="depths_mm",
+        label="Working depths",
+        kind="depths",
+        unit="mm",
+        least=80,
+        most=3000,
+        step=5,
+        log=True,
+        help="Where all views are to see the same, from the lens on. Depths close together share more pixels.",
+    ),
+    Control(
+        name="tradeoff",
+        label="Trade-off",
+        least=0,
+        most=1,
+        step=0.01,
+        help="0 spends everything on shared pixels, 1 on a regular grid of views, which many algorithms expect.",
+    ),
+    Control(
+        name="objective",
+        label="Objective",
+        kind="choice",
+        choices=(("overlap", "overlap"), ("depth", "depth")),
+        preset="overlap",
+        help="Depth then gives up 1 % of the overlap for the least standard deviation of depth.",
+    ),
+)
+_MIRRORS = (
+    Control(
+        name="spacing_mm",
+        label="Spacing",
+        unit="mm",
+        least=0,
+        most=10,
+        step=0.1,
+        help="Gap between any two mirrors, for the walls of the holder: wide gaps print easily and cost pixels.",
+    ),
+    Control(
+        name="sides",
+        label="Corners of a mirror",
+        kind="choice",
+        choices=(("4", "4"), ("5", "5"), ("6", "6")),
+        preset=4,
+        help="More corners fit the shared field better, for a few per cent more pixels; they take longer to cut.",
+    ),
+    Control(
+        name="surface",
+        label="Reflecting surface",
+        kind="choice",
+        choices=(("first", "first"), ("second", "second")),
+        preset="first",
+        help="First-surface mirrors have no ghosts; second-surface ones, such as acrylic, are cheap and robust.",
+    ),
+    Control(
+        name="thickness_mm",
+        label="Thickness",
+        unit="mm",
+        least=0.5,
+        most=5,
+        step=0.1,
+        help="Of the mirrors. Thick ones stay flat, but their edges stand in the light.",
+    ),
+    Control(
+        name="refractive_index",
+        label="Refractive index",
+        least=1.3,
+        most=1.9,
+        step=0.01,
+        help="Of second-surface mirrors: acrylic 1.49, float glass 1.52.",
+    ),
+)
+_LIMITS = (
+    Control(
+        name="seen_gap_mm",
+        label="Gap of sub-images",
+        unit="mm",
+        least=0,
+        most=5,
+        step=0.1,
+        help="Seen from the lens, at the height of the central mirror: room for mirrors that are off.",
+    ),
+    Control(
+        name="body_clearance_mm",
+        label="Space around the camera",
+        unit="mm",
+        least=0,
+        most=30,
+        step=0.5,
+        help="For its clip: mirrors and their light stay out of it.",
+    ),
+    Control(
+        name="min_edge_mm",
+        label="Shortest edge",
+        unit="mm",
+        least=1,
+        most=15,
+        step=0.5,
+        help="Of a mirror that you can cut.",
+    ),
+    Control(
+        name="min_area_mm2",
+        label="Smallest area",
+        unit="mm\N{SUPERSCRIPT TWO}",
+        least=5,
+        most=400,
+        step=5,
+        help="Of a mirror that you can cut and glue.",
+    ),
+    Control(
+        name="robust_tilt_deg",
+        label="Tilt to allow for",
+        unit="\N{DEGREE SIGN}",
+        least=0,
+        most=1,
+        step=0.05,
+        help="Standard deviation of mirrors' tilts: the mean over devices as built is optimised then, which takes "
+        "longer.",
+    ),
+    Control(
+        name="robust_offset_mm",
+        label="Shift to allow for",
+        unit="mm",
+        least=0,
+        most=1,
+        step=0.05,
+        help="Standard deviation of mirrors' shifts along their normals: none hides a part of another then.",
+    ),
+)

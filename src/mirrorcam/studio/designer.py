@@ -1,0 +1,88 @@
+"""Designs that a page asks for: solved, kept and previewed by processes of their own."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+
+from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio import design_work
+from mirrorcam.studio.design_work import RefusedDesign, SolvedDesign
+from mirrorcam.studio.drawing import DesignDrawing
+
+MOST_KEPT = 200
+
+
+class Superseded(Exception):
+    """A design that is no longer asked for: another was, before it was solved."""
+
+
+class Designer:
+    """Solves the newest request and previews others meanwhile; any thread may call.
+
+    What was solved is kept, so that going back to it takes no time.
+    """
+
+    def __init__(self) -> None:
+        self._solver = WorkerProcess(preload=design_work.PRELOAD)
+        self._previewer = WorkerProcess(preload=design_work.PRELOAD)
+        self._lock = threading.Lock()
+        self._turn = threading.Lock()
+        self._newest = 0
+        self._solving: DesignSpec | None = None
+        self._kept: OrderedDict[DesignSpec, SolvedDesign | RefusedDesign] = OrderedDict()
+
+    def start(self) -> None:
+        """Start the processes ahead of the first request."""
+        self._solver.start()
+        self._previewer.start()
+
+    def close(self) -> None:
+        """End all processes."""
+        self._solver.kill()
+        self._previewer.kill()
+
+    def keep(self, spec: DesignSpec, layout: Layout) -> None:
+        """Take a design that was solved before, such as that of a file."""
+        with self._lock:
+            self._kept[spec] = design_work.described(spec, layout)
+
+    def solve(self, spec: DesignSpec) -> SolvedDesign | RefusedDesign:
+        """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded."""
+        with self._lock:
+            kept = self._kept.get(spec)
+            self._newest += 1
+            mine = self._newest
+            stale = self._solving is not None and self._solving != spec
+        if kept is not None:
+            return kept
+        if stale:
+            self._solver.kill()
+        with self._turn:
+            with self._lock:
+                if mine != self._newest:
+                    raise Superseded
+                self._solving = spec
+            try:
+                found = self._solver.call(design_work.solve, spec)
+            except WorkerDied:
+                raise Superseded from None
+            finally:
+                with self._lock:
+                    self._solving = None
+        with self._lock:
+            self._kept[spec] = found
+            while len(self._kept) > MOST_KEPT:
+                self._kept.popitem(last=False)
+        return found
+
+    def preview(self, spec: DesignSpec) -> DesignDrawing | None:
+        """A drawing of about what a request leads to, at once; None where nothing can be said."""
+        with self._lock:
+            kept = self._kept.get(spec)
+            near = [found.layout for found in self._kept.values() if isinstance(found, SolvedDesign)]
+        if isinstance(kept, SolvedDesign):
+            return kept.drawing
+        return self._previewer.call(design_work.preview, spec, near)

@@ -1,0 +1,241 @@
+"""What the pages draw of a design: shapes, curves and figures, all computed here; the browser only draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from shapely import Polygon
+
+from mirrorcam.optics.base.figure_labels import LABELS
+from mirrorcam.optics.base.figure_texts import label_text, limit_text, sentence_case, value_text
+from mirrorcam.optics.base.values import FloatArray, Metric, Value
+from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
+from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, sub_images, vertices
+
+Kind = Literal["exact", "preview", "parabola"]
+"""How the mirrors of a drawing were found: by the optimiser, from designs nearby, or as facets of a paraboloid."""
+
+GROUPS: Mapping[str, Sequence[str]] = {
+    "Overlap of the views": ("usable_efficiency", "pixel_efficiency", "overlap_iou", "whole_pupil", "grid_error"),
+    "Field and depth range": ("fov", "depth_nearest", "depth_farthest", "baseline"),
+    "Depth": ("depth_sigma", "depth_resolution", "disparity"),
+    "Focus of the camera": ("circle", "best_focus"),
+    "Mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
+}
+"""Titles of the groups of figures, each with the beginnings of the names that belong there."""
+
+CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
+BEYOND = 2.2
+"""How many times the farthest working depth the curves reach."""
+MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
+
+
+class MirrorDrawing(Value):
+    """One mirror: the corners (2n, 3) of its glass and its chief ray (3, 3) in view axes, mm; outlines (k, 2), px."""
+
+    name: str
+    solid_mm: list[list[float]]
+    chief_mm: list[list[float]]
+    outline_px: list[list[float]]
+    usable_px: list[list[float]]
+
+
+class ViewRays(Value):
+    """Rays along the corners of each view's field, in view axes: points (m, 3), mm, directions (m, 3) with z = 1."""
+
+    mirror: list[int]
+    points_mm: list[list[float]]
+    directions: list[list[float]]
+    reach_mm: float
+
+
+class Curves(Value):
+    """Figures over depth; sigma is null where the views share nothing, and left out of a preview."""
+
+    depths_mm: list[float]
+    usable: list[float]
+    disparity_px: list[float]
+    resolution_mm: list[float]
+    sigma_mm: list[float | None]
+
+
+class FigureText(Value):
+    """A metric as people read it."""
+
+    name: str
+    label: str
+    text: str
+    value: float
+    limit: str
+    passed: bool
+    lower_is_better: bool
+
+
+class DesignDrawing(Value):
+    """A design as the pages draw it; lengths in view axes (x right, y down, z forward, origin at the pupil), mm."""
+
+    kind: Kind
+    title: str
+    identity: str
+    spec: dict[str, Any]
+    depths_mm: list[float]
+    sensor_px: tuple[int, int]
+    body_mm: list[list[float]]
+    mirrors: list[MirrorDrawing]
+    rays: ViewRays
+    common_px: list[list[list[list[float]]]]
+    """For each working depth, in each mirror, the outline (k, 2) of the region that all views share."""
+    centres_mm: list[list[float]]
+    grid_mm: list[list[float]]
+    neighbours: list[tuple[int, int]]
+    central: int
+    curves: Curves
+    range_mm: tuple[float, float] | None
+    figures: dict[str, list[FigureText]]
+    verdict: list[FigureText]
+
+
+def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
+    """Everything that is drawn of a layout for a spec; figures are taken from the layout where it has them.
+
+    Of a preview, which is drawn while a slider moves, without checks, and with coarser curves. Raises InputError where a
+    working depth is nearer than the mirrors.
+    """
+    depths_mm = sorted(spec.depths_mm)
+    metrics = layout.metrics or evaluate(layout, depths_mm)
+    verdict = layout.verdict or ({} if kind == "preview" else verify(layout, spec))
+    pupil = layout.camera.pupil
+    views = fields_of_view(layout, pupil)
+    grid, spacings = fitted_grid(layout)
+    nearest, farthest = metrics.get("depth_nearest_mm"), metrics.get("depth_farthest_mm")
+    return DesignDrawing(
+        kind=kind,
+        title=f"{layout.arrangement.text}, {spec.scale_mm:g} mm",
+        identity=layout.identity,
+        spec=spec.model_dump(mode="json"),
+        depths_mm=depths_mm,
+        sensor_px=(layout.camera.width_px, layout.camera.height_px),
+        body_mm=_rounded(_body(layout) @ layout.view_from_rig.T, MM_DECIMALS),
+        mirrors=_mirrors(layout),
+        rays=_rays(views),
+        common_px=[_common_px(layout, views, depth) for depth in depths_mm],
+        centres_mm=_rounded(layout.virtual_centres_in_view_mm.reshape(-1, 3), MM_DECIMALS),
+        grid_mm=_rounded(grid.reshape(-1, 3), MM_DECIMALS),
+        neighbours=layout.arrangement.neighbours,
+        central=layout.central_index,
+        curves=_curves(layout, views, spacings, depths_mm, coarse=kind == "preview"),
+        range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
+        figures=_grouped(metrics),
+        verdict=[_figure(name, metric) for name, metric in verdict.items()],
+    )
+
+
+def _rounded(points: FloatArray, decimals: int) -> list[list[float]]:
+    rounded: list[list[float]] = (np.round(points, decimals) + 0.0).tolist()
+    return rounded
+
+
+def _body(layout: Layout) -> FloatArray:
+    """Corners (8, 3) of the camera's body in rig; none where it is unknown."""
+    return np.zeros((0, 3)) if layout.camera.body_mm is None else box_corners(*layout.camera.body_mm)
+
+
+def _mirrors(layout: Layout) -> list[MirrorDrawing]:
+    """Each mirror; its chief ray is as long beyond it as from the pupil to the farthest mirror."""
+    turn = layout.view_from_rig.T
+    beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in layout.mirrors)
+    usable = [vertices(part) for part in sub_images(layout, layout.camera.pupil)]
+    drawn = []
+    for k, (mirror, name) in enumerate(zip(layout.mirrors, layout.mirror_names, strict=True)):
+        drawn.append(
+            MirrorDrawing(
+                name=name,
+                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ turn, MM_DECIMALS),
+                chief_mm=_rounded(_chief(mirror, beyond_mm) @ turn, MM_DECIMALS),
+                outline_px=_rounded(_outline_px(layout, k), PX_DECIMALS),
+                usable_px=_rounded(layout.camera.pixels_from_normalized(usable[k]), PX_DECIMALS),
+            )
+        )
+    return drawn
+
+
+def _outline_px(layout: Layout, index: int) -> FloatArray:
+    straight = layout.camera.is_undistorted and not layout.mirrors[index].curvature_per_m.any()
+    return layout.outline_px(index, points_per_edge=1 if straight else 8)
+
+
+def _chief(mirror: Mirror, beyond_mm: float) -> FloatArray:
+    """The chief ray (3, 3) in rig: the pupil, the mirror, and a point beyond it towards the scene."""
+    seen = mirror.apparent
+    met = seen.cut(seen.outline_normalized.mean(axis=0))
+    leaving = met - seen.virtual_centre_in_rig_mm
+    return np.array([np.zeros(3), met, met + leaving * (beyond_mm / np.linalg.norm(leaving))])
+
+
+def _rays(views: FieldsOfView) -> ViewRays:
+    mirror = [k for k, part in views.corners_of.items() for _ in range(part.start, part.stop)]
+    directions = views.directions / views.directions[:, 2:]
+    return ViewRays(
+        mirror=mirror,
+        points_mm=_rounded(views.origins_mm, MM_DECIMALS),
+        directions=_rounded(directions, RAY_DECIMALS),
+        reach_mm=round(views.reach_mm, MM_DECIMALS),
+    )
+
+
+def _common_px(layout: Layout, views: FieldsOfView, depth_mm: float) -> list[list[list[float]]]:
+    region, _ = views.common_region(depth_mm)
+    if region.is_empty:
+        return []
+    # Straight edges stay straight but for a lens that distorts: a few points on each show that.
+    drawn = region if not layout.camera.is_undistorted else Polygon(vertices(region))
+    return [_rounded(seen_px(layout, drawn, depth_mm, k), PX_DECIMALS) for k in range(len(layout.mirrors))]
+
+
+def _curves(
+    layout: Layout, views: FieldsOfView, spacings: FloatArray, depths_mm: Sequence[float], *, coarse: bool
+) -> Curves:
+    nearest_mm = max(views.reach_mm * 1.02, 0.4 * depths_mm[0])
+    farthest_mm = max(BEYOND * depths_mm[-1], 1.1 * nearest_mm)
+    sampled = np.geomspace(nearest_mm, farthest_mm, COARSE_CURVE_POINTS if coarse else CURVE_POINTS)
+    focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
+    steps_px_mm = focal_px * np.abs(spacings)
+    best_px_mm = float((steps_px_mm * layout.arrangement.extent).max())
+    behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
+    distances_mm = sampled - behind_mm
+    sigmas = [] if coarse else [mean_depth_sigma_mm(views, float(depth)) for depth in sampled]
+    return Curves(
+        depths_mm=np.round(sampled, 1).tolist(),
+        usable=[round(views.pixel_efficiency(views.common_region(depth)[0], depth), 5) for depth in sampled],
+        disparity_px=np.round(steps_px_mm.max() / distances_mm, 4).tolist(),
+        resolution_mm=np.round(distances_mm**2 / best_px_mm, 5).tolist(),
+        sigma_mm=[None if sigma is None else round(sigma, 5) for sigma in sigmas],
+    )
+
+
+def _figure(name: str, metric: Metric) -> FigureText:
+    return FigureText(
+        name=name,
+        label=sentence_case(label_text(name, LABELS)),
+        text=value_text(metric),
+        value=metric.value,
+        limit="" if metric.limit is None else limit_text(metric),
+        passed=metric.passed,
+        lower_is_better=metric.lower_is_better,
+    )
+
+
+def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
+    """Figures by the titles of their groups, in the order of `GROUPS`."""
+
+    def members(beginnings: Iterable[str]) -> list[FigureText]:
+        return [_figure(n, m) for beginning in beginnings for n, m in metrics.items() if n.startswith(beginning)]
+
+    return {title: found for title, beginnings in GROUPS.items() if (found := members(beginnings))}

@@ -1,0 +1,31 @@
+"""The studio's page: one HTML file with its styles and scripts in itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment
+from markupsafe import Markup
+
+from mirrorcam.optics.base.html.templates import render
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio.controls import control_groups
+
+WEB = Path(__file__).parent / "web"
+SCRIPTS = ("three.bundle.js", "dom.js", "spec.js", "panels.js", "view3d.js", "controls.js", "figures.js")
+
+
+def studio_page(spec: DesignSpec, *, nonce: str) -> str:
+    """The page that a server gives; only scripts and styles with the nonce run."""
+    start = {
+        "spec": spec.model_dump(mode="json"),
+        "controls": [group.model_dump(mode="json") for group in control_groups(spec)],
+    }
+    return render(WEB, "studio.html", start=script_json(start), scripts=[*SCRIPTS, "server.js", "main.js"], nonce=nonce)
+
+
+def script_json(value: Any) -> Markup:
+    """JSON for a script element, which no text in it can end."""
+    return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))

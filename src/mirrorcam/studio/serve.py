@@ -1,0 +1,77 @@
+"""Serving the studio's page on the loopback address until Ctrl-C."""
+
+from __future__ import annotations
+
+import socket
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from mirrorcam.optics.base.files import read_json, read_model
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.designer import Designer
+from mirrorcam.studio.server import studio_app
+
+LOOPBACK = "127.0.0.1"
+ENDING_S = 2
+"""Time that answers which are under way have at the end."""
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What the page begins with: a request and, where it was solved before, its layout."""
+
+    spec: DesignSpec
+    layout: Layout | None = None
+
+
+def opened(path: Path | None) -> Opening:
+    """What a file holds: a layout with its request, or a request alone. Raises InputError in one line."""
+    if path is None:
+        return Opening(DesignSpec())
+    if path.suffix.lower() == ".json" and "mirrors" in read_json(path):
+        layout = Layout.load(path)
+        if layout.spec is None or layout.kind != "nominal":
+            raise InputError(f"{path}: states no request, expected a layout that `mirrorcam design` wrote")
+        return Opening(layout.spec, layout)
+    return Opening(read_model(DesignSpec, path))
+
+
+def _bound(port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((LOOPBACK, port))
+    except OSError as error:
+        listening.close()
+        raise InputError(f"--port {port}: {error.strerror}, expected a free one, or 0 for any") from None
+    return listening
+
+
+def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callable[[str], None]) -> int:
+    """Serve until Ctrl-C; returns 0."""
+    listening = _bound(port)
+    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
+    designer = Designer()
+    designer.start()
+    if opening.layout is not None:
+        designer.keep(opening.spec, opening.layout)
+    app = studio_app(opening.spec, designer, listening.getsockname()[1], out)
+    server = uvicorn.Server(
+        uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
+    )
+    tell(f"{address} (Ctrl-C ends it)")
+    if browser:
+        webbrowser.open(address)
+    try:
+        server.run(sockets=[listening])
+    except KeyboardInterrupt:  # of uvicorn, which has ended by then
+        tell("ended")
+    finally:
+        designer.close()
+    return 0

@@ -1,0 +1,179 @@
+"use strict";
+// The controls of a request, made of the list that the server gives: each with its unit, its range and what it buys.
+(() => {
+  const { element } = Studio;
+
+  const toSlider = (control, value) => (control.log ? Math.log(value) : value);
+  const fromSlider = (control, position) => {
+    const value = control.log ? Math.exp(position) : position;
+    return +(Math.round(value / control.step) * control.step).toPrecision(10);
+  };
+  const reach = (control) => [toSlider(control, control.least), toSlider(control, control.most)];
+
+  const row = (control, ...parts) => {
+    const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
+    return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help);
+  };
+
+  const slider = (control, label, history, read, write) => {
+    const [low, high] = reach(control);
+    const range = element("input", {
+      type: "range", min: low, max: high, step: control.log ? (high - low) / 400 : control.step, "aria-label": label,
+      "aria-describedby": `${control.name}-help`,
+    });
+    range.addEventListener("input", () => {
+      Studio.touchedAt = performance.now();
+      history.set(write(fromSlider(control, range.valueAsNumber)), false);
+    });
+    range.addEventListener("change", () => history.settle());
+    const refresh = (spec) => {
+      const value = read(spec);
+      if (typeof value === "number") range.value = toSlider(control, value);
+      range.setAttribute("aria-valuetext", `${value} ${control.unit}`);
+    };
+    return [range, refresh];
+  };
+
+  const box = (control, label, history, read, write) => {
+    const field = element("input", {
+      type: "number", min: control.least_allowed ?? control.least, max: control.most_allowed ?? control.most, step: "any",
+      "aria-label": `${label}, number`,
+    });
+    field.addEventListener("change", () => {
+      if (field.value === "" || !Number.isFinite(field.valueAsNumber)) refresh(history.spec);
+      else history.set(write(field.valueAsNumber));
+    });
+    const refresh = (spec) => {
+      const value = read(spec);
+      field.value = typeof value === "number" ? value : "";
+      field.placeholder = typeof value === "number" ? "" : String(value);
+    };
+    return [field, refresh];
+  };
+
+  const makers = {
+    slider(control, history) {
+      const [read, write] = [(spec) => spec[control.name], (value) => ({ [control.name]: value })];
+      const [range, first] = slider(control, control.label, history, read, write);
+      const [field, second] = box(control, control.label, history, read, write);
+      const title = element("span", { class: "name" }, control.label);
+      const value = element("span", { class: "value" }, field, element("span", { class: "unit" }, control.unit));
+      const parts = [element("div", { class: "head" }, title, value), range];
+      let auto = null;
+      if (control.auto) {
+        auto = element("input", { type: "checkbox" });
+        auto.addEventListener("change", () => history.set({ [control.name]: auto.checked ? "auto" : control.preset }));
+        parts.push(element("label", { class: "check" }, auto, control.auto));
+      }
+      const refresh = (spec) => {
+        [first, second].forEach((each) => each(spec));
+        if (auto) {
+          auto.checked = spec[control.name] === "auto";
+          range.disabled = auto.checked;
+        }
+      };
+      return [row(control, ...parts), refresh];
+    },
+
+    counts(control, history) {
+      const refreshes = [];
+      const lines = [["rows", "Rows"], ["cols", "Columns"]].map(([name, label]) => {
+        const [read, write] = [(spec) => spec[name], (value) => ({ [name]: Math.round(value) })];
+        const [range, first] = slider(control, label, history, read, write);
+        const [field, second] = box(control, label, history, read, write);
+        refreshes.push(first, second);
+        const head = element("div", { class: "head" }, element("span", { class: "name" }, label), element("span", { class: "value" }, field, element("span", { class: "unit" }, "")));
+        return [head, range];
+      });
+      return [row(control, ...lines.flat()), (spec) => refreshes.forEach((each) => each(spec))];
+    },
+
+    depths(control, history) {
+      const near = (spec) => Math.min(...spec.depths_mm);
+      const far = (spec) => Math.max(...spec.depths_mm);
+      // The handles do not pass each other; depths between them keep their places.
+      const inner = (spec, low, high) => spec.depths_mm.filter((d) => d > low && d < high && d !== near(spec) && d !== far(spec));
+      const unique = (depths) => [...new Set(depths)].sort((a, b) => a - b);
+      const writeNear = (value) => {
+        const low = Math.min(value, far(history.spec));
+        return { depths_mm: unique([low, ...inner(history.spec, low, far(history.spec)), far(history.spec)]) };
+      };
+      const writeFar = (value) => {
+        const high = Math.max(value, near(history.spec));
+        return { depths_mm: unique([near(history.spec), ...inner(history.spec, near(history.spec), high), high]) };
+      };
+      const [first, a] = slider(control, "Nearest working depth", history, near, writeNear);
+      const [second, b] = slider(control, "Farthest working depth", history, far, writeFar);
+      const [nearBox, c] = box(control, "Nearest working depth", history, near, writeNear);
+      const [farBox, d] = box(control, "Farthest working depth", history, far, writeFar);
+      const head = element("div", { class: "head" }, element("span", { class: "name" }, control.label), element("span", { class: "value" }, nearBox, element("span", { class: "unit" }, "to"), farBox, element("span", { class: "unit" }, control.unit)));
+      const span = element("div", { class: "span" });
+      const axis = element("div", { class: "axis" }, span, first, second);
+      const refresh = (spec) => {
+        [a, b, c, d].forEach((each) => each(spec));
+        const [low, high] = reach(control);
+        const share = (depth) => Math.max(0, Math.min(1, (toSlider(control, depth) - low) / (high - low)));
+        span.style.left = `${100 * share(near(spec))}%`;
+        span.style.right = `${100 * (1 - share(far(spec)))}%`;
+      };
+      return [row(control, head, axis), refresh];
+    },
+
+    choice(control, history) {
+      const name = control.name;
+      const buttons = control.choices.map(([value, text]) => {
+        const radio = element("input", { type: "radio", name, value });
+        radio.addEventListener("change", () => history.set({ [name]: typeof control.preset === "number" ? Number(value) : value }));
+        return [radio, element("label", { class: "pick" }, radio, element("span", {}, text))];
+      });
+      const group = element("div", { class: "picks", role: "radiogroup", "aria-label": control.label, "aria-describedby": `${name}-help` }, ...buttons.map(([, label]) => label));
+      const refresh = (spec) => {
+        for (const [radio] of buttons) radio.checked = String(spec[name]) === radio.value;
+      };
+      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), group), refresh];
+    },
+
+    camera(control, history) {
+      const known = control.cameras;
+      const select = element("select", { "aria-label": control.label, "aria-describedby": "camera-help" });
+      known.forEach((camera, i) => select.append(element("option", { value: i }, camera.name)));
+      select.append(element("option", { value: "own" }, "Numbers of your own"));
+      const fields = control.numbers.map(({ name, label, unit }) => {
+        const field = element("input", { type: "number", step: "any", "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
+        field.addEventListener("change", () => {
+          if (!Number.isFinite(field.valueAsNumber)) return refresh(history.spec);
+          const size = name === "width_px" || name === "height_px";
+          history.set({ camera: { ...history.spec.camera, name: "own camera", [name]: size ? Math.round(field.valueAsNumber) : field.valueAsNumber } });
+        });
+        return [name, field, element("label", { class: "number" }, element("span", {}, label), field, element("span", { class: "unit" }, unit))];
+      });
+      const own = element("details", { class: "own" }, element("summary", {}, "Its numbers"), ...fields.map(([, , label]) => label));
+      const index = (spec) => known.findIndex((camera) => JSON.stringify(camera) === JSON.stringify(spec.camera));
+      select.addEventListener("change", () => {
+        if (select.value === "own") own.open = true;
+        else history.set({ camera: known[Number(select.value)] });
+      });
+      const refresh = (spec) => {
+        const found = index(spec);
+        select.value = found < 0 ? "own" : String(found);
+        for (const [name, field] of fields) field.value = spec.camera[name] ?? 0;
+      };
+      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, own), refresh];
+    },
+  };
+
+  // All controls into a host; returns what sets them to a request.
+  Studio.makeControls = (host, groups, history) => {
+    const refreshes = [];
+    for (const { title, open, controls } of groups) {
+      const rows = controls.map((control) => {
+        const [node, refresh] = makers[control.kind](control, history);
+        refreshes.push(refresh);
+        return node;
+      });
+      const group = element("details", { class: "group", open }, element("summary", {}, title), ...rows);
+      host.append(group);
+    }
+    return (spec) => refreshes.forEach((each) => each(spec));
+  };
+})();

@@ -1,0 +1,92 @@
+"use strict";
+// Elements, polygons and numbers: what all panels share.
+const Studio = {};
+
+Studio.element = (name, attributes = {}, ...children) => {
+  const node = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value === undefined || value === null || value === false) continue;
+    if (key.startsWith("on")) node.addEventListener(key.slice(2), value);
+    else node.setAttribute(key, value === true ? "" : value);
+  }
+  node.append(...children);
+  return node;
+};
+
+Studio.svg = (name, attributes = {}, ...children) => {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) if (value !== undefined) node.setAttribute(key, value);
+  node.append(...children);
+  return node;
+};
+
+Studio.path = (points, closed = true) =>
+  points.length ? `M${points.map(([x, y]) => `${+x.toFixed(2)} ${+y.toFixed(2)}`).join("L")}${closed ? "Z" : ""}` : "";
+
+// The part of a convex polygon where a x + b y + c >= 0.
+const cut = (polygon, [a, b, c]) => {
+  const kept = [];
+  const height = ([x, y]) => a * x + b * y + c;
+  polygon.forEach((point, i) => {
+    const next = polygon[(i + 1) % polygon.length];
+    const [here, there] = [height(point), height(next)];
+    if (here >= 0) kept.push(point);
+    if (here >= 0 !== there >= 0) {
+      const t = here / (here - there);
+      kept.push([point[0] + t * (next[0] - point[0]), point[1] + t * (next[1] - point[1])]);
+    }
+  });
+  return kept;
+};
+
+Studio.area = (polygon) =>
+  polygon.reduce((sum, [x, y], i) => {
+    const [u, v] = polygon[(i + 1) % polygon.length];
+    return sum + (x * v - y * u) / 2;
+  }, 0);
+
+Studio.intersection = (polygons) => {
+  if (!polygons.length) return [];
+  return polygons.slice(1).reduce((common, polygon) => {
+    const sign = Math.sign(Studio.area(polygon));
+    return polygon.reduce((kept, [x, y], i) => {
+      const [u, v] = polygon[(i + 1) % polygon.length];
+      return cut(kept, [-(v - y) * sign, (u - x) * sign, ((v - y) * x - (u - x) * y) * sign]);
+    }, common);
+  }, polygons[0]);
+};
+
+// What each view of a drawing sees of the plane at a depth, by mirror; none for a plane nearer than the mirrors.
+Studio.footprints = (drawing, depth) => {
+  const { mirror, points_mm: points, directions, reach_mm: reach } = drawing.rays;
+  const seen = drawing.mirrors.map(() => []);
+  if (depth > reach) {
+    mirror.forEach((k, i) => {
+      const step = depth - points[i][2];
+      seen[k].push([points[i][0] + step * directions[i][0], points[i][1] + step * directions[i][1]]);
+    });
+  }
+  return seen;
+};
+
+Studio.bounds = (points) =>
+  points.reduce(
+    ([a, b, c, d], [x, y]) => [Math.min(a, x), Math.min(b, y), Math.max(c, x), Math.max(d, y)],
+    [Infinity, Infinity, -Infinity, -Infinity],
+  );
+
+// Round numbers for the ticks of an axis, about `most` of them.
+Studio.ticks = (low, high, most = 5) => {
+  const step = 10 ** Math.floor(Math.log10((high - low) / most));
+  const size = [1, 2, 5, 10].map((factor) => factor * step).find((each) => (high - low) / each <= most);
+  const found = [];
+  for (let tick = Math.ceil(low / size - 1e-9) * size; tick <= high + 1e-9 * size; tick += size) found.push(+tick.toPrecision(12));
+  return found;
+};
+
+Studio.number = (value, digits = 3) => {
+  if (!Number.isFinite(value)) return "";
+  return Math.abs(value) >= 1000 ? value.toFixed(0) : String(+value.toPrecision(digits));
+};
+
+Studio.percent = (share) => `${(100 * share).toFixed(1)} %`;

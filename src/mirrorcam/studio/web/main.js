@@ -1,0 +1,220 @@
+"use strict";
+// The studio's page: what a request changes, and what is drawn when an answer comes.
+(() => {
+  const { element } = Studio;
+  const byId = (id) => document.getElementById(id);
+  const start = JSON.parse(byId("start").textContent);
+  const source = Studio.source;
+
+  const style = () => {
+    const read = getComputedStyle(document.documentElement);
+    const colour = (name) => read.getPropertyValue(`--${name}`).trim();
+    return Object.fromEntries(["mirror", "view", "ray", "ink", "soft", "bad"].map((name) => [name, colour(name)]));
+  };
+
+  let view = null;
+  try {
+    view = new Studio.View3D(byId("stage"), style());
+  } catch {
+    byId("stage").classList.add("flat");
+    byId("flat").hidden = false;
+  }
+  const state = { drawing: null, parabola: null, conflicts: [], depth: null, touched: false };
+
+  // ---- drawing -------------------------------------------------------------------------------------------------
+  const beside = () => (byId("beside").checked ? state.parabola : null);
+
+  const drawCurves = () => {
+    const { drawing } = state;
+    const other = beside();
+    const both = (name) => [
+      ...(other ? [{ values: other.curves[name], depths: other.curves.depths_mm, name: "ghost" }] : []),
+      { values: drawing.curves[name], name },
+    ];
+    const at = { at: state.depth };
+    Studio.drawCurves(byId("usable"), "Usable pixels over depth", drawing, both("usable"), { ...at, format: (v) => `${Math.round(100 * v)}%` });
+    Studio.drawCurves(byId("disparity"), "Disparity over depth, px per view", drawing, both("disparity_px"), at);
+    const lines = [...both("resolution_mm"), ...(drawing.curves.sigma_mm.length ? [{ values: drawing.curves.sigma_mm, name: "sigma" }] : [])];
+    Studio.drawCurves(byId("resolution"), "Depth resolution and standard deviation over depth, mm", drawing, lines, { ...at, scale: "log" });
+  };
+
+  const drawDepth = () => {
+    const { drawing } = state;
+    const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, beside());
+    const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is seen by all views";
+    byId("depth-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
+    view?.light(drawing, state.depth);
+    view?.visible();
+  };
+
+  const depthRange = (drawing) => [drawing.curves.depths_mm[0], drawing.curves.depths_mm.at(-1)];
+
+  const placeDepth = () => {
+    const [near, far] = depthRange(state.drawing);
+    const slider = byId("depth");
+    state.depth = Math.min(Math.max(state.depth ?? state.drawing.depths_mm.at(-1), near), far);
+    slider.min = Math.log(near);
+    slider.max = Math.log(far);
+    slider.step = (Math.log(far) - Math.log(near)) / 300;
+    slider.value = Math.log(state.depth);
+  };
+
+  const draw = () => {
+    const { drawing } = state;
+    placeDepth();
+    view?.show(drawing, beside(), state.depth, state.conflicts);
+    Studio.drawSensor(byId("sensor"), drawing, beside());
+    Studio.drawCameras(byId("cameras"), drawing, beside());
+    drawCurves();
+    drawDepth();
+    Studio.drawTiles(byId("tiles"), drawing);
+    const columns = [["this design", drawing], ...(state.parabola ? [["faceted parabola", state.parabola]] : [])];
+    Studio.drawFigures(byId("figures"), columns);
+    if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
+    document.body.dataset.kind = drawing.kind;
+  };
+
+  const say = (kind, text) => {
+    const pill = byId("status");
+    pill.className = `status ${kind}`;
+    pill.textContent = text;
+  };
+
+  // ---- asking --------------------------------------------------------------------------------------------------
+  const asking = { exact: 0, busy: false, next: null };
+
+  // One preview is under way at a time; of those asked for meanwhile only the newest follows.
+  const preview = async (spec, touchedAt) => {
+    if (asking.busy) {
+      asking.next = [spec, touchedAt];
+      return;
+    }
+    asking.busy = true;
+    const before = asking.exact;
+    try {
+      const answer = await source.preview(spec);
+      if (answer.drawing && asking.exact === before) {
+        Object.assign(state, { drawing: answer.drawing, conflicts: [] });
+        draw();
+        say("preview", answer.drawing.kind === "parabola" ? "Preview: the faceted parabola" : "Preview");
+        if (touchedAt) requestAnimationFrame(() => performance.measure("preview", { start: touchedAt, end: performance.now() }));
+      }
+    } catch (error) {
+      lost(error);
+    } finally {
+      asking.busy = false;
+      const next = asking.next;
+      asking.next = null;
+      if (next) preview(...next);
+    }
+  };
+
+  const lost = (error) => {
+    if (error.name !== "AbortError") say("failed", `The studio does not answer: ${error.message}`);
+  };
+
+  const passed = (drawing) => {
+    const failed = drawing.verdict.filter((figure) => !figure.passed).length;
+    return failed ? `${failed} of ${drawing.verdict.length} checks failed` : `Exact: all ${drawing.verdict.length} checks pass`;
+  };
+
+  const solve = async (spec) => {
+    const mine = (asking.exact += 1);
+    const began = performance.now();
+    say("solving", "Solving \u2026");
+    byId("infeasible").hidden = true;
+    let answer;
+    try {
+      answer = await source.design(spec);
+    } catch (error) {
+      if (mine === asking.exact) lost(error);
+      return;
+    }
+    if (mine !== asking.exact || answer.status === "superseded") return;
+    performance.measure("solve", { start: began, end: performance.now() });
+    if (answer.status === "solved") {
+      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, conflicts: [] });
+      draw();
+      say("exact", passed(answer.drawing));
+    } else refuse(answer, spec, mine);
+    document.dispatchEvent(new CustomEvent("settled", { detail: answer }));
+  };
+
+  const refuse = async (answer, spec, mine) => {
+    say("failed", answer.constraint ? "Cannot be" : "Not a request");
+    const note = byId("infeasible");
+    note.hidden = false;
+    byId("finding").textContent = answer.finding;
+    const list = byId("suggestions");
+    list.replaceChildren();
+    state.conflicts = answer.conflicts_mm ?? [];
+    if (answer.drawing) state.drawing = answer.drawing;
+    if (state.drawing) draw();
+    if (!answer.constraint) return;
+    byId("looking").hidden = false;
+    const found = await source.suggestions(spec).catch(() => ({ suggestions: [] }));
+    if (mine !== asking.exact) return;
+    byId("looking").hidden = true;
+    for (const { text, spec: other } of found.suggestions) {
+      const button = element("button", { type: "button" }, text);
+      button.addEventListener("click", () => history.settle(other));
+      list.append(element("li", {}, button));
+    }
+    if (!found.suggestions.length) list.append(element("li", {}, "No single change was found that makes it possible."));
+  };
+
+  // ---- the request ---------------------------------------------------------------------------------------------
+  let refresh = () => {};
+  const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.spec), (settled) => {
+    refresh(history.spec);
+    byId("undo").disabled = !history.past.length;
+    byId("redo").disabled = !history.future.length;
+    if (settled) {
+      const address = Studio.toAddress(history.spec, start.spec);
+      window.history.replaceState(null, "", address ? `#${address}` : location.pathname);
+      solve(history.spec);
+    } else preview(history.spec, Studio.touchedAt);
+  });
+  Studio.designer = { history, state };
+  refresh = Studio.makeControls(byId("controls"), start.controls, history);
+  addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.spec)));
+
+  byId("undo").addEventListener("click", () => history.undo());
+  byId("redo").addEventListener("click", () => history.redo());
+  byId("reset").addEventListener("click", () => history.reset());
+  addEventListener("keydown", (event) => {
+    if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=number]")) return;
+    const key = event.key.toLowerCase();
+    if (key === "z" && !event.shiftKey) history.undo();
+    else if (key === "y" || (key === "z" && event.shiftKey)) history.redo();
+    else return;
+    event.preventDefault();
+  });
+
+  byId("depth").addEventListener("input", (event) => {
+    if (!state.drawing) return;
+    state.depth = Math.exp(event.target.valueAsNumber);
+    drawDepth();
+    drawCurves();
+  });
+  for (const name of ["rays", "light"]) {
+    byId(name).addEventListener("change", (event) => {
+      if (!view) return;
+      view.shown[name] = event.target.checked;
+      if (state.drawing) drawDepth();
+    });
+  }
+  byId("beside").addEventListener("change", () => state.drawing && draw());
+  for (const button of document.querySelectorAll("[data-look]")) {
+    button.addEventListener("click", () => view?.home(JSON.parse(button.dataset.look)));
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    view?.recolour(style());
+    if (state.drawing) draw();
+  });
+
+  refresh(history.spec);
+  byId("undo").disabled = byId("redo").disabled = true;
+  preview(history.spec, 0).then(() => performance.mark("first picture"));
+  solve(history.spec);
+})();

@@ -1,0 +1,74 @@
+"use strict";
+// The request for a design: the current one, its history, and its form in the address.
+(() => {
+  const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+  class History {
+    constructor(start, first, changed) {
+      Object.assign(this, { start, changed, past: [], future: [], spec: first });
+    }
+    // A settled change is a step that undo goes back by; one while a slider moves is not.
+    set(change, settled = true) {
+      const next = { ...this.spec, ...change };
+      if (settled) this.settle(next);
+      else {
+        this.before ??= this.spec;
+        this.spec = next;
+        this.changed(false);
+      }
+    }
+    settle(next = this.spec) {
+      const before = this.before ?? this.spec;
+      this.before = null;
+      this.spec = next;
+      if (!same(before, next)) {
+        this.past.push(before);
+        this.future = [];
+      }
+      this.changed(true);
+    }
+    step(from, to) {
+      if (!from.length) return;
+      to.push(this.spec);
+      this.before = null;
+      this.spec = from.pop();
+      this.changed(true);
+    }
+    undo() {
+      this.step(this.past, this.future);
+    }
+    redo() {
+      this.step(this.future, this.past);
+    }
+    reset() {
+      this.settle({ ...this.start });
+    }
+  }
+  Studio.History = History;
+
+  // What differs from the start, so that the address stays short: #rows=2&scale_mm=60&depths_mm=200,400
+  Studio.toAddress = (spec, start) => {
+    const parts = new URLSearchParams();
+    for (const [name, value] of Object.entries(spec)) {
+      if (same(value, start[name])) continue;
+      parts.set(name, typeof value === "object" && !Array.isArray(value) ? JSON.stringify(value) : String(value));
+    }
+    return parts.toString().replaceAll("%2C", ",");
+  };
+
+  Studio.fromAddress = (hash, start) => {
+    const spec = { ...start };
+    for (const [name, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
+      if (!(name in start) && name !== "pattern") continue;
+      if (Array.isArray(start[name])) spec[name] = text.split(",").map(Number);
+      else if (text.startsWith("{")) {
+        try {
+          spec[name] = JSON.parse(text);
+        } catch {
+          continue;
+        }
+      } else spec[name] = text === "" || Number.isNaN(Number(text)) ? text : Number(text);
+    }
+    return spec;
+  };
+})();

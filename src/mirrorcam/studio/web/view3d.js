@@ -1,0 +1,209 @@
+"use strict";
+// Mirrors, chief rays, light and the device in 3-D. Drawings are in view axes: here y is up and the scene lies along -z.
+(() => {
+  const place = ([x, y, z]) => [x, -y, -z];
+  const HOME = [0.8, 0.25, -0.55];
+
+  class View3D {
+    constructor(stage, colours) {
+      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, beside: true } });
+      this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+      this.scene = new THREE.Scene();
+      this.camera = new THREE.PerspectiveCamera(30, 1, 0.1, 20000);
+      this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
+      this.controls.enableDamping = false;
+      this.controls.addEventListener("change", () => this.draw());
+      this.sun = new THREE.DirectionalLight(0xffffff, 2.2);
+      this.scene.add(this.sun, new THREE.HemisphereLight(0xffffff, 0x9097a5, 1.6));
+      this.world = new THREE.Group();
+      this.scene.add(this.world);
+      const canvas = this.renderer.domElement;
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", "The mirrors in 3-D: drag to turn, scroll or pinch to zoom; buttons turn it, too");
+      stage.prepend(canvas);
+      new ResizeObserver(() => this.resize()).observe(stage);
+      this.resize();
+    }
+
+    resize() {
+      const { clientWidth: width, clientHeight: height } = this.stage;
+      if (!width || !height) return;
+      this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      if (this.radius && !this.touched) this.look(HOME);
+      this.draw();
+    }
+
+    draw() {
+      if (this.wanted) return;
+      this.wanted = true;
+      requestAnimationFrame(() => {
+        this.wanted = false;
+        this.sun.position.copy(this.camera.position).add(new THREE.Vector3(-200, 400, 100));
+        this.renderer.render(this.scene, this.camera);
+      });
+    }
+
+    look(direction) {
+      const [x, y, z] = direction;
+      const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.86 * Math.max(1, 1 / this.camera.aspect);
+      this.controls.target.copy(this.middle);
+      this.camera.position.copy(this.middle).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
+      this.controls.update();
+      this.draw();
+    }
+
+    replace(name, group) {
+      const before = this.layers.get(name);
+      if (before) {
+        this.world.remove(before);
+        before.traverse((node) => node.geometry?.dispose());
+      }
+      this.layers.set(name, group);
+      if (group) this.world.add(group);
+    }
+
+    prism(solid) {
+      const count = solid.length / 2;
+      const corners = solid.flatMap(place);
+      const index = [];
+      for (let i = 1; i < count - 1; i += 1) index.push(0, i, i + 1, count, count + i + 1, count + i);
+      for (let i = 0; i < count; i += 1) {
+        const j = (i + 1) % count;
+        index.push(i, count + i, j, j, count + i, count + j);
+      }
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
+      geometry.setIndex(index);
+      return geometry;
+    }
+
+    lines(segments, material) {
+      const geometry = new THREE.BufferGeometry();
+      geometry.setAttribute("position", new THREE.Float32BufferAttribute(segments.flatMap(place), 3));
+      return new THREE.LineSegments(geometry, material);
+    }
+
+    edges(solid) {
+      const count = solid.length / 2;
+      const ring = (first) => solid.slice(first, first + count).flatMap((p, i, all) => [p, all[(i + 1) % count]]);
+      return [...ring(0), ...ring(count), ...solid.slice(0, count).flatMap((p, i) => [p, solid[count + i]])];
+    }
+
+    show(drawing, beside, depth, conflicts = []) {
+      const { colours } = this;
+      const line = (colour, opacity = 1) =>
+        new THREE.LineBasicMaterial({ color: colour, transparent: opacity < 1, opacity });
+      const mirrors = new THREE.Group();
+      // Double sided without normals: flat shading finds them for each face.
+      const glass = new THREE.MeshStandardMaterial({
+        color: colours.mirror, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35,
+      });
+      const edges = [];
+      for (const { solid_mm: solid } of drawing.mirrors) {
+        mirrors.add(new THREE.Mesh(this.prism(solid), glass));
+        edges.push(...this.edges(solid));
+      }
+      mirrors.add(this.lines(edges, line(colours.ink, 0.65)));
+      this.replace("mirrors", mirrors);
+
+      const rays = new THREE.Group();
+      rays.add(this.lines(drawing.mirrors.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), line(colours.ray)));
+      this.replace("rays", rays);
+
+      const cameras = new THREE.Group();
+      const size = this.size(drawing) * 0.012;
+      const cross = ([x, y, z]) => [[x - size, y, z], [x + size, y, z], [x, y - size, z], [x, y + size, z], [x, y, z - size], [x, y, z + size]];
+      cameras.add(this.lines(drawing.centres_mm.flatMap(cross), line(colours.view)));
+      const grid = drawing.neighbours.flatMap(([i, j]) => [drawing.grid_mm[i], drawing.grid_mm[j]]);
+      cameras.add(this.lines(grid, line(colours.soft, 0.6)));
+      this.replace("cameras", cameras);
+
+      const body = new THREE.Group();
+      body.add(this.lines(cross([0, 0, 0]), line(colours.ink)));
+      if (drawing.body_mm.length) {
+        const pairs = [];
+        drawing.body_mm.forEach((p, i) => [1, 2, 4].forEach((bit) => !(i & bit) && pairs.push(p, drawing.body_mm[i | bit])));
+        body.add(this.lines(pairs, line(colours.soft)));
+      }
+      this.replace("body", body);
+
+      const ghost = new THREE.Group();
+      if (beside) ghost.add(this.lines(beside.mirrors.flatMap(({ solid_mm: s }) => this.edges(s)), line(colours.soft, 0.55)));
+      this.replace("beside", ghost);
+
+      const wrong = new THREE.Group();
+      if (conflicts.length) wrong.add(this.lines(conflicts, line(colours.bad)));
+      this.replace("conflicts", wrong);
+
+      this.light(drawing, depth);
+      this.measure(drawing);
+      this.visible();
+    }
+
+    // The light of each view, from its mirror to the plane at a depth.
+    light(drawing, depth) {
+      const group = new THREE.Group();
+      if (this.shown.light && depth) {
+        const material = new THREE.MeshBasicMaterial({
+          color: this.colours.ray, transparent: true, opacity: 0.1, side: THREE.DoubleSide, depthWrite: false,
+        });
+        const { mirror, points_mm: points, directions } = drawing.rays;
+        drawing.mirrors.forEach((_, k) => {
+          const own = mirror.map((m, i) => (m === k ? i : -1)).filter((i) => i >= 0);
+          const corners = own.flatMap((i) => {
+            const step = depth - points[i][2];
+            return [points[i], points[i].map((p, axis) => p + step * directions[i][axis])];
+          });
+          const index = own.flatMap((_, i) => {
+            const [a, b] = [2 * i, 2 * ((i + 1) % own.length)];
+            return [a, a + 1, b, b, a + 1, b + 1];
+          });
+          const geometry = new THREE.BufferGeometry();
+          geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners.flatMap(place), 3));
+          geometry.setIndex(index);
+          group.add(new THREE.Mesh(geometry, material));
+        });
+      }
+      this.replace("light", group);
+    }
+
+    size(drawing) {
+      const all = drawing.mirrors.flatMap(({ solid_mm: s }) => s);
+      return Math.max(...[0, 1, 2].map((axis) => Math.max(...all.map((p) => p[axis])) - Math.min(...all.map((p) => p[axis]))));
+    }
+
+    // The whole is framed anew where it has become much larger or smaller, so that a drag does not shake the picture.
+    measure(drawing) {
+      const box = new THREE.Box3();
+      for (const point of [...drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]), ...drawing.centres_mm, ...drawing.body_mm]) {
+        box.expandByPoint(new THREE.Vector3(...place(point)));
+      }
+      const sphere = box.getBoundingSphere(new THREE.Sphere());
+      const unlike = !this.radius || sphere.radius > 1.15 * this.radius || sphere.radius < 0.75 * this.radius;
+      if (!unlike) return;
+      [this.middle, this.radius] = [sphere.center, sphere.radius];
+      this.look(this.direction ?? HOME);
+    }
+
+    home(direction) {
+      this.direction = direction;
+      this.look(direction);
+    }
+
+    visible() {
+      for (const name of ["rays", "light", "beside"]) {
+        const layer = this.layers.get(name);
+        if (layer) layer.visible = this.shown[name];
+      }
+      this.draw();
+    }
+
+    recolour(colours) {
+      this.colours = colours;
+    }
+  }
+  Studio.View3D = View3D;
+})();
