@@ -149,15 +149,17 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def read_json(path: Path) -> Any:
     """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that is there twice."""
-    raw = read_bytes(path)
+    return _json(path, read_bytes(path))
+
+
+def _json(path: Path, raw: bytes) -> Any:
     try:
         return json.loads(raw.decode("utf-8-sig"), object_pairs_hook=_unique)
     except (ValueError, RecursionError) as error:
         raise InputError(shortened(f"{path}: not valid JSON: {error}")) from None
 
 
-def _read_toml(path: Path) -> Any:
-    raw = read_bytes(path)
+def _toml(path: Path, raw: bytes) -> Any:
     try:
         return tomllib.loads(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
@@ -205,7 +207,12 @@ def read_model(model: type[Model], path: Path) -> Model:
 
     Types are as in the file: a number as a text, or true for a number, is refused.
     """
-    data = _read_toml(path) if path.suffix.lower() == ".toml" else read_json(path)
+    return model_of(model, path, read_bytes(path))
+
+
+def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
+    """The pydantic model in the content of a file, see `read_model`; the file itself is not read."""
+    data = _toml(path, raw) if path.suffix.lower() == ".toml" else _json(path, raw)
     try:
         return model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:
