@@ -175,7 +175,11 @@ class Layout(Value):
 
     def save(self, path: Path) -> None:
         """Write `layout.json` atomically."""
-        write_text(path, self.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n")
+        write_text(path, self.text())
+
+    def text(self) -> str:
+        """The content of `layout.json`."""
+        return self.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -63,7 +63,7 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
 
 
 def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
-    """Expected standard deviation of depth, mm, meaned over the region that all views show; None where there is none."""
+    """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing."""
     places = _places(views, depth_mm)
     return float(depth_sigma_mm(views.layout, places).mean()) if len(places) else None
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import tyro
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import print_metrics, say
@@ -18,6 +19,9 @@ from mirrorcam.optics.base.values import Value
 class RunOptions(Value):
     """Run the whole pipeline: design, parts, synthetic frames, blind calibration, light field and a page of results."""
 
+    design: tyro.conf.Positional[
+        Annotated[Path | None, tyro.conf.arg(metavar="[design.toml|layout.json]", help_behavior_hint="")]
+    ] = Field(default=None, description="what to design, as `mirrorcam studio` saves it; without, 3 x 3 for a C920")
     out: Annotated[
         Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(output/default or output/quick)")
     ] = Field(
@@ -27,14 +31,24 @@ class RunOptions(Value):
     quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
     seed: int = SEED.field(0, "seed of poses, tolerances and noise")
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.quick and self.design is not None:
+            raise ValueError(f"--quick and {self.design}: expected one of the two")
+        return self
+
 
 def run(options: RunOptions) -> int:
     """Run the pipeline."""
+    from mirrorcam.workflow.design_request import read_request
     from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all
 
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
+    if options.design is not None:
+        recipe = replace(recipe, spec=read_request(options.design))
     out = options.out or Path("output/quick" if options.quick else "output/default")
-    command = f"mirrorcam run{' --quick' if options.quick else ''} --seed {options.seed}"
+    design = f" {options.design.name}" if options.design else ""
+    command = f"mirrorcam run{design}{' --quick' if options.quick else ''} --seed {options.seed}"
     figures = run_all(recipe, out, command, TERMINAL, force=options.force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}

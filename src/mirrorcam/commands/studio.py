@@ -33,4 +33,6 @@ def run(options: StudioOptions) -> int:
     from mirrorcam.studio.serve import opened, serve
 
     opening = opened(options.design)
-    return serve(opening, port=options.port, out=options.out, browser=not options.no_browser, tell=lambda t: say("studio", t))
+    return serve(
+        opening, port=options.port, out=options.out, browser=not options.no_browser, tell=lambda t: say("studio", t)
+    )

@@ -45,12 +45,14 @@ def zipped(root: Path, name: str) -> Path:
     link = folder if folder.is_symlink() else linked(folder)
     if link is not None:
         raise InputError(f"{link.name}: is a link, expected only files and folders")
-    with tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file:
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in sorted(folder.rglob("*")):
-                inside = path.relative_to(folder)
-                if path.is_file() and not any(part.startswith(".") for part in inside.parts):
-                    entry = zipfile.ZipInfo(f"{parts[0]}/{inside.as_posix()}")
-                    entry.compress_type = zipfile.ZIP_DEFLATED
-                    archive.writestr(entry, path.read_bytes())
+    with (
+        tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for path in sorted(folder.rglob("*")):
+            inside = path.relative_to(folder)
+            if path.is_file() and not any(part.startswith(".") for part in inside.parts):
+                entry = zipfile.ZipInfo(f"{parts[0]}/{inside.as_posix()}")
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(entry, path.read_bytes())
     return Path(file.name)

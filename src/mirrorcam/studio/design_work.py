@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.monte_carlo import study
+from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.studio.drawing import DesignDrawing, design_drawing
 
 PRELOAD = ("mirrorcam.studio.design_work",)
@@ -17,11 +22,12 @@ PRELOAD = ("mirrorcam.studio.design_work",)
 
 @dataclass(frozen=True)
 class SolvedDesign:
-    """A design with its drawing and, where the request has one, that of its faceted parabola."""
+    """A design and, where its request has one, the faceted parabola, both with figures; and the drawings of the two."""
 
     layout: Layout
     drawing: DesignDrawing
-    parabola: DesignDrawing | None
+    parabola: Layout | None
+    parabola_drawing: DesignDrawing | None
 
 
 @dataclass(frozen=True)
@@ -44,18 +50,37 @@ def solve(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
 
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
-    """A layout that was solved before, with its drawings."""
-    return SolvedDesign(layout, design_drawing(layout, spec, "exact"), parabola(spec))
+    """A layout that was solved before, with its parabola and their drawings."""
+    parabola = parabola_of(spec)
+    drawing = None if parabola is None else design_drawing(parabola, spec, "parabola")
+    return SolvedDesign(layout, design_drawing(layout, spec, "exact"), parabola, drawing)
 
 
-def parabola(spec: DesignSpec) -> DesignDrawing | None:
-    """The drawing of a request's faceted parabola; None where it has none."""
+def parabola_of(spec: DesignSpec) -> Layout | None:
+    """A request's faceted parabola with its figures; None where it has none."""
     try:
-        return design_drawing(faceted_parabola(spec), spec, "parabola")
+        layout = faceted_parabola(spec)
+        figures = {"metrics": evaluate(layout, sorted(spec.depths_mm)), "verdict": verify(layout, spec)}
     except InputError:
         return None
+    return layout.replaced(spec=spec, **figures)
 
 
 def preview(spec: DesignSpec, solved: Sequence[Layout]) -> DesignDrawing | None:
     """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola."""
-    return parabola(spec)
+    layout = parabola_of(spec)
+    return None if layout is None else design_drawing(layout, spec, "parabola")
+
+
+def report(layout: Layout, parabola: Layout | None) -> str:
+    """The report of a design as one HTML file, with a study of devices as built."""
+    from mirrorcam.pages.design_report import design_report
+
+    assert layout.spec is not None
+    built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm))
+    return design_report(layout, parabola, built)
+
+
+def at_low_priority() -> None:
+    """Let this process give way to those that a person waits for."""
+    os.nice(10)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_work import RefusedDesign, SolvedDesign
 from mirrorcam.studio.drawing import DesignDrawing
+from mirrorcam.studio.tolerance_bars import ToleranceBars, tolerance_bars
 
 MOST_KEPT = 200
 
@@ -28,6 +30,7 @@ class Designer:
     def __init__(self) -> None:
         self._solver = WorkerProcess(preload=design_work.PRELOAD)
         self._previewer = WorkerProcess(preload=design_work.PRELOAD)
+        self._analyst = WorkerProcess(preload=design_work.PRELOAD)
         self._lock = threading.Lock()
         self._turn = threading.Lock()
         self._newest = 0
@@ -36,13 +39,13 @@ class Designer:
 
     def start(self) -> None:
         """Start the processes ahead of the first request."""
-        self._solver.start()
-        self._previewer.start()
+        for process in (self._solver, self._previewer, self._analyst):
+            process.start()
 
     def close(self) -> None:
         """End all processes."""
-        self._solver.kill()
-        self._previewer.kill()
+        for process in (self._solver, self._previewer, self._analyst):
+            process.kill()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Take a design that was solved before, such as that of a file."""
@@ -86,3 +89,23 @@ class Designer:
         if isinstance(kept, SolvedDesign):
             return kept.drawing
         return self._previewer.call(design_work.preview, spec, near)
+
+    def solved(self, spec: DesignSpec) -> SolvedDesign:
+        """The design of a request that was solved. Raises InputError for another."""
+        with self._lock:
+            found = self._kept.get(spec)
+        if not isinstance(found, SolvedDesign):
+            raise InputError("this design is not solved, expected one that is")
+        return found
+
+    def tolerance(self, spec: DesignSpec) -> ToleranceBars:
+        """What devices of a solved design can be expected to reach, which takes seconds.
+
+        Raises InputError for a design that is not solved, or that cannot be built so.
+        """
+        return self._analyst.call(tolerance_bars, self.solved(spec).layout)
+
+    def report(self, spec: DesignSpec) -> str:
+        """The report of a solved design. Raises InputError for one that is not."""
+        found = self.solved(spec)
+        return self._analyst.call(design_work.report, found.layout, found.parabola)

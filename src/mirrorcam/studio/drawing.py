@@ -86,6 +86,7 @@ class DesignDrawing(Value):
     identity: str
     spec: dict[str, Any]
     depths_mm: list[float]
+    view_from_rig: list[list[float]]
     sensor_px: tuple[int, int]
     body_mm: list[list[float]]
     mirrors: list[MirrorDrawing]
@@ -105,8 +106,8 @@ class DesignDrawing(Value):
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
     """Everything that is drawn of a layout for a spec; figures are taken from the layout where it has them.
 
-    Of a preview, which is drawn while a slider moves, without checks, and with coarser curves. Raises InputError where a
-    working depth is nearer than the mirrors.
+    That of a preview, which is drawn while a slider moves, is without checks and has coarser curves. Raises InputError
+    where a working depth is nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
     metrics = layout.metrics or evaluate(layout, depths_mm)
@@ -121,6 +122,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         identity=layout.identity,
         spec=spec.model_dump(mode="json"),
         depths_mm=depths_mm,
+        view_from_rig=_rounded(layout.view_from_rig, RAY_DECIMALS + 3),
         sensor_px=(layout.camera.width_px, layout.camera.height_px),
         body_mm=_rounded(_body(layout) @ layout.view_from_rig.T, MM_DECIMALS),
         mirrors=_mirrors(layout),

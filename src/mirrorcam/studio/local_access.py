@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -12,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES = 2_000_000
-FILES = "/files/"
+FILES = "/files"
 """Where the pages of built devices are, which carry their scripts and styles in themselves."""
 _ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
 
@@ -20,9 +19,9 @@ _ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancesto
 class LocalAccess:
     """Refuses requests for other hosts' names and from other sites' pages, and bodies that are too large.
 
-    A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the Host
-    is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch nothing
-    from anywhere else and to run no script but those of the page.
+    A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the
+    Host is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch
+    nothing from anywhere else and to run no script but those of the page.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -39,7 +38,7 @@ class LocalAccess:
             return
         nonce = secrets.token_urlsafe(16)
         scope["nonce"] = nonce
-        inline = "'unsafe-inline'" if scope["path"].startswith(FILES) else f"'nonce-{nonce}'"
+        inline = "'unsafe-inline'" if scope["path"].startswith(f"{FILES}/") else f"'nonce-{nonce}'"
         policy = _ALONE + (
             f"script-src {inline}; style-src {inline}; img-src 'self' data: blob:; connect-src 'self' data: blob:"
         )
@@ -93,8 +92,3 @@ def _limited(receive: Receive) -> Receive:
         return message
 
     return limited
-
-
-def addresses(port: int) -> Iterable[str]:
-    """The addresses that lead to a server at a port of this machine."""
-    return (f"http://{host}:{port}/" for host in HOSTS)

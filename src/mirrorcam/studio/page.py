@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment
 from markupsafe import Markup
 
 from mirrorcam.optics.base.html.templates import render
@@ -14,16 +13,27 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import control_groups
 
 WEB = Path(__file__).parent / "web"
-SCRIPTS = ("three.bundle.js", "dom.js", "spec.js", "panels.js", "view3d.js", "controls.js", "figures.js")
+SCRIPTS = (
+    "three.bundle.js",
+    "dom.js",
+    "spec.js",
+    "panels.js",
+    "view3d.js",
+    "controls.js",
+    "figures.js",
+    "compare.js",
+    "tolerance.js",
+)
 
 
-def studio_page(spec: DesignSpec, *, nonce: str) -> str:
-    """The page that a server gives; only scripts and styles with the nonce run."""
+def studio_page(spec: DesignSpec, folder: Path, *, nonce: str) -> str:
+    """The page that a server gives, which writes into a folder; only scripts and styles with the nonce run."""
     start = {
         "spec": spec.model_dump(mode="json"),
         "controls": [group.model_dump(mode="json") for group in control_groups(spec)],
     }
-    return render(WEB, "studio.html", start=script_json(start), scripts=[*SCRIPTS, "server.js", "main.js"], nonce=nonce)
+    scripts = [*SCRIPTS, "server.js", "make.js", "main.js"]
+    return render(WEB, "studio.html", start=script_json(start), scripts=scripts, nonce=nonce, makes_into=str(folder))
 
 
 def script_json(value: Any) -> Markup:

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import uvicorn
 
-from mirrorcam.optics.base.files import read_json, read_model
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
+from mirrorcam.studio.jobs import Jobs
 from mirrorcam.studio.server import studio_app
+from mirrorcam.workflow.design_request import read_request
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
@@ -31,15 +32,12 @@ class Opening:
 
 
 def opened(path: Path | None) -> Opening:
-    """What a file holds: a layout with its request, or a request alone. Raises InputError in one line."""
+    """What a file holds: a designed layout with its request, or a request alone. Raises InputError in one line."""
     if path is None:
         return Opening(DesignSpec())
-    if path.suffix.lower() == ".json" and "mirrors" in read_json(path):
-        layout = Layout.load(path)
-        if layout.spec is None or layout.kind != "nominal":
-            raise InputError(f"{path}: states no request, expected a layout that `mirrorcam design` wrote")
-        return Opening(layout.spec, layout)
-    return Opening(read_model(DesignSpec, path))
+    spec = read_request(path)
+    layout = Layout.load(path) if "mirrors" in path.read_text(encoding="utf-8") else None
+    return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
 
 
 def _bound(port: int) -> socket.socket:
@@ -61,7 +59,8 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callab
     designer.start()
     if opening.layout is not None:
         designer.keep(opening.spec, opening.layout)
-    app = studio_app(opening.spec, designer, listening.getsockname()[1], out)
+    jobs = Jobs(out)
+    app = studio_app(opening.spec, designer, jobs, listening.getsockname()[1])
     server = uvicorn.Server(
         uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
     )
@@ -73,5 +72,6 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callab
     except KeyboardInterrupt:  # of uvicorn, which has ended by then
         tell("ended")
     finally:
+        jobs.close()
         designer.close()
     return 0

@@ -3,79 +3,163 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable
-from contextlib import asynccontextmanager
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route
+from starlette.staticfiles import StaticFiles
 
 from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.worker_process import WorkerDied
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_work import SolvedDesign
 from mirrorcam.studio.designer import Designer, Superseded
-from mirrorcam.studio.local_access import BodyTooLarge, LocalAccess
+from mirrorcam.studio.jobs import JobKind, Jobs
+from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess
 from mirrorcam.studio.page import studio_page
-
-Answer = Callable[[Request], Awaitable[Response]]
-
-
-class BadRequest(Exception):
-    """A request that cannot be answered; the message says why in one line."""
+from mirrorcam.workflow.design_request import request_of, request_toml
 
 
-async def asked_spec(request: Request) -> DesignSpec:
-    """The spec in the body of a request; raises BadRequest."""
+class Opened(Value):
+    """A file that the page read: its name and its text."""
+
+    name: str = Field(max_length=300)
+    text: str
+
+
+class JobRequest(Value):
+    """What to make of which design."""
+
+    kind: JobKind
+    spec: DesignSpec
+
+
+Asked = TypeVar("Asked", bound=Value)
+
+
+async def _asked(model: type[Asked], request: Request) -> Asked:
+    """The value in the body of a request; raises InputError."""
     try:
-        return DesignSpec.model_validate_json(await request.body(), strict=True)
+        return model.model_validate_json(await request.body(), strict=True)
     except ValidationError as error:
-        raise BadRequest(one_line(error, DesignSpec)) from None
+        raise InputError(one_line(error, model)) from None
 
 
-def studio_app(spec: DesignSpec, designer: Designer, port: int, out: Path) -> Starlette:
-    """The application: `spec` is what the page begins with, `out` the folder of what it makes."""
+class DesignAnswers:
+    """Answers about designs, and the files of them."""
 
-    async def page(request: Request) -> Response:
-        return HTMLResponse(studio_page(spec, nonce=request.scope["nonce"]))
+    def __init__(self, designer: Designer) -> None:
+        self._designer = designer
 
-    async def preview(request: Request) -> Response:
-        drawing = await run_in_threadpool(designer.preview, await asked_spec(request))
+    async def preview(self, request: Request) -> Response:
+        drawing = await run_in_threadpool(self._designer.preview, await _asked(DesignSpec, request))
         return _json({"drawing": None if drawing is None else drawing.model_dump(mode="json")})
 
-    async def design(request: Request) -> Response:
+    async def design(self, request: Request) -> Response:
         try:
-            wanted = await asked_spec(request)
-        except BadRequest as error:
-            return JSONResponse({"status": "refused", "constraint": "", "finding": str(error)})
+            wanted = await _asked(DesignSpec, request)
+        except InputError as error:
+            return _json({"status": "refused", "constraint": "", "finding": str(error)})
         try:
-            found = await run_in_threadpool(designer.solve, wanted)
+            found = await run_in_threadpool(self._designer.solve, wanted)
         except Superseded:
-            return JSONResponse({"status": "superseded"})
-        if isinstance(found, SolvedDesign):
-            parabola = None if found.parabola is None else found.parabola.model_dump(mode="json")
-            return _json({"status": "solved", "drawing": found.drawing.model_dump(mode="json"), "parabola": parabola})
-        return JSONResponse({"status": "refused", "constraint": found.constraint, "finding": found.finding})
+            return _json({"status": "superseded"})
+        if not isinstance(found, SolvedDesign):
+            return _json({"status": "refused", "constraint": found.constraint, "finding": found.finding})
+        drawings = {"drawing": found.drawing, "parabola": found.parabola_drawing}
+        return _json(
+            {"status": "solved"} | {name: each and each.model_dump(mode="json") for name, each in drawings.items()}
+        )
 
-    @asynccontextmanager
-    async def lifespan(app: Starlette) -> Any:
-        yield
-        designer.close()
+    async def tolerance(self, request: Request) -> Response:
+        bars = await run_in_threadpool(self._designer.tolerance, await _asked(DesignSpec, request))
+        return _json(bars.model_dump(mode="json"))
+
+    async def report(self, request: Request) -> Response:
+        return PlainTextResponse(await run_in_threadpool(self._designer.report, await _asked(DesignSpec, request)))
+
+    async def layout(self, request: Request) -> Response:
+        return PlainTextResponse(self._designer.solved(await _asked(DesignSpec, request)).layout.text())
+
+    async def toml(self, request: Request) -> Response:
+        return PlainTextResponse(request_toml(await _asked(DesignSpec, request)))
+
+    async def opened(self, request: Request) -> Response:
+        file = await _asked(Opened, request)
+        return _json(request_of(Path(PurePath(file.name).name), file.text.encode()).model_dump(mode="json"))
+
+    @property
+    def routes(self) -> list[Route]:
+        answers = {
+            "preview": self.preview,
+            "design": self.design,
+            "tolerance": self.tolerance,
+            "report": self.report,
+            "layout": self.layout,
+            "request": self.toml,
+            "opened": self.opened,
+        }
+        return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
+
+
+class JobAnswers:
+    """Answers about what is made of designs."""
+
+    def __init__(self, designer: Designer, jobs: Jobs) -> None:
+        self._designer, self._jobs = designer, jobs
+
+    async def start(self, request: Request) -> Response:
+        wanted = await _asked(JobRequest, request)
+        layout = self._designer.solved(wanted.spec).layout
+        name = await run_in_threadpool(write_folder, self._jobs.root, layout)
+        return _json(self._jobs.start(wanted.kind, name).model_dump(mode="json"))
+
+    async def all(self, request: Request) -> Response:
+        return _json([report.model_dump(mode="json") for report in self._jobs.reports()])
+
+    async def cancel(self, request: Request) -> Response:
+        self._jobs.cancel(request.path_params["number"])
+        return _json({})
+
+    async def zip(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        path = await run_in_threadpool(zipped, self._jobs.root, name)
+        done = BackgroundTask(path.unlink)
+        return FileResponse(
+            path, filename=f"{name.replace('/', '-')}.zip", media_type="application/zip", background=done
+        )
+
+    @property
+    def routes(self) -> list[BaseRoute]:
+        files = StaticFiles(directory=self._jobs.root, check_dir=False)
+        return [
+            Route("/jobs", self.all),
+            Route("/jobs", self.start, methods=["POST"]),
+            Route("/jobs/{number:int}/cancel", self.cancel, methods=["POST"]),
+            Route("/zip/{name:path}", self.zip),
+            Mount(FILES, files),
+        ]
+
+
+def studio_app(spec: DesignSpec, designer: Designer, jobs: Jobs, port: int) -> Starlette:
+    """The application; `spec` is what the page begins with."""
+
+    async def page(request: Request) -> Response:
+        return HTMLResponse(studio_page(spec, jobs.root, nonce=request.scope["nonce"]))
 
     return Starlette(
-        routes=[
-            Route("/", page),
-            Route("/preview", preview, methods=["POST"]),
-            Route("/design", design, methods=["POST"]),
-        ],
+        routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers={BadRequest: _bad_request, BodyTooLarge: _too_large},
-        lifespan=lifespan,
+        exception_handlers={InputError: _refused, WorkerDied: _gone, BodyTooLarge: _too_large},
     )
 
 
@@ -83,8 +167,12 @@ def _json(value: Any) -> Response:
     return Response(json.dumps(value, allow_nan=False), media_type="application/json")
 
 
-async def _bad_request(request: Request, error: Exception) -> Response:
+async def _refused(request: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=422)
+
+
+async def _gone(request: Request, error: Exception) -> Response:
+    return PlainTextResponse("no longer asked for", status_code=409)
 
 
 async def _too_large(request: Request, error: Exception) -> Response:

@@ -21,6 +21,8 @@
   }
   const state = { drawing: null, parabola: null, conflicts: [], depth: null, touched: false };
 
+  const pins = new Studio.Pins(byId("compare"), (spec) => history.settle(spec));
+
   // ---- drawing -------------------------------------------------------------------------------------------------
   const beside = () => (byId("beside").checked ? state.parabola : null);
 
@@ -71,6 +73,7 @@
     const columns = [["this design", drawing], ...(state.parabola ? [["faceted parabola", state.parabola]] : [])];
     Studio.drawFigures(byId("figures"), columns);
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
+    pins.draw(drawing.kind === "exact" ? drawing : null);
     document.body.dataset.kind = drawing.kind;
   };
 
@@ -136,8 +139,20 @@
       Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, conflicts: [] });
       draw();
       say("exact", passed(answer.drawing));
+      after(spec, mine);
     } else refuse(answer, spec, mine);
     document.dispatchEvent(new CustomEvent("settled", { detail: answer }));
+  };
+
+  // What takes longer follows once the design is there.
+  const after = async (spec, mine) => {
+    if (state.device !== state.drawing.identity) view?.replace("device", null);
+    byId("built-option").hidden = state.device !== state.drawing.identity;
+    byId("tolerance").classList.add("old");
+    const study = await source.tolerance(spec).catch(() => null);
+    if (mine !== asking.exact || !study) return;
+    byId("tolerance").classList.remove("old");
+    Studio.drawTolerance(byId("tolerance"), study);
   };
 
   const refuse = async (answer, spec, mine) => {
@@ -196,6 +211,49 @@
     state.depth = Math.exp(event.target.valueAsNumber);
     drawDepth();
     drawCurves();
+  });
+  byId("pin").addEventListener("click", () => {
+    if (state.drawing) pins.pin(state.drawing);
+    pins.draw(state.drawing);
+  });
+  byId("link").addEventListener("click", async () => {
+    const button = byId("link");
+    await navigator.clipboard.writeText(location.href).then(() => "Copied", () => "See the address").then((text) => (button.textContent = text));
+    setTimeout(() => (button.textContent = "Link"), 1500);
+  });
+  if (byId("make")) {
+    const note = (text) => (byId("make-note").textContent = text);
+    const built = (design, address) => {
+      if (!view || !state.drawing) return;
+      state.device = state.drawing.identity;
+      byId("built-option").hidden = false;
+      view.device(address, state.drawing.view_from_rig);
+    };
+    const maker = new Studio.Maker(byId("jobs"), () => history.spec, built);
+    const names = { layout: ["layout.json", "application/json"], request: ["design.toml"], report: ["design.html", "text/html"] };
+    for (const button of document.querySelectorAll("[data-file]")) {
+      button.addEventListener("click", () => maker.file(button.dataset.file, ...names[button.dataset.file]).catch((error) => note(error.message)));
+    }
+    for (const button of document.querySelectorAll("[data-make]")) {
+      button.addEventListener("click", () => maker.start(button.dataset.make).catch((error) => note(error.message)));
+    }
+    byId("open").addEventListener("change", async (event) => {
+      const [file] = event.target.files;
+      if (!file) return;
+      try {
+        history.settle(await Studio.post("/opened", { name: file.name, text: await file.text() }));
+        note(`${file.name} opened`);
+      } catch (error) {
+        note(error.message);
+      }
+      event.target.value = "";
+    });
+    maker.watch();
+  }
+  byId("built").addEventListener("change", (event) => {
+    if (!view) return;
+    view.shown.device = event.target.checked;
+    view.visible();
   });
   for (const name of ["rays", "light"]) {
     byId(name).addEventListener("change", (event) => {

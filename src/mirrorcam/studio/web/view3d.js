@@ -6,7 +6,7 @@
 
   class View3D {
     constructor(stage, colours) {
-      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, beside: true } });
+      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, beside: true, device: true } });
       this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
       this.scene = new THREE.Scene();
       this.camera = new THREE.PerspectiveCamera(30, 1, 0.1, 20000);
@@ -193,8 +193,23 @@
       this.look(direction);
     }
 
+    // The device as it was built, from its GLB file, which is in the frame of the rig below its one root.
+    device(address, viewFromRig) {
+      new THREE.GLTFLoader().load(address, ({ scene }) => {
+        const [a, b, c] = viewFromRig;
+        const [root] = scene.children;
+        root.matrixAutoUpdate = false;
+        root.matrix.set(...a, 0, ...b.map((v) => -v), 0, ...c.map((v) => -v), 0, 0, 0, 0, 1);
+        root.traverse((node) => {
+          if (node.userData.kind === "mirror") node.visible = false;
+        });
+        this.replace("device", scene);
+        this.visible();
+      });
+    }
+
     visible() {
-      for (const name of ["rays", "light", "beside"]) {
+      for (const name of ["rays", "light", "beside", "device"]) {
         const layer = this.layers.get(name);
         if (layer) layer.visible = this.shown[name];
       }

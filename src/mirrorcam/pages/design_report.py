@@ -1,0 +1,111 @@
+"""The report of a design: one HTML file that holds its pictures, figures, checks and what was asked for."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.figures.design_figure import before_after
+from mirrorcam.figures.focus_figure import focus_figure
+from mirrorcam.figures.tolerance_figure import tolerance_figure
+from mirrorcam.optics.base.figure_texts import label_text, sentence_case, value_text, values_text
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.html.templates import FigureTable, Table, Tile, render
+from mirrorcam.optics.design.assess.monte_carlo import Study
+from mirrorcam.optics.geometry.layout import Layout
+
+TEMPLATES = Path(__file__).parent
+HEADLINES = {
+    "usable_efficiency": "of the sensor is usable",
+    "grid_error": "grid error",
+    "fov_x": "field of view, across",
+    "depth_sigma": "sigma of depth",
+}
+
+
+@dataclass(frozen=True)
+class ReportPicture:
+    """A picture as it stands in the report."""
+
+    title: str
+    alt: str
+    base64: str
+
+
+def design_report(layout: Layout, parabola: Layout | None, study: Study | None = None) -> str:
+    """The page of a designed layout beside its faceted parabola; with a tolerance study, also of devices as built.
+
+    Raises ValueError for a layout without a spec.
+    """
+    spec = layout.spec
+    if spec is None:
+        raise ValueError("a layout without a spec, expected one that was designed")
+    checks = FigureTable.of(layout.verdict)
+    count = len(layout.verdict)
+    return render(
+        TEMPLATES,
+        "design_report.html",
+        title=f"{layout.arrangement.text} views with a {layout.camera.name}",
+        lead=f"{len(layout.mirrors)} flat mirrors, the central one {spec.scale_mm:g} mm above the lens, for scenes at "
+        f"{', '.join(f'{depth:g}' for depth in sorted(spec.depths_mm))} mm.",
+        verdict=f"{checks.failed} of {count} checks failed" if checks.failed else f"All {count} checks pass",
+        tiles=_tiles(layout),
+        pictures=_pictures(layout, parabola, study),
+        figures=_figures(layout, parabola),
+        checks=checks,
+        request=_request(layout),
+        identity=layout.identity,
+    )
+
+
+def _tiles(layout: Layout) -> list[Tile]:
+    tiles = []
+    for name, metric in layout.metrics.items():
+        for beginning, text in HEADLINES.items():
+            if name.startswith(beginning):
+                depth = f" at {name.rpartition('_')[2].removesuffix('mm')} mm" if name.endswith("0mm") else ""
+                tiles.append(Tile(value_text(metric, digits=3), text + depth))
+    return tiles
+
+
+def _pictures(layout: Layout, parabola: Layout | None, study: Study | None) -> list[ReportPicture]:
+    assert layout.spec is not None
+    depths_mm = sorted(layout.spec.depths_mm)
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "picture.png"
+
+        def add(title: str, alt: str) -> None:
+            found.append(ReportPicture(title, alt, base64.b64encode(read_bytes(path)).decode()))
+
+        before_after(parabola, layout, path)
+        add("Sensor, mirrors and coverage", "Sub-images, mirrors, virtual cameras and overlap beside the parabola's")
+        if layout.camera.aperture_mm > 0.0:
+            focus_figure(layout, depths_mm, path)
+            add("Focus", "Circles of confusion over depth, as focused and with the best focus")
+        if study is not None:
+            tolerance_figure(study, path)
+            add("Devices as built", "Figures of devices built with tolerances, against the accuracy of building")
+    return found
+
+
+def _figures(layout: Layout, parabola: Layout | None) -> Table:
+    if parabola is None:
+        rows = [(sentence_case(label_text(name)), value_text(metric)) for name, metric in layout.metrics.items()]
+        return Table(("Figure", "This design"), rows)
+    both = []
+    for name, metric in layout.metrics.items():
+        before = parabola.metrics.get(name)
+        texts = values_text([metric, before]) if before else [value_text(metric), ""]
+        both.append((sentence_case(label_text(name)), *texts))
+    return Table(("Figure", "This design", "Faceted parabola"), both)
+
+
+def _request(layout: Layout) -> Table:
+    assert layout.spec is not None
+    asked = layout.spec.model_dump(mode="json")
+    asked |= {"camera": layout.camera.name}
+    rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in asked.items()]
+    return Table(("Field of design.toml", "Value"), rows)

@@ -1,0 +1,54 @@
+"use strict";
+// Designs that were pinned, beside each other and the current one: pictures, figures, and what was asked for differently.
+(() => {
+  const { element } = Studio;
+  const MOST = 4;
+  const SAME = new Set(["camera"]);
+
+  Studio.Pins = class {
+    constructor(host, recall) {
+      Object.assign(this, { host, recall, pinned: [] });
+    }
+
+    pin(drawing) {
+      if (drawing.kind !== "exact" || this.pinned.some((each) => each.identity === drawing.identity)) return;
+      this.pinned = [...this.pinned, drawing].slice(-MOST);
+    }
+
+    text(value) {
+      return typeof value === "object" && value !== null ? (Array.isArray(value) ? value.join(", ") : (value.name ?? "")) : String(value);
+    }
+
+    draw(current) {
+      const { host } = this;
+      const designs = [...this.pinned, ...(current && !this.pinned.some((each) => each.identity === current.identity) ? [current] : [])];
+      host.hidden = !this.pinned.length;
+      if (host.hidden) return;
+      const cards = this.pinned.map((drawing) => {
+        const picture = element("div", { class: "drawing sensor-shape" });
+        Studio.drawSensor(picture, drawing);
+        const recall = element("button", { type: "button" }, "Go to");
+        recall.addEventListener("click", () => this.recall(drawing.spec));
+        const remove = element("button", { type: "button", "aria-label": `Remove ${drawing.title}` }, "Remove");
+        remove.addEventListener("click", () => {
+          this.pinned = this.pinned.filter((each) => each !== drawing);
+          this.draw(current);
+        });
+        return element("div", { class: "card" }, element("h3", {}, drawing.title), picture, element("p", { class: "key" }, recall, " ", remove));
+      });
+      const columns = designs.map((drawing) => [drawing === current ? `${drawing.title} (now)` : drawing.title, drawing]);
+      const names = Object.keys(designs[0].spec).filter((name) => new Set(designs.map((d) => JSON.stringify(d.spec[name]))).size > 1);
+      const asked = names.map((name) =>
+        element("tr", {}, element("th", { scope: "row" }, name), ...designs.map((d) => element("td", { class: "differs" }, this.text(d.spec[name])))),
+      );
+      const table = element("div", { class: "wide-table" });
+      Studio.drawFigures(table, columns, { title: true });
+      if (asked.length) {
+        const heading = element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, "Asked for differently"));
+        table.querySelector("tbody").prepend(heading, ...asked);
+      }
+      const note = "Marks are against the last column.";
+      host.replaceChildren(element("h2", {}, "Compare"), element("div", { class: "cards" }, ...cards), table, element("p", { class: "key" }, note));
+    }
+  };
+})();

@@ -1,0 +1,80 @@
+"use strict";
+// What is made of a design: files to keep, parts, a calibration set, everything.
+(() => {
+  const { element } = Studio;
+  const TITLES = { parts: "Parts", set: "Calibration set", run: "Everything" };
+  const STATES = { running: "works", done: "done", failed: "failed", cancelled: "cancelled" };
+
+  Studio.save = (name, text, type = "text/plain") => {
+    const address = URL.createObjectURL(new Blob([text], { type }));
+    const link = element("a", { href: address, download: name });
+    link.click();
+    URL.revokeObjectURL(address);
+  };
+
+  Studio.Maker = class {
+    constructor(host, current, built) {
+      Object.assign(this, { host, current, built, shown: new Set(), watching: false });
+    }
+
+    async file(kind, name, type) {
+      const text = await Studio.post(`/${kind}`, this.current(), "text");
+      Studio.save(name, text, type);
+    }
+
+    async start(kind) {
+      await Studio.post("/jobs", { kind, spec: this.current() });
+      this.watch();
+    }
+
+    async watch() {
+      if (this.watching) return;
+      this.watching = true;
+      try {
+        for (;;) {
+          const jobs = await (await fetch("/jobs")).json();
+          this.draw(jobs);
+          if (!jobs.some((job) => job.state === "running")) break;
+          await new Promise((resolve) => setTimeout(resolve, 700));
+        }
+      } finally {
+        this.watching = false;
+      }
+    }
+
+    draw(jobs) {
+      const open = new Set([...this.host.querySelectorAll("details[open]")].map((node) => node.dataset.job));
+      this.host.replaceChildren(...jobs.map((job) => this.row(job, open.has(String(job.number)))));
+      for (const job of jobs) {
+        if (job.kind === "parts" && job.page && !this.shown.has(job.number)) {
+          this.shown.add(job.number);
+          this.built(job.design, `/files/${job.folder}/assembly.glb`);
+        }
+      }
+    }
+
+    row(job, open) {
+      const actions = [];
+      if (job.state === "running") {
+        const cancel = element("button", { type: "button" }, "Cancel");
+        cancel.addEventListener("click", async () => {
+          cancel.disabled = true;
+          await Studio.post(`/jobs/${job.number}/cancel`, {});
+        });
+        actions.push(cancel);
+      }
+      if (job.page) {
+        actions.push(element("a", { href: `/files/${job.page}`, target: "_blank", rel: "noopener" }, "Open"));
+        actions.push(element("a", { href: `/zip/${job.folder}`, download: "" }, "ZIP"));
+      }
+      const bar = element("progress", { max: 1, "aria-label": `Progress of ${TITLES[job.kind]}` });
+      if (job.progress !== null || job.state !== "running") bar.value = job.progress ?? 0;
+      const lines = element("details", { "data-job": job.number, open }, element("summary", {}, job.command), element("pre", {}, job.lines.join("\n")));
+      return element(
+        "li", { class: `job ${job.state}` },
+        element("div", { class: "line" }, element("b", {}, TITLES[job.kind]), ` of ${job.design}: ${STATES[job.state]}, ${job.seconds.toFixed(0)} s`, bar, ...actions),
+        lines,
+      );
+    }
+  };
+})();
