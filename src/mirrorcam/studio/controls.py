@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import Field
@@ -14,7 +15,8 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 class Control(Value):
     """One control: the field of the request that it sets, and the range of its slider; a number may be beyond it.
 
-    `auto` is the text of a switch that leaves the value to the optimiser, `preset` the value when it is switched off.
+    A slider with `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
+    `preset` the value when it is switched off.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Control(Value):
     most: float = 1.0
     step: float = 1.0
     log: bool = False
+    values: tuple[float, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()
     preset: float | str | None = None
     auto: str = ""
@@ -73,6 +76,20 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
         ControlGroup(title="Mirrors", controls=_MIRRORS),
         ControlGroup(title="Limits and tolerances", open=False, controls=_LIMITS),
     )
+
+
+def snapping_groups(axes: Mapping[str, Sequence[float]]) -> tuple[ControlGroup, ...]:
+    """The controls of the fields in `axes` alone, which snap to the values there."""
+    every = {control.name: control for control in (*_VIEWS, *_SCENE)}
+    counts = every["rows"]
+    kept = [
+        *(
+            Control(name=name, label=label, values=tuple(axes[name]), help=counts.help if name == "cols" else "")
+            for name, label in (("rows", "Rows"), ("cols", "Columns"))
+        ),
+        *(every[name].replaced(values=tuple(axes[name])) for name in ("scale_mm", "tradeoff")),
+    ]
+    return (ControlGroup(title="Solved designs", controls=tuple(kept)),)
 
 
 _VIEWS = (

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from mirrorcam.optics.base.html.templates import render
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.controls import control_groups
+from mirrorcam.studio.controls import control_groups, snapping_groups
 
 WEB = Path(__file__).parent / "web"
 SCRIPTS = (
@@ -33,9 +33,26 @@ def studio_page(spec: DesignSpec, folder: Path, *, nonce: str) -> str:
         "controls": [group.model_dump(mode="json") for group in control_groups(spec)],
     }
     scripts = [*SCRIPTS, "server.js", "make.js", "main.js"]
-    return render(WEB, "studio.html", start=script_json(start), scripts=scripts, nonce=nonce, makes_into=str(folder))
+    return render(
+        WEB, "studio.html", start=script_json(start), scripts=scripts, nonce=nonce, makes_into=str(folder), atlas=""
+    )
+
+
+def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
+    """The page without a server: one file that shows the designs of an atlas, beginning with the nearest to `spec`."""
+    groups = snapping_groups(atlas["axes"])
+    start = {"spec": spec.model_dump(mode="json"), "controls": [group.model_dump(mode="json") for group in groups]}
+    return render(
+        WEB,
+        "studio.html",
+        start=script_json(start),
+        atlas=script_json(atlas),
+        scripts=[*SCRIPTS, "snapshot.js", "main.js"],
+        nonce="",
+        makes_into="",
+    )
 
 
 def script_json(value: Any) -> Markup:
     """JSON for a script element, which no text in it can end."""
-    return Markup(json.dumps(value, allow_nan=False).replace("<", "\\u003c"))
+    return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))

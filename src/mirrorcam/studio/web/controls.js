@@ -3,12 +3,19 @@
 (() => {
   const { element } = Studio;
 
-  const toSlider = (control, value) => (control.log ? Math.log(value) : value);
+  // A slider that snaps stands at the place of its value among those there are.
+  const closest = (values, value) => values.reduce((best, each, i) => (Math.abs(each - value) < Math.abs(values[best] - value) ? i : best), 0);
+  const toSlider = (control, value) => {
+    if (control.values.length) return closest(control.values, value);
+    return control.log ? Math.log(value) : value;
+  };
   const fromSlider = (control, position) => {
+    if (control.values.length) return control.values[position];
     const value = control.log ? Math.exp(position) : position;
     return +(Math.round(value / control.step) * control.step).toPrecision(10);
   };
-  const reach = (control) => [toSlider(control, control.least), toSlider(control, control.most)];
+  const reach = (control) =>
+    control.values.length ? [0, control.values.length - 1] : [toSlider(control, control.least), toSlider(control, control.most)];
 
   const row = (control, ...parts) => {
     const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
@@ -18,7 +25,7 @@
   const slider = (control, label, history, read, write) => {
     const [low, high] = reach(control);
     const range = element("input", {
-      type: "range", min: low, max: high, step: control.log ? (high - low) / 400 : control.step, "aria-label": label,
+      type: "range", min: low, max: high, step: control.values.length ? 1 : control.log ? (high - low) / 400 : control.step, "aria-label": label,
       "aria-describedby": `${control.name}-help`,
     });
     range.addEventListener("input", () => {
@@ -37,7 +44,7 @@
   const box = (control, label, history, read, write) => {
     const field = element("input", {
       type: "number", min: control.least_allowed ?? control.least, max: control.most_allowed ?? control.most, step: "any",
-      "aria-label": `${label}, number`,
+      "aria-label": `${label}, number`, readonly: control.values.length > 0,
     });
     field.addEventListener("change", () => {
       if (field.value === "" || !Number.isFinite(field.valueAsNumber)) refresh(history.spec);

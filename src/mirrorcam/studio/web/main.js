@@ -148,6 +148,7 @@
   const after = async (spec, mine) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
+    if (!byId("tolerance")) return;
     byId("tolerance").classList.add("old");
     const study = await source.tolerance(spec).catch(() => null);
     if (mine !== asking.exact || !study) return;

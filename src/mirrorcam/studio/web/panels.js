@@ -49,7 +49,7 @@
     const whole = seen.length === drawing.mirrors.length;
     const common = whole ? Studio.intersection(seen) : [];
     // The scale is that of the farthest depth, so that the field is seen to grow as the depth does.
-    const far = drawing.curves.depths_mm.at(-1);
+    const far = 1.25 * drawing.depths_mm.at(-1);
     const all = [...Studio.footprints(drawing, far).flat(), ...seen.flat()];
     const [left, top, right, bottom] = all.length ? bounds(all) : [-1, -1, 1, 1];
     const side = Math.max(right - left, (bottom - top) * 1.5) * 1.06;
@@ -124,8 +124,10 @@
     }
     const round = [20, 50, 100, 200, 300, 500, 700, 1000, 2000, 5000, 10000].filter((d) => d >= depths[0] && d <= depths.at(-1));
     round.forEach((depth, i) => {
-      const text = svg("text", { x: x(depth), y: height - 7, class: "tick", "text-anchor": "middle" });
-      text.textContent = i === round.length - 1 ? `${depth} mm` : depth;
+      const last = i === round.length - 1;
+      const place = last && x(depth) > width - 40 ? { x: width - 2, "text-anchor": "end" } : { x: x(depth), "text-anchor": "middle" };
+      const text = svg("text", { ...place, y: height - 7, class: "tick" });
+      text.textContent = last ? `${depth} mm` : depth;
       root.append(text);
     });
     for (const depth of drawing.depths_mm) {

@@ -99,7 +99,7 @@
       const mirrors = new THREE.Group();
       // Double sided without normals: flat shading finds them for each face.
       const glass = new THREE.MeshStandardMaterial({
-        color: colours.mirror, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35,
+        color: colours.mirror, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colours.mirror, emissiveIntensity: 0.35,
       });
       const edges = [];
       for (const { solid_mm: solid } of drawing.mirrors) {

@@ -1,0 +1,89 @@
+"""Solved designs for every count, scale and trade-off of a grid: what the studio shows without a server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from mirrorcam.optics.base.progress import Progress, no_progress
+from mirrorcam.optics.base.worker_pool import Died, run_local
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio import design_work
+from mirrorcam.studio.design_work import RefusedDesign, SolvedDesign
+from mirrorcam.studio.drawing import DesignDrawing
+
+
+@dataclass(frozen=True)
+class AtlasGrid:
+    """The values of an atlas: every combination of them is designed."""
+
+    rows: tuple[int, ...] = (1, 2, 3, 4, 5)
+    cols: tuple[int, ...] = (1, 2, 3, 4, 5)
+    scales_mm: tuple[float, ...] = (40.0, 60.0, 80.0, 120.0)
+    tradeoffs: tuple[float, ...] = (0.1, 0.3, 0.6)
+
+    def specs(self, common: DesignSpec) -> list[DesignSpec]:
+        """The requests; one mirror alone is none."""
+        return [
+            common.replaced(rows=rows, cols=cols, scale_mm=scale_mm, tradeoff=tradeoff)
+            for rows, cols, scale_mm, tradeoff in product(self.rows, self.cols, self.scales_mm, self.tradeoffs)
+            if rows * cols > 1
+        ]
+
+    @property
+    def axes(self) -> dict[str, list[float]]:
+        """The values of each field of the request, by its name."""
+        return {
+            "rows": [*map(float, self.rows)],
+            "cols": [*map(float, self.cols)],
+            "scale_mm": [*self.scales_mm],
+            "tradeoff": [*self.tradeoffs],
+        }
+
+
+def key_of(spec: DesignSpec) -> str:
+    """The name of a request in an atlas."""
+    return ",".join(f"{getattr(spec, name):g}" for name in AtlasGrid().axes)
+
+
+def atlas(common: DesignSpec, grid: AtlasGrid, *, workers: int, progress: Progress = no_progress) -> dict[str, Any]:
+    """The drawings of all designs of a grid by the names of their requests, as JSON can hold them.
+
+    Everything but counts, scale and trade-off is as in `common`. The faceted parabola, which the trade-off does not
+    change, is held once. Raises RuntimeError where a process that solves dies.
+    """
+    specs = grid.specs(common)
+    designs: dict[str, Any] = {}
+    parabolas: dict[str, Any] = {}
+    for number, found in sorted(_solved(specs, workers, progress)):
+        spec = specs[number]
+        if isinstance(found, RefusedDesign):
+            designs[key_of(spec)] = {"constraint": found.constraint, "finding": found.finding}
+            continue
+        designs[key_of(spec)] = _short(found.drawing)
+        if found.parabola_drawing is not None:
+            parabolas[_shape(spec)] = _short(found.parabola_drawing)
+    return {"axes": grid.axes, "designs": designs, "parabolas": parabolas}
+
+
+def _shape(spec: DesignSpec) -> str:
+    return key_of(spec).rpartition(",")[0]
+
+
+def _short(drawing: DesignDrawing) -> dict[str, Any]:
+    """A drawing without the request, which its name tells."""
+    return drawing.model_dump(mode="json", exclude={"spec"})
+
+
+def _solved(
+    specs: Sequence[DesignSpec], workers: int, progress: Progress
+) -> Iterator[tuple[int, SolvedDesign | RefusedDesign]]:
+    """The designs by the numbers of their requests, as they come."""
+    answers = run_local(specs, workers, design_work.solve, preload=design_work.PRELOAD)
+    for done, (number, found) in enumerate(answers, 1):
+        if isinstance(found, Died):
+            raise RuntimeError(f"{key_of(specs[number])}: {found.reason}")
+        progress(done, len(specs))
+        yield number, found
