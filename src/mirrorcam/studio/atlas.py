@@ -11,8 +11,7 @@ from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.worker_pool import Died, run_local
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_work import RefusedDesign, SolvedDesign
-from mirrorcam.studio.drawing import DesignDrawing
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
 
 
 @dataclass(frozen=True)

@@ -1,45 +1,30 @@
-"""Work on designs that processes of the studio do: solving, previewing, evaluating. Each gives what the page draws."""
+"""Work on designs that processes of the studio do. What is slow to load is loaded there, not by the server."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.design.assess.layout_metrics import evaluate
-from mirrorcam.optics.design.assess.monte_carlo import study
-from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.studio.drawing import DesignDrawing, design_drawing
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.tolerance_values import ToleranceBars
 
-PRELOAD = ("mirrorcam.studio.design_work",)
-
-
-@dataclass(frozen=True)
-class SolvedDesign:
-    """A design and, where its request has one, the faceted parabola, both with figures; and the drawings of the two."""
-
-    layout: Layout
-    drawing: DesignDrawing
-    parabola: Layout | None
-    parabola_drawing: DesignDrawing | None
-
-
-@dataclass(frozen=True)
-class RefusedDesign:
-    """A request that no design meets: the constraint that cannot hold, and by how much it is missed."""
-
-    constraint: str
-    finding: str
+PRELOAD = (
+    "mirrorcam.studio.drawing",
+    "mirrorcam.studio.tolerance_bars",
+    "mirrorcam.optics.design.optimise",
+    "mirrorcam.optics.design.program.seeds",
+)
+"""What processes that do this work load before they are asked."""
 
 
 def solve(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
     """The exact design of a request, or why there is none."""
+    from mirrorcam.optics.design.optimise import design
+
     try:
         layout = design(spec)
     except InfeasibleDesign as error:
@@ -51,6 +36,8 @@ def solve(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """A layout that was solved before, with its parabola and their drawings."""
+    from mirrorcam.studio.drawing import design_drawing
+
     parabola = parabola_of(spec)
     drawing = None if parabola is None else design_drawing(parabola, spec, "parabola")
     return SolvedDesign(layout, design_drawing(layout, spec, "exact"), parabola, drawing)
@@ -58,6 +45,10 @@ def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
 
 def parabola_of(spec: DesignSpec) -> Layout | None:
     """A request's faceted parabola with its figures; None where it has none."""
+    from mirrorcam.optics.design.assess.layout_metrics import evaluate
+    from mirrorcam.optics.design.assess.verify import verify
+    from mirrorcam.optics.design.program.seeds import faceted_parabola
+
     try:
         layout = faceted_parabola(spec)
         figures = {"metrics": evaluate(layout, sorted(spec.depths_mm)), "verdict": verify(layout, spec)}
@@ -68,17 +59,27 @@ def parabola_of(spec: DesignSpec) -> Layout | None:
 
 def preview(spec: DesignSpec, solved: Sequence[Layout]) -> DesignDrawing | None:
     """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola."""
+    from mirrorcam.studio.drawing import design_drawing
+
     layout = parabola_of(spec)
     return None if layout is None else design_drawing(layout, spec, "parabola")
 
 
 def report(layout: Layout, parabola: Layout | None) -> str:
     """The report of a design as one HTML file, with a study of devices as built."""
+    from mirrorcam.optics.design.assess.monte_carlo import study
     from mirrorcam.pages.design_report import design_report
 
     assert layout.spec is not None
     built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm))
     return design_report(layout, parabola, built)
+
+
+def tolerance(layout: Layout) -> ToleranceBars:
+    """What devices built by hand can be expected to reach."""
+    from mirrorcam.studio.tolerance_bars import tolerance_bars
+
+    return tolerance_bars(layout)
 
 
 def at_low_priority() -> None:

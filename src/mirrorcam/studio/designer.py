@@ -10,9 +10,8 @@ from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_work import RefusedDesign, SolvedDesign
-from mirrorcam.studio.drawing import DesignDrawing
-from mirrorcam.studio.tolerance_bars import ToleranceBars, tolerance_bars
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.tolerance_values import ToleranceBars
 
 MOST_KEPT = 200
 
@@ -49,8 +48,9 @@ class Designer:
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Take a design that was solved before, such as that of a file."""
+        found = self._previewer.call(design_work.described, spec, layout)
         with self._lock:
-            self._kept[spec] = design_work.described(spec, layout)
+            self._kept[spec] = found
 
     def solve(self, spec: DesignSpec) -> SolvedDesign | RefusedDesign:
         """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded."""
@@ -103,7 +103,7 @@ class Designer:
 
         Raises InputError for a design that is not solved, or that cannot be built so.
         """
-        return self._analyst.call(tolerance_bars, self.solved(spec).layout)
+        return self._analyst.call(design_work.tolerance, self.solved(spec).layout)
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
 
 import numpy as np
 from shapely import Polygon
 
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.figure_texts import label_text, limit_text, sentence_case, value_text
-from mirrorcam.optics.base.values import FloatArray, Metric, Value
+from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
 from mirrorcam.optics.design.assess.verify import verify
@@ -18,9 +17,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, sub_images, vertices
-
-Kind = Literal["exact", "preview", "parabola"]
-"""How the mirrors of a drawing were found: by the optimiser, from designs nearby, or as facets of a paraboloid."""
+from mirrorcam.studio.design_values import Curves, DesignDrawing, FigureText, Kind, MirrorDrawing, ViewRays
 
 GROUPS: Mapping[str, Sequence[str]] = {
     "Overlap of the views": ("usable_efficiency", "pixel_efficiency", "overlap_iou", "whole_pupil", "grid_error"),
@@ -35,72 +32,6 @@ CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
 BEYOND = 2.2
 """How many times the farthest working depth the curves reach."""
 MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
-
-
-class MirrorDrawing(Value):
-    """One mirror: the corners (2n, 3) of its glass and its chief ray (3, 3) in view axes, mm; outlines (k, 2), px."""
-
-    name: str
-    solid_mm: list[list[float]]
-    chief_mm: list[list[float]]
-    outline_px: list[list[float]]
-    usable_px: list[list[float]]
-
-
-class ViewRays(Value):
-    """Rays along the corners of each view's field, in view axes: points (m, 3), mm, directions (m, 3) with z = 1."""
-
-    mirror: list[int]
-    points_mm: list[list[float]]
-    directions: list[list[float]]
-    reach_mm: float
-
-
-class Curves(Value):
-    """Figures over depth; sigma is null where the views share nothing, and left out of a preview."""
-
-    depths_mm: list[float]
-    usable: list[float]
-    disparity_px: list[float]
-    resolution_mm: list[float]
-    sigma_mm: list[float | None]
-
-
-class FigureText(Value):
-    """A metric as people read it."""
-
-    name: str
-    label: str
-    text: str
-    value: float
-    limit: str
-    passed: bool
-    lower_is_better: bool
-
-
-class DesignDrawing(Value):
-    """A design as the pages draw it; lengths in view axes (x right, y down, z forward, origin at the pupil), mm."""
-
-    kind: Kind
-    title: str
-    identity: str
-    spec: dict[str, Any]
-    depths_mm: list[float]
-    view_from_rig: list[list[float]]
-    sensor_px: tuple[int, int]
-    body_mm: list[list[float]]
-    mirrors: list[MirrorDrawing]
-    rays: ViewRays
-    common_px: list[list[list[list[float]]]]
-    """For each working depth, in each mirror, the outline (k, 2) of the region that all views share."""
-    centres_mm: list[list[float]]
-    grid_mm: list[list[float]]
-    neighbours: list[tuple[int, int]]
-    central: int
-    curves: Curves
-    range_mm: tuple[float, float] | None
-    figures: dict[str, list[FigureText]]
-    verdict: list[FigureText]
 
 
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:

@@ -21,7 +21,7 @@ from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_process import WorkerDied
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_folder import write_folder, zipped
-from mirrorcam.studio.design_work import SolvedDesign
+from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer, Superseded
 from mirrorcam.studio.jobs import JobKind, Jobs
 from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess

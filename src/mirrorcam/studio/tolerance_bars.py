@@ -4,29 +4,11 @@ from __future__ import annotations
 
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case, value_text
-from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.design.assess.monte_carlo import study
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
-
-
-class ToleranceBar(Value):
-    """One figure: of the design, and the range of 90 % of the devices with their median."""
-
-    label: str
-    design: float
-    low: float
-    median: float
-    high: float
-    text: str
-
-
-class ToleranceBars(Value):
-    """All figures of a study, and what was assumed."""
-
-    assumed: str
-    hidden: float
-    bars: list[ToleranceBar]
+from mirrorcam.studio.tolerance_values import ToleranceBar, ToleranceBars
 
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:

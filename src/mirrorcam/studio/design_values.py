@@ -1,0 +1,96 @@
+"""What the pages draw of a design, as values; `drawing` makes them. Nothing slow is imported here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.geometry.layout import Layout
+
+Kind = Literal["exact", "preview", "parabola"]
+"""How the mirrors of a drawing were found: by the optimiser, from designs nearby, or as facets of a paraboloid."""
+
+
+class MirrorDrawing(Value):
+    """One mirror: the corners (2n, 3) of its glass and its chief ray (3, 3) in view axes, mm; outlines (k, 2), px."""
+
+    name: str
+    solid_mm: list[list[float]]
+    chief_mm: list[list[float]]
+    outline_px: list[list[float]]
+    usable_px: list[list[float]]
+
+
+class ViewRays(Value):
+    """Rays along the corners of each view's field, in view axes: points (m, 3), mm, directions (m, 3) with z = 1."""
+
+    mirror: list[int]
+    points_mm: list[list[float]]
+    directions: list[list[float]]
+    reach_mm: float
+
+
+class Curves(Value):
+    """Figures over depth; sigma is null where the views share nothing, and left out of a preview."""
+
+    depths_mm: list[float]
+    usable: list[float]
+    disparity_px: list[float]
+    resolution_mm: list[float]
+    sigma_mm: list[float | None]
+
+
+class FigureText(Value):
+    """A metric as people read it."""
+
+    name: str
+    label: str
+    text: str
+    value: float
+    limit: str
+    passed: bool
+    lower_is_better: bool
+
+
+class DesignDrawing(Value):
+    """A design as the pages draw it; lengths in view axes (x right, y down, z forward, origin at the pupil), mm."""
+
+    kind: Kind
+    title: str
+    identity: str
+    spec: dict[str, Any]
+    depths_mm: list[float]
+    view_from_rig: list[list[float]]
+    sensor_px: tuple[int, int]
+    body_mm: list[list[float]]
+    mirrors: list[MirrorDrawing]
+    rays: ViewRays
+    common_px: list[list[list[list[float]]]]
+    """For each working depth, in each mirror, the outline (k, 2) of the region that all views share."""
+    centres_mm: list[list[float]]
+    grid_mm: list[list[float]]
+    neighbours: list[tuple[int, int]]
+    central: int
+    curves: Curves
+    range_mm: tuple[float, float] | None
+    figures: dict[str, list[FigureText]]
+    verdict: list[FigureText]
+
+
+@dataclass(frozen=True)
+class SolvedDesign:
+    """A design and, where its request has one, the faceted parabola, both with figures; and the drawings of the two."""
+
+    layout: Layout
+    drawing: DesignDrawing
+    parabola: Layout | None
+    parabola_drawing: DesignDrawing | None
+
+
+@dataclass(frozen=True)
+class RefusedDesign:
+    """A request that no design meets: the constraint that cannot hold, and by how much it is missed."""
+
+    constraint: str
+    finding: str
