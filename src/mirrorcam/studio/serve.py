@@ -51,6 +51,18 @@ def _bound(port: int) -> socket.socket:
     return listening
 
 
+class _Server(uvicorn.Server):
+    """A server that ends what it waits for before it waits."""
+
+    def __init__(self, config: uvicorn.Config, end: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._end = end
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._end()
+        await super().shutdown(sockets)
+
+
 def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callable[[str], None]) -> int:
     """Serve until Ctrl-C; returns 0."""
     listening = _bound(port)
@@ -61,9 +73,8 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callab
         designer.keep(opening.spec, opening.layout)
     jobs = Jobs(out)
     app = studio_app(opening.spec, designer, jobs, listening.getsockname()[1])
-    server = uvicorn.Server(
-        uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
-    )
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
+    server = _Server(config, designer.close)
     tell(f"{address} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(address)

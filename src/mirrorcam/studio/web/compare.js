@@ -41,7 +41,7 @@
       const asked = names.map((name) =>
         element("tr", {}, element("th", { scope: "row" }, name), ...designs.map((d) => element("td", { class: "differs" }, this.text(d.spec[name])))),
       );
-      const table = element("div", { class: "wide-table" });
+      const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
       Studio.drawFigures(table, columns, { title: true });
       if (asked.length) {
         const heading = element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, "Asked for differently"));

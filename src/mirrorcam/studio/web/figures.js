@@ -40,7 +40,7 @@
   Studio.drawFigures = (host, columns, { title = true } = {}) => {
     const [, first] = columns[0];
     const reference = columns.length > 1 ? columns.at(-1)[1] : null;
-    const heads = element("tr", {}, element("th", { scope: "col" }, ""), ...columns.map(([name]) => element("th", { scope: "col" }, name)));
+    const heads = element("tr", {}, element("th", { scope: "col" }, "Figure"), ...columns.map(([name]) => element("th", { scope: "col" }, name)));
     const body = [];
     for (const [group, figures] of Object.entries(first.figures)) {
       if (title) body.push(element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: columns.length + 1 }, group)));
@@ -60,7 +60,7 @@
     const rows = drawing.verdict.map((figure) =>
       element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, figure.text), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
     );
-    const heads = element("tr", {}, ...["", "found", "limit", ""].map((text) => element("th", { scope: "col" }, text)));
+    const heads = element("tr", {}, ...["Check", "Found", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
     host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...rows)));
   };
 })();

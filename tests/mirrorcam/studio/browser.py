@@ -1,0 +1,128 @@
+"""A real browser that looks at pages of the studio, and watches that they behave."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from mirrorcam.optics.base.values import InputError
+
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+# Software rendering, so that 3-D graphics are there without a graphics card; nothing that talks to the maker's servers.
+FLAGS = (
+    *("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run"),
+)
+WIDE, NARROW = (1400, 950), (390, 844)
+SHIFTS = """
+window.shifts = [];
+new PerformanceObserver((list) => {
+  for (const entry of list.getEntries()) {
+    if (!entry.hadRecentInput) {
+      window.shifts.push([entry.value, ...entry.sources.map((s) => s.node?.id || s.node?.className || s.node?.nodeName)]);
+    }
+  }
+}).observe({ type: "layout-shift", buffered: true });
+"""
+
+
+def chromium() -> str | None:
+    """The system's Chromium, None where there is none."""
+    return next((path for name in CHROMIUM if (path := shutil.which(name))), None)
+
+
+@dataclass
+class Watched:
+    """A page, and what went wrong on it: errors, messages of its console, requests to other places."""
+
+    page: Any
+    errors: list[str] = field(default_factory=list)
+    outside: list[str] = field(default_factory=list)
+
+    def open(self, address: str) -> None:
+        """Go to an address, from which on the page may fetch from the same place alone."""
+        own = address.split("/", 3)[:3]
+
+        def asked(request: Any) -> None:
+            if request.url.split("/", 3)[:3] != own and not request.url.startswith(("data:", "blob:")):
+                self.outside.append(request.url)
+
+        self.page.on("request", asked)
+        self.page.goto(address)
+
+    def settled(self) -> None:
+        """Wait until the newest request is solved, or refused."""
+        self.page.wait_for_selector("#status.exact, #status.failed", timeout=60_000)
+
+    def shifts(self) -> list[list[Any]]:
+        """Layout shifts that no one caused by a click or a key: size, and what moved."""
+        found: list[list[Any]] = self.page.evaluate("window.shifts")
+        return found
+
+    @property
+    def status(self) -> str:
+        """What the page says of the design."""
+        return str(self.page.inner_text("#status"))
+
+    @property
+    def drawn(self) -> dict[str, Any]:
+        """The drawing that the page shows."""
+        found: dict[str, Any] = self.page.evaluate("Studio.designer.state.drawing")
+        return found
+
+
+@contextmanager
+def browser_page(
+    browser: Any, size: tuple[int, int] = WIDE, scheme: Literal["light", "dark"] = "light", **context: Any
+) -> Iterator[Watched]:
+    """A new page of a browser, without what others have stored."""
+    width, height = size
+    opened = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, **context)
+    opened.add_init_script(SHIFTS)
+    watched = Watched(opened.new_page())
+    watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
+    watched.page.on("console", lambda message: _note(watched, message))
+    try:
+        yield watched
+    finally:
+        opened.close()
+
+
+# Of the software renderer; and answers that refuse what was asked for, which the page shows.
+EXPECTED = ("GPU stall due to ReadPixels", "status of 422")
+
+
+def _note(watched: Watched, message: Any) -> None:
+    if message.type in ("error", "warning") and not any(text in message.text for text in EXPECTED):
+        watched.errors.append(message.text)
+
+
+@contextmanager
+def served(folder: Path, *arguments: str) -> Iterator[str]:
+    """The address of a studio that a process of its own serves."""
+    command = [sys.executable, "-m", "mirrorcam", "studio", "--no-browser", "--port", "0", "--out", str(folder)]
+    process = subprocess.Popen(
+        [*command, *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        # As in a terminal: jobs in the background of a script ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    if "http" not in line:
+        raise InputError(f"the studio printed {line!r}, expected its address")
+    try:
+        yield line.split()[1]
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)

@@ -1,0 +1,206 @@
+"""The studio's page in a real browser: drag, release, undo, address, refusal, comparison, and a page without a server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.atlas import AtlasGrid, atlas
+from mirrorcam.studio.page import script_json, snapshot_page, studio_page
+from mirrorcam.workflow.design_request import read_request
+from tests.mirrorcam.studio.browser import NARROW, WIDE, Watched, browser_page
+from tests.shared import built_once
+
+SMALL = "#rows=1&cols=2&depths_mm=300"
+"""A design that is solved in half a second."""
+
+
+@pytest.fixture
+def page(browser: Any, studio: tuple[str, Path]) -> Any:
+    with browser_page(browser, accept_downloads=True) as watched:
+        yield watched
+        assert watched.errors == []
+        assert watched.outside == []
+
+
+def opened(page: Watched, studio: tuple[str, Path], address: str = SMALL) -> None:
+    page.open(studio[0] + address)
+    page.settled()
+
+
+def test_it_opens_with_the_exact_design_of_its_address(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    assert page.status.startswith("Exact: all")
+    assert page.drawn["kind"] == "exact"
+    assert len(page.drawn["mirrors"]) == 2
+    assert page.page.locator("#sensor path.mirror").count() == 2
+    assert page.page.locator("#stage canvas").is_visible()
+    assert "faceted parabola" in page.page.inner_text("#figures")
+
+
+def test_a_preview_follows_the_slider_and_the_exact_design_its_release(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    before = page.drawn["identity"]
+    # As a pointer moves it: many inputs, one change at the end.
+    page.page.evaluate(
+        """() => {
+      const range = document.querySelector('[data-name="scale_mm"] input[type=range]');
+      range.value = Math.log(95);
+      range.dispatchEvent(new Event("input", { bubbles: true }));
+    }"""
+    )
+    page.page.wait_for_selector("#status.preview")
+    assert page.drawn["kind"] != "exact"
+    assert page.drawn["spec"]["scale_mm"] == 95.0
+    page.page.evaluate(
+        """() => document.querySelector('[data-name="scale_mm"] input[type=range]').dispatchEvent(new Event("change"))"""
+    )
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["kind"] == "exact"
+    assert page.drawn["spec"]["scale_mm"] == 95.0
+    assert page.drawn["identity"] != before
+    assert "scale_mm=95" in page.page.url
+    page.page.click("#undo")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["identity"] == before
+    page.page.click("#redo")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["spec"]["scale_mm"] == 95.0
+
+
+def test_an_address_gives_the_same_design_again(browser: Any, page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, f"{SMALL}&scale_mm=60&surface=second")
+    assert page.drawn["spec"]["surface"] == "second"
+    with browser_page(browser) as other:
+        other.open(page.page.url)
+        other.settled()
+        assert other.drawn["identity"] == page.drawn["identity"]
+
+
+def test_the_keyboard_alone_changes_a_design(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    for _ in range(60):
+        page.page.keyboard.press("Tab")
+        if page.page.evaluate("document.activeElement.getAttribute('aria-label')") == "Columns":
+            break
+    page.page.keyboard.press("ArrowRight")
+    page.page.wait_for_selector("#sensor path.mirror >> nth=2")
+    page.settled()
+    assert page.drawn["spec"]["cols"] == 3
+    page.page.keyboard.press("Control+z")
+    page.settled()
+    assert page.drawn["spec"]["cols"] == 2
+
+
+def test_a_design_that_cannot_be_says_why(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, "#seen_gap_mm=200")
+    assert page.status == "Cannot be"
+    assert page.page.is_visible("#infeasible")
+    assert "sub-images cannot be 200 mm apart" in page.page.inner_text("#finding")
+
+
+def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, "#rows=99")
+    assert page.status == "Not a request"
+    assert "rows" in page.page.inner_text("#finding")
+
+
+def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.click("#pin")
+    page.page.get_by_role("spinbutton", name="Scale, number").fill("100")
+    page.page.keyboard.press("Enter")
+    page.page.wait_for_selector("#status.exact")
+    text = page.page.inner_text("#compare")
+    assert "1 x 2, 80 mm" in text
+    assert "1 x 2, 100 mm (now)" in text
+    assert "scale_mm" in text
+    page.page.click("#compare >> text=Go to")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["spec"]["scale_mm"] == 80.0
+
+
+def test_files_of_a_design_are_saved_and_opened_again(page: Watched, studio: tuple[str, Path], tmp_path: Path) -> None:
+    opened(page, studio, f"{SMALL}&scale_mm=70")
+    identity = page.drawn["identity"]
+
+    def saved(button: str) -> Path:
+        with page.page.expect_download() as download:
+            page.page.click(f"[data-file={button}]")
+        path = tmp_path / download.value.suggested_filename
+        download.value.save_as(path)
+        return path
+
+    assert Layout.load(saved("layout")).identity == identity
+    request = saved("request")
+    assert read_request(request).scale_mm == 70.0
+    report = saved("report").read_text(encoding="utf-8")
+    assert identity in report
+    assert report.count("data:image/png;base64,") == 3
+    page.page.get_by_role("spinbutton", name="Scale, number").fill("90")
+    page.page.keyboard.press("Enter")
+    page.page.wait_for_selector("#status.exact")
+    page.page.set_input_files("#open", request)
+    page.page.wait_for_selector("#make-note:has-text('opened')")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["identity"] == identity
+    page.page.set_input_files("#open", {"name": "bad.toml", "mimeType": "text/plain", "buffer": b"rows = 'three'"})
+    page.page.wait_for_selector("#make-note:has-text('bad.toml')")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
+def test_nothing_shifts_and_everything_is_accessible(
+    browser: Any, studio: tuple[str, Path], size: tuple[int, int], scheme: Literal["light", "dark"]
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    with browser_page(browser, size, scheme) as watched:
+        watched.open(studio[0] + SMALL)
+        watched.settled()
+        watched.page.click("#pin")
+        watched.page.wait_for_timeout(500)
+        assert [shift for shift in watched.shifts() if shift[0] > 0.005] == []
+        wider = watched.page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert wider <= 0
+        found = axe.Axe().run(watched.page).response["violations"]
+        assert [(each["id"], [node["html"][:120] for node in each["nodes"][:3]]) for each in found] == []
+        assert watched.errors == []
+
+
+def test_a_page_without_a_server_shows_the_designs_that_it_carries(
+    browser: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    spec = DesignSpec(depths_mm=(300.0,))
+    grid = AtlasGrid(rows=(1, 2), cols=(1, 2), scales_mm=(60.0, 80.0), tradeoffs=(0.3,))
+
+    def write(folder: Path) -> None:
+        folder.mkdir()
+        page = snapshot_page(spec, atlas(spec, grid, workers=1))
+        (folder / "page.html").write_text(page, encoding="utf-8")
+
+    path = built_once(tmp_path_factory, "studio_snapshot", write) / "page.html"
+    with browser_page(browser) as watched:
+        watched.page.goto(path.as_uri() + "#rows=2&cols=2")
+        watched.settled()
+        assert len(watched.drawn["mirrors"]) == 4
+        watched.page.get_by_role("slider", name="Scale").press("ArrowLeft")
+        watched.settled()
+        assert watched.drawn["title"] == "2 x 2, 60 mm"
+        watched.page.get_by_role("slider", name="Rows").press("ArrowLeft")
+        watched.page.get_by_role("slider", name="Columns").press("ArrowLeft")
+        watched.page.wait_for_selector("#status.failed")
+        assert "at least two" in watched.page.inner_text("#finding")
+        assert watched.errors == []
+
+
+def test_only_scripts_with_the_nonce_run() -> None:
+    page = studio_page(DesignSpec(), Path("somewhere"), nonce="abc")
+    assert page.count("<script") == page.count('nonce="abc"') - page.count("<style")
+
+
+def test_no_text_ends_the_script_that_holds_it() -> None:
+    assert "<" not in script_json({"name": "</script><script>alert(1)"})
