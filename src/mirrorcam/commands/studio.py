@@ -23,8 +23,10 @@ class StudioOptions(Value):
     """Change a design by hand on a page of this machine, in the browser; Ctrl-C ends it."""
 
     design: tyro.conf.Positional[
-        Annotated[Path | None, tyro.conf.arg(metavar="[layout.json|design.toml]", help_behavior_hint="")]
-    ] = Field(default=None, description="layout or request to begin with; without, the default design")
+        Annotated[Path | None, tyro.conf.arg(metavar="[layout.json|design.toml|SWEEP]", help_behavior_hint="")]
+    ] = Field(
+        default=None, description="layout, request or sweep to begin with; without, the default design"
+    )
     port: int = PORT.field(8610, "port of the page on the loopback address; 0: any that is free")
     no_browser: bool = Field(default=False, description="do not open the browser, only print the address")
     out: Path = Field(default=Path("output/studio"), description="folder for what is built and rendered from the page")

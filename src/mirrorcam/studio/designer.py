@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
@@ -30,6 +32,7 @@ class Designer:
         self._solver = WorkerProcess(preload=design_work.PRELOAD)
         self._previewer = WorkerProcess(preload=design_work.PRELOAD)
         self._analyst = WorkerProcess(preload=design_work.PRELOAD)
+        self._stored: dict[DesignSpec, Path] = {}
         self._lock = threading.Lock()
         self._turn = threading.Lock()
         self._newest = 0
@@ -52,6 +55,10 @@ class Designer:
         with self._lock:
             self._kept[spec] = found
 
+    def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
+        """Take the files of layouts that were solved before, such as of a sweep: each is read when it is asked for."""
+        self._stored = dict(stored)
+
     def solve(self, spec: DesignSpec) -> SolvedDesign | RefusedDesign:
         """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded."""
         with self._lock:
@@ -59,6 +66,9 @@ class Designer:
             self._newest += 1
             mine = self._newest
             stale = self._solving is not None and self._solving != spec
+        if kept is None and spec in self._stored:
+            self.keep(spec, Layout.load(self._stored[spec]))
+            kept = self._kept[spec]
         if kept is not None:
             return kept
         if stale:

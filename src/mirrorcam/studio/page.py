@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from markupsafe import Markup
 from mirrorcam.optics.base.html.templates import render
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import control_groups, snapping_groups
+from mirrorcam.studio.sweep_points import SweepPoint
 
 WEB = Path(__file__).parent / "web"
 SCRIPTS = (
@@ -23,14 +25,24 @@ SCRIPTS = (
     "figures.js",
     "compare.js",
     "tolerance.js",
+    "sweep.js",
 )
 
 
-def studio_page(spec: DesignSpec, folder: Path, *, nonce: str) -> str:
+@dataclass(frozen=True)
+class PageStart:
+    """What the page begins with: a request, and the designs of a sweep to choose from."""
+
+    spec: DesignSpec
+    sweep: tuple[SweepPoint, ...] = ()
+
+
+def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
     """The page that a server gives, which writes into a folder; only scripts and styles with the nonce run."""
     start = {
-        "spec": spec.model_dump(mode="json"),
-        "controls": [group.model_dump(mode="json") for group in control_groups(spec)],
+        "spec": begin.spec.model_dump(mode="json"),
+        "controls": [group.model_dump(mode="json") for group in control_groups(begin.spec)],
+        "sweep": [point.model_dump(mode="json") for point in begin.sweep],
     }
     scripts = [*SCRIPTS, "server.js", "make.js", "main.js"]
     return render(
@@ -41,7 +53,8 @@ def studio_page(spec: DesignSpec, folder: Path, *, nonce: str) -> str:
 def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
     """The page without a server: one file that shows the designs of an atlas, beginning with the nearest to `spec`."""
     groups = snapping_groups(atlas["axes"])
-    start = {"spec": spec.model_dump(mode="json"), "controls": [group.model_dump(mode="json") for group in groups]}
+    controls = [group.model_dump(mode="json") for group in groups]
+    start = {"spec": spec.model_dump(mode="json"), "controls": controls, "sweep": []}
     return render(
         WEB,
         "studio.html",

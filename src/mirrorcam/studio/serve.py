@@ -11,12 +11,16 @@ from pathlib import Path
 import uvicorn
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs
+from mirrorcam.studio.page import PageStart
 from mirrorcam.studio.server import studio_app
+from mirrorcam.studio.sweep_points import sweep_points
 from mirrorcam.workflow.design_request import read_request
+from mirrorcam.workflow.design_sweep import finished_designs
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
@@ -25,16 +29,23 @@ ENDING_S = 2
 
 @dataclass(frozen=True)
 class Opening:
-    """What the page begins with: a request and, where it was solved before, its layout."""
+    """What the page begins with: a request and, where it was solved before, its layout; and the designs of a sweep."""
 
     spec: DesignSpec
     layout: Layout | None = None
+    sweep: tuple[tuple[Outcome, Path], ...] = ()
 
 
 def opened(path: Path | None) -> Opening:
-    """What a file holds: a designed layout with its request, or a request alone. Raises InputError in one line."""
+    """What a file or the folder of a sweep holds: a designed layout, a request alone, or many designs.
+
+    Raises InputError in one line.
+    """
     if path is None:
         return Opening(DesignSpec())
+    if path.is_dir():
+        designs = tuple(finished_designs(path))
+        return Opening(designs[0][0].spec, sweep=designs)
     spec = read_request(path)
     layout = Layout.load(path) if "mirrors" in path.read_text(encoding="utf-8") else None
     return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
@@ -71,8 +82,10 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callab
     designer.start()
     if opening.layout is not None:
         designer.keep(opening.spec, opening.layout)
+    designer.offer({outcome.spec: path for outcome, path in opening.sweep})
     jobs = Jobs(out)
-    app = studio_app(opening.spec, designer, jobs, listening.getsockname()[1])
+    start = PageStart(opening.spec, tuple(sweep_points([outcome for outcome, _ in opening.sweep])))
+    app = studio_app(start, designer, jobs, listening.getsockname()[1])
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
     server = _Server(config, designer.close)
     tell(f"{address} (Ctrl-C ends it)")

@@ -25,7 +25,7 @@ from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer, Superseded
 from mirrorcam.studio.jobs import JobKind, Jobs
 from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess
-from mirrorcam.studio.page import studio_page
+from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.workflow.design_request import request_of, request_toml
 
 
@@ -150,11 +150,11 @@ class JobAnswers:
         ]
 
 
-def studio_app(spec: DesignSpec, designer: Designer, jobs: Jobs, port: int) -> Starlette:
-    """The application; `spec` is what the page begins with."""
+def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> Starlette:
+    """The application; `start` is what the page begins with."""
 
     async def page(request: Request) -> Response:
-        return HTMLResponse(studio_page(spec, jobs.root, nonce=request.scope["nonce"]))
+        return HTMLResponse(studio_page(start, jobs.root, nonce=request.scope["nonce"]))
 
     return Starlette(
         routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],

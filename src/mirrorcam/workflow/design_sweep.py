@@ -78,6 +78,19 @@ class Results:
         return record.outcome
 
 
+def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
+    """The solved designs in the folder of a sweep, each with its layout's file; raises InputError where none is."""
+    found = []
+    for path in sorted((folder / "results").glob("*.json")):
+        record = read_record(Record, path)
+        layout = folder / "layouts" / path.name
+        if record is not None and record.outcome.status == "solved" and layout.is_file():
+            found.append((record.outcome, layout))
+    if not found:
+        raise InputError(f"{folder}: holds no solved design, expected the folder of a `mirrorcam sweep`")
+    return found
+
+
 def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
     """The outcome of a spec, from the answer of a worker or the death of all that tried it."""
     if isinstance(got, Died):

@@ -27,7 +27,8 @@ window.shifts = [];
 new PerformanceObserver((list) => {
   for (const entry of list.getEntries()) {
     if (!entry.hadRecentInput) {
-      window.shifts.push([entry.value, ...entry.sources.map((s) => s.node?.id || s.node?.className || s.node?.nodeName)]);
+      const name = ({ node }) => node?.id || node?.className || node?.nodeName;
+      window.shifts.push([entry.value, ...entry.sources.map(name)]);
     }
   }
 }).observe({ type: "layout-shift", buffered: true });
@@ -114,8 +115,6 @@ def served(folder: Path, *arguments: str) -> Iterator[str]:
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
-        # As in a terminal: jobs in the background of a script ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert process.stdout is not None
     line = process.stdout.readline()
@@ -124,5 +123,5 @@ def served(folder: Path, *arguments: str) -> Iterator[str]:
     try:
         yield line.split()[1]
     finally:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
         process.wait(20)

@@ -1,4 +1,4 @@
-"""The studio's page in a real browser: drag, release, undo, address, refusal, comparison, and a page without a server."""
+"""The studio's page in a real browser: drag, release, undo, address, refusal, comparison, and without a server."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.atlas import AtlasGrid, atlas
-from mirrorcam.studio.page import script_json, snapshot_page, studio_page
+from mirrorcam.studio.page import PageStart, script_json, snapshot_page, studio_page
 from mirrorcam.workflow.design_request import read_request
 from tests.mirrorcam.studio.browser import NARROW, WIDE, Watched, browser_page
 from tests.shared import built_once
@@ -56,9 +56,7 @@ def test_a_preview_follows_the_slider_and_the_exact_design_its_release(page: Wat
     page.page.wait_for_selector("#status.preview")
     assert page.drawn["kind"] != "exact"
     assert page.drawn["spec"]["scale_mm"] == 95.0
-    page.page.evaluate(
-        """() => document.querySelector('[data-name="scale_mm"] input[type=range]').dispatchEvent(new Event("change"))"""
-    )
+    page.page.dispatch_event("[data-name=scale_mm] input[type=range]", "change")
     page.page.wait_for_selector("#status.exact")
     assert page.drawn["kind"] == "exact"
     assert page.drawn["spec"]["scale_mm"] == 95.0
@@ -198,7 +196,7 @@ def test_a_page_without_a_server_shows_the_designs_that_it_carries(
 
 
 def test_only_scripts_with_the_nonce_run() -> None:
-    page = studio_page(DesignSpec(), Path("somewhere"), nonce="abc")
+    page = studio_page(PageStart(DesignSpec()), Path("somewhere"), nonce="abc")
     assert page.count("<script") == page.count('nonce="abc"') - page.count("<style")
 
 

@@ -183,6 +183,7 @@
   let refresh = () => {};
   const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.spec), (settled) => {
     refresh(history.spec);
+    mark(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
@@ -192,6 +193,7 @@
     } else preview(history.spec, Studio.touchedAt);
   });
   Studio.designer = { history, state };
+  const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
   addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.spec)));
 
@@ -273,6 +275,7 @@
   });
 
   refresh(history.spec);
+  mark(history.spec);
   byId("undo").disabled = byId("redo").disabled = true;
   preview(history.spec, 0).then(() => performance.mark("first picture"));
   solve(history.spec);
