@@ -1,0 +1,96 @@
+"""What the studio's server answers: designs, refusals, files of its folder and nothing beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from starlette.testclient import TestClient
+
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.designer import Designer
+from mirrorcam.studio.jobs import Jobs
+from mirrorcam.studio.page import PageStart
+from mirrorcam.studio.server import studio_app
+
+PORT = 8610
+SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
+JSON = {"content-type": "application/json"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("root")
+    (root / "studio" / "some").mkdir(parents=True)
+    (root / "studio" / "some" / "file.txt").write_text("inside")
+    (root / "secret.txt").write_text("outside")
+    (root / "studio" / "some" / "way-out").symlink_to(root)
+    return root / "studio"
+
+
+@pytest.fixture(scope="module")
+def client(folder: Path) -> Iterator[TestClient]:
+    designer = Designer()
+    app = studio_app(PageStart(DesignSpec()), designer, Jobs(folder), PORT)
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as opened:
+        yield opened
+    designer.close()
+
+
+def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient) -> None:
+    body = SMALL.model_dump_json()
+    assert client.post("/layout", content=body, headers=JSON).status_code == 422
+    found = client.post("/design", content=body, headers=JSON).json()
+    assert found["status"] == "solved"
+    assert found["drawing"]["kind"] == "exact"
+    assert found["parabola"]["kind"] == "parabola"
+    layout = Layout.model_validate_json(client.post("/layout", content=body, headers=JSON).text)
+    assert layout.identity == found["drawing"]["identity"]
+    assert layout.spec == SMALL
+    text = client.post("/request", content=body, headers=JSON).text
+    opened = client.post("/opened", content=json.dumps({"name": "design.toml", "text": text}), headers=JSON).json()
+    assert DesignSpec.model_validate_json(json.dumps(opened)) == SMALL
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        (b"{", "JSON"),
+        (b'{"rows": "three"}', "rows"),
+        (b'{"rows": 3, "colour": 1}', "colour: not known"),
+        (b'{"depths_mm": []}', "depths_mm"),
+        (b'{"scale_mm": 1e999}', "scale_mm"),
+    ],
+)
+def test_what_is_no_request_is_refused_in_one_line(client: TestClient, body: bytes, expected: str) -> None:
+    found = client.post("/design", content=body, headers=JSON).json()
+    assert found["status"] == "refused"
+    assert expected in found["finding"]
+    assert "\n" not in found["finding"]
+    answer = client.post("/preview", content=body, headers=JSON)
+    assert answer.status_code == 422
+    assert expected in answer.text
+
+
+def test_files_of_the_folder_are_given_and_none_beside_it(client: TestClient) -> None:
+    assert client.get("/files/some/file.txt").text == "inside"
+    for path in (
+        *("/files/../secret.txt", "/files/%2e%2e/secret.txt", "/files/some/../../secret.txt"),
+        *("/files/some/way-out/secret.txt", "/files//etc/passwd", "/files/some%2f..%2f..%2fsecret.txt"),
+        *("/zip/%2e%2e", "/zip/../secret.txt", "/zip/some/way-out", "/zip/%2e%2e/x", "/files/"),
+    ):
+        answer = client.get(path)
+        assert answer.status_code in (404, 405, 422), path
+        assert "outside" not in answer.text
+
+
+def test_only_what_was_solved_is_made(client: TestClient) -> None:
+    body = json.dumps({"kind": "parts", "spec": {"rows": 2, "cols": 2}})
+    assert client.post("/jobs", content=body, headers=JSON).status_code == 422
+    body = json.dumps({"kind": "rm -rf", "spec": json.loads(SMALL.model_dump_json())})
+    assert client.post("/jobs", content=body, headers=JSON).status_code == 422
+    assert client.get("/jobs").json() == []
+    assert client.post("/jobs/7/cancel", content=b"{}", headers=JSON).status_code == 422
