@@ -24,9 +24,7 @@ class StudioOptions(Value):
 
     design: tyro.conf.Positional[
         Annotated[Path | None, tyro.conf.arg(metavar="[layout.json|design.toml|SWEEP]", help_behavior_hint="")]
-    ] = Field(
-        default=None, description="layout, request or sweep to begin with; without, the default design"
-    )
+    ] = Field(default=None, description="layout, request or sweep to begin with; without, the default design")
     port: int = PORT.field(8610, "port of the page on the loopback address; 0: any that is free")
     no_browser: bool = Field(default=False, description="do not open the browser, only print the address")
     out: Path = Field(default=Path("output/studio"), description="folder for what is built and rendered from the page")
