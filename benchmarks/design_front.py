@@ -20,9 +20,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mirrorcam.optics.base.calls import Call
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import Call, call_all
+from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import design

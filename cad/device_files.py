@@ -20,10 +20,11 @@ from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
+from mirrorcam.optics.base.calls import Call
 from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
-from mirrorcam.optics.base.worker_pool import Call, call_all
+from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.geometry.layout import Layout
 
 # What takes seconds to load, with the CAD kernel.

@@ -5,19 +5,17 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any, Generic, TypeVar
 
+from mirrorcam.optics.base.calls import Call, Calls, beside, in_turn
 from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Work = Callable[[Task], Answer]
-Call = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function of a module, and its arguments."""
-
 ATTEMPTS = 3
 
 
@@ -93,6 +91,19 @@ def call_all(
             answers[number] = answer
             done()
     return [answers[number] for number in range(len(calls))]
+
+
+@contextmanager
+def in_two_processes(preload: Sequence[str]) -> Iterator[Calls]:
+    """Make calls here and, where this machine has another core, in a worker that has loaded modules, until the end."""
+    if cores() == 1:
+        yield in_turn
+        return
+    worker = WorkerProcess(preload=preload)
+    try:
+        yield beside(worker)
+    finally:
+        worker.kill()
 
 
 def _call(call: Call) -> Any:

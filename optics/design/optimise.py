@@ -8,11 +8,13 @@ from importlib.metadata import version
 import numpy as np
 from shapely import Polygon
 
+from mirrorcam.optics.base.calls import Calls, in_turn
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.program.design_problem import OverlapDesign, Problem, depth_problem, overlap_problem
+from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.robustness import DEVICES
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of
 from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
@@ -51,7 +53,7 @@ class _Found:
         return layout_of(self.spec, self.mirrors, made_by)
 
 
-def design(spec: DesignSpec) -> Layout:
+def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
     Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency), with the efficiency averaged
@@ -66,6 +68,9 @@ def design(spec: DesignSpec) -> Layout:
     ----------
     spec
         What is asked for; lengths in mm, depths from the pupil along view z.
+    calls
+        How searches that do not depend on each other are made; with `beside` a worker, in two processes. The layout is
+        the same.
 
     Returns
     -------
@@ -80,9 +85,9 @@ def design(spec: DesignSpec) -> Layout:
         and cannot say why.
     """
     check_at_once(spec)
-    found = _for_overlap(spec)
+    found = _for_overlap(spec, calls)
     if spec.objective == "depth":
-        found = _for_depth(spec, found)
+        found = _for_depth(spec, found, calls)
     spec, layout = found.spec, found.layout
     verdict = verify(layout, spec)
     try:
@@ -92,13 +97,13 @@ def design(spec: DesignSpec) -> Layout:
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)
 
 
-def _for_overlap(spec: DesignSpec) -> _Found:
+def _for_overlap(spec: DesignSpec, calls: Calls) -> _Found:
     pairs = neighbour_pairs(spec.arrangement)
     values: FloatArray | None = None
     if spec.fold_deg == "auto":
-        spec, values = _with_best_fold(spec, pairs)
+        spec, values = _with_best_fold(spec, pairs, calls)
     while True:
-        found = _optimum(spec, pairs, values)
+        found = _optimum(spec, pairs, values, calls)
         stricter, values = _stricter(found), found.values
         if stricter == pairs and spec.robust_tilt_deg > 0.0:
             found = _as_built(found)
@@ -108,22 +113,24 @@ def _for_overlap(spec: DesignSpec) -> _Found:
         pairs = stricter
 
 
-def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None) -> _Found:
+def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Found:
     """The optimum under constraints on pairs, from earlier values, if any, then from the seeds, then by detours."""
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
     outcome = None if values is None else least_of([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = from_seeds(spec, problem, pairs) or by_detours(spec, pairs)
+        outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs)
     return _Found(spec, problem, pairs, outcome.values)
 
 
-def _with_best_fold(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> tuple[DesignSpec, FloatArray | None]:
+def _with_best_fold(
+    spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
+) -> tuple[DesignSpec, FloatArray | None]:
     """The spec with the fold at the optimum, in whole degrees, and the values of all unknowns there.
 
     Where no optimum with an unknown fold is found, that from which the search starts, and no values.
     """
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
-    outcome = from_seeds(spec, problem, pairs)
+    outcome = from_seeds(spec, pairs, calls)
     if outcome is None:
         return spec.replaced(fold_deg=FIRST_FOLD_DEG), None
     return spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
@@ -154,7 +161,7 @@ def _as_built(nominal: _Found) -> _Found:
     return _Found(spec, problem, nominal.pairs, outcome.values)
 
 
-def _for_depth(spec: DesignSpec, overlap: _Found) -> _Found:
+def _for_depth(spec: DesignSpec, overlap: _Found, calls: Calls) -> _Found:
     """The optimum for depth from the design for overlap and from the seeds; `spec` may leave the fold open.
 
     Raises InfeasibleDesign where no start leads to one.
@@ -163,12 +170,11 @@ def _for_depth(spec: DesignSpec, overlap: _Found) -> _Found:
     starts: list[tuple[float, FloatArray | None]] = [(meeting, None) for meeting in MEETINGS]
     starts.append((MEETINGS[0], overlap.values))
     while True:
-        problems = [depth_problem(spec, seed_meeting(spec, meeting), pairs, target) for meeting, _ in starts]
-        tried = (problem.solver.optimise(values) for problem, (_, values) in zip(problems, starts, strict=True))
-        outcome = least_of(tried)
+        outcome = least_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the least standard deviation of depth found no optimum")
-        found = _Found(spec, problems[0], pairs, outcome.values)
+        problem = depth_problem(spec, seed_meeting(spec), pairs, target)
+        found = _Found(spec, problem, pairs, outcome.values)
         starts = [(MEETINGS[0], outcome.values)]
         if spec.fold_deg == "auto":
             spec = spec.replaced(fold_deg=_fold_deg(found.problem, outcome.values))
@@ -177,6 +183,17 @@ def _for_depth(spec: DesignSpec, overlap: _Found) -> _Found:
         if stricter == pairs:
             return found
         pairs = stricter
+
+
+def _depth_optimum(
+    spec: DesignSpec,
+    start: tuple[float, FloatArray | None],
+    pairs: tuple[PairConstraint, ...],
+    target: OverlapDesign,
+) -> SolverOutcome:
+    """The optimum for depth near a seed or, where there are any, near earlier values."""
+    meeting, values = start
+    return depth_problem(spec, seed_meeting(spec, meeting), pairs, target).solver.optimise(values)
 
 
 def _target(overlap: _Found) -> OverlapDesign:

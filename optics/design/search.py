@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 
 import numpy as np
 
+from mirrorcam.optics.base.calls import Calls
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, Problem, overlap_problem
+from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.robustness import SAFE_SIGMAS
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
@@ -109,13 +111,16 @@ def least_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
 
-def from_seeds(spec: DesignSpec, problem: Problem, pairs: tuple[PairConstraint, ...]) -> SolverOutcome | None:
-    """The best of the optima near the seeds; where `problem` has none, the other seeds are not tried."""
-    first = problem.solver.optimise()
-    if not first.solved:
-        return None
-    others = (overlap_problem(spec, seed_meeting(spec, meeting), pairs) for meeting in MEETINGS[1:])
-    return least_of([first, *(other.solver.optimise() for other in others)])
+def optimum_from(spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
+    """The optimum near the seed whose chief rays meet at a multiple of the working depth."""
+    return overlap_problem(spec, seed_meeting(spec, meeting), pairs).solver.optimise()
+
+
+def from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:
+    """The best of the optima near the seeds; where the first has none, those near the others are not wanted."""
+    with closing(calls([(optimum_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as outcomes:
+        first: SolverOutcome = next(outcomes)
+        return least_of([first, *outcomes]) if first.solved else None
 
 
 def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:

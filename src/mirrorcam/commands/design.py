@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.optics.base.worker_pool import in_two_processes
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
@@ -55,15 +56,19 @@ class DesignOptions(Value):
 
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
-    from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
-    from mirrorcam.workflow.design_files import write_design
     from mirrorcam.workflow.output_folder import output_folder
 
-    with output_folder(options.out, "design", force=options.force) as output:
+    with (
+        output_folder(options.out, "design", force=options.force) as output,
+        in_two_processes(preload=["mirrorcam.optics.design.optimise"]) as calls,
+    ):
         output.refuse_others(*FILES)
+        from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
+        from mirrorcam.workflow.design_files import write_design
+
         with output.staged() as folder:
             with long_work("design", f"{options.spec.arrangement.text} mirrors"):
-                found = write_design(options.spec, folder)
+                found = write_design(options.spec, folder, calls)
             study = _study(found.optimised, options, folder) if options.tolerance else None
     spec = found.optimised.spec
     if options.spec.fold_deg == "auto" and spec is not None:

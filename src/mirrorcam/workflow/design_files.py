@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mirrorcam.figures.design_figure import before_after
 from mirrorcam.figures.focus_figure import focus_figure
+from mirrorcam.optics.base.calls import Calls, in_turn
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design import optimise
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -25,12 +26,12 @@ class DesignComparison:
     no_parabola: str = ""
 
 
-def compare_designs(spec: DesignSpec) -> DesignComparison:
-    """Optimise a layout and evaluate the faceted parabola of the same spec.
+def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignComparison:
+    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` are those of `design`.
 
     Raises InfeasibleDesign where no layout meets the spec.
     """
-    optimised = optimise.design(spec)
+    optimised = optimise.design(spec, calls)
     try:
         parabola = seeds.faceted_parabola(spec)
         figures = {"metrics": evaluate(parabola, spec.depths_mm), "verdict": verify(parabola, spec)}
@@ -39,13 +40,13 @@ def compare_designs(spec: DesignSpec) -> DesignComparison:
     return DesignComparison(optimised, parabola.replaced(spec=spec, **figures))
 
 
-def write_design(spec: DesignSpec, folder: Path) -> DesignComparison:
+def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> DesignComparison:
     """Write layout.json (optimised), parabola.json (where the spec has one) and before_after.png into a folder.
 
-    Where the camera is no pinhole, also focus.png, of the optimised layout.
+    Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` are those of `design`.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
-    found = compare_designs(spec)
+    found = compare_designs(spec, calls)
     before_after(found.parabola, found.optimised, folder / "before_after.png")
     if spec.camera.aperture_mm > 0.0:
         focus_figure(found.optimised, spec.depths_mm, folder / "focus.png")

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import main, pattern_from_text
+from mirrorcam.optics.base.calls import Calls, in_turn
 from mirrorcam.optics.base.figure_texts import figure_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -24,11 +25,11 @@ def solved(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Layout:
     layout = default_layout.replaced(
         spec=spec, metrics=evaluate(default_layout, spec.depths_mm), verdict=verify(default_layout, spec)
     )
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
     return layout
 
 
-def no_parabola(spec: DesignSpec) -> Layout:
+def no_parabola(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     raise InfeasibleDesign("spacing", "facets 30 mm apart do not fit the parabola")
 
 

@@ -17,7 +17,7 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     spec = DesignSpec()
     figures = {"metrics": evaluate(default_layout, spec.depths_mm), "verdict": verify(default_layout, spec)}
     layout = default_layout.replaced(spec=spec, **figures)
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
     found = write_design(spec, tmp_path)
     assert found.no_parabola == ""
     assert Layout.load(tmp_path / "layout.json") == found.optimised == layout
@@ -41,6 +41,6 @@ def test_a_pinhole_has_no_figure_of_its_focus(
 ) -> None:
     spec = DesignSpec(camera=default_layout.camera.replaced(aperture_mm=0.0))
     layout = default_layout.replaced(spec=spec, camera=spec.camera)
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
     write_design(spec, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json", "parabola.json"]

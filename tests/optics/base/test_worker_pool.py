@@ -16,8 +16,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mirrorcam.optics.base.calls import Call
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_pool import ATTEMPTS, Call, Died, _Queue, call_all, run_local
+from mirrorcam.optics.base.worker_pool import ATTEMPTS, Died, _Queue, call_all, in_two_processes, run_local
 from mirrorcam.optics.base.worker_process import ONE_THREAD
 from tests.optics.base.processes import ended, finding_tests, first_line
 
@@ -181,6 +182,16 @@ def test_a_call_that_kills_its_workers_is_no_hang() -> None:
 
 def test_preloaded_workers_compute_in_one_thread_and_leave_interruptions_to_their_parent() -> None:
     assert call_all([(environment, ("",)), (pow, (2, 5))], 2, preload=PRELOADED) == ["1 1 1 1 True", 32]
+
+
+@pytest.mark.parametrize(("number", "processes"), [(1, 1), (2, 2)])
+def test_two_processes_are_used_where_there_are_two_cores(
+    number: int, processes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mirrorcam.optics.base.worker_pool.cores", lambda: number)
+    with in_two_processes(PRELOADED) as calls:
+        assert len(set(calls([(os.getpid, ()), (os.getpid, ())]))) == processes
+    assert multiprocessing.active_children() == []
 
 
 OWNER = """

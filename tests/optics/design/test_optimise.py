@@ -8,6 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mirrorcam.optics.base.calls import beside
+from mirrorcam.optics.base.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -146,8 +148,8 @@ def test_the_best_fold_is_limited_by_the_camera() -> None:
         merits.append(merit(layout))
     assert folds[0] > folds[1] + 3.0 > 100.0
     assert merits[0] < merits[1] - 0.01
-    for beside in (-6.0, 6.0):
-        other = designed(spec.replaced(fold_deg=folds[1] + beside))
+    for change_deg in (-6.0, 6.0):
+        other = designed(spec.replaced(fold_deg=folds[1] + change_deg))
         assert merit(other) > merits[1]
 
 
@@ -322,3 +324,14 @@ def _cost_as_built(layout: Layout, drawn: Perturbations) -> float:
         views.seen_px(views.common_regions(depth)[0], depth).sum(axis=1).mean() / size_px for depth in (300.0, 500.0)
     ]
     return float(0.3 * (layout.metrics["grid_error"].value / 0.25) ** 2 + 0.7 * (1.0 - np.mean(seen)))
+
+
+@pytest.mark.parametrize("objective", ["overlap", "depth"])
+def test_searches_in_two_processes_find_the_same_bytes(objective: str) -> None:
+    spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "objective": objective})
+    worker = WorkerProcess(preload=["mirrorcam.optics.design.optimise"])
+    try:
+        elsewhere = design(spec, beside(worker))
+    finally:
+        worker.kill()
+    assert elsewhere.model_dump_json() == designed(spec).model_dump_json()
