@@ -20,7 +20,6 @@ from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.pipeline import scaled
 from mirrorcam.workflow.rendering import in_workers
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
@@ -54,7 +53,7 @@ def measure(request: SetRequest, out: Path, workers: int) -> dict[int, tuple[flo
 def main(frames: int, scale: float, maps: bool) -> int:
     layout = Layout.load(DEFAULT_LAYOUT)
     request = SetRequest(
-        layout=layout.replaced(camera=scaled(layout.camera, scale)),
+        layout=layout.replaced(camera=layout.camera.binned(scale)),
         target=BOARD,
         frames=frames,
         base_frames=0,

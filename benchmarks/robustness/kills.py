@@ -29,7 +29,6 @@ from benchmarks.robustness.guard import Category
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.workflow.output_folder import HIDDEN
-from mirrorcam.workflow.pipeline import scaled
 
 ROOT = Path(__file__).parents[2]
 LONGEST_S = 600.0
@@ -75,7 +74,7 @@ COMMANDS = (
     Killed("scene", ("scene", "layout.json", "--spp", "4")),
 )
 TERMINATED = (*COMMANDS, Killed("design", ("design", "--rows", "2", "--cols", "3", "--tolerance")))
-CAMERA = scaled(Camera.c920(), 1 / 3)
+CAMERA = Camera.c920().binned(1 / 3)
 SIZE_PX = (CAMERA.width_px, CAMERA.height_px)
 VIDEO_FRAMES = 300
 CYCLES = 20

@@ -122,6 +122,21 @@ class Camera(Value):
         """The same camera with the diameter and the focus of another pupil; how that walks is not the camera's."""
         return self.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
 
+    def binned(self, factor: float) -> Self:
+        """The same camera with its pixels binned to `factor` of their number along an axis.
+
+        Pixel (0, 0) is a centre, so that the corner (-0.5, -0.5) stays.
+        """
+        return self.replaced(
+            name=f"{self.name[:80]}, scaled by {factor:g}",
+            width_px=round(self.width_px * factor),
+            height_px=round(self.height_px * factor),
+            fx_px=self.fx_px * factor,
+            fy_px=self.fy_px * factor,
+            cx_px=(self.cx_px + 0.5) * factor - 0.5,
+            cy_px=(self.cy_px + 0.5) * factor - 0.5,
+        )
+
     @cached_property
     def matrix(self) -> FloatArray:
         """The 3x3 intrinsic matrix."""

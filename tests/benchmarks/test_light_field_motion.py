@@ -9,14 +9,13 @@ import numpy as np
 from benchmarks.light_field_motion import error, film_by_mirrors, tracked
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.workflow.pipeline import scaled
 
 LAYOUT = Path("tests/data/fold_90_layout.json")
 
 
 def test_the_mirror_cameras_own_frames_tell_how_it_moved() -> None:
     layout = Layout.load(LAYOUT)
-    small = layout.replaced(camera=scaled(layout.camera, 0.5))
+    small = layout.replaced(camera=layout.camera.binned(0.5))
     path = [rigid(np.eye(3), [6.0 * number, -3.0 * number, 4.0 * number]) for number in range(3)]
     filmed = film_by_mirrors("walk", path, small, seed=0, noise_grey=1.5)
     poses, _ = tracked(filmed)

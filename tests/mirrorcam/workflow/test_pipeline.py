@@ -7,7 +7,6 @@ from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from mirrorcam.cad.write.slicer import slicer_version
@@ -16,20 +15,11 @@ from mirrorcam.optics.base.files import write_metrics
 from mirrorcam.optics.base.fingerprint import distributions
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError, Metric
-from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow import pipeline
 from mirrorcam.workflow.output_folder import output_folder
-from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, scaled, stages
+from mirrorcam.workflow.pipeline import full_recipe, quick_recipe, run_all, stages
 from mirrorcam.workflow.stages import Stage, perform, staleness
-
-
-def test_a_scaled_camera_sees_each_point_at_the_same_place_of_its_sensor() -> None:
-    camera = Camera.c920().replaced(cx_px=931.25, cy_px=566.5, distortion=[0.05, -0.1, 1e-3, -1e-3, 0.01])
-    half = scaled(camera, 0.5)
-    assert (half.width_px, half.height_px) == (960, 540)
-    points = np.random.default_rng(0).uniform([-200, -100, 300], [200, 100, 600], (50, 3))
-    np.testing.assert_allclose((half.project(points) + 0.5) * 2.0 - 0.5, camera.project(points), atol=1e-9)
 
 
 @pytest.mark.parametrize("recipe", [full_recipe(0), quick_recipe(0)], ids=["full", "quick"])

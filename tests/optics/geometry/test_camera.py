@@ -197,3 +197,11 @@ def test_a_camera_survives_json_to_the_bit(camera: Camera) -> None:
     back = Camera.model_validate_json(camera.model_dump_json())
     assert back == camera
     assert back.intrinsics.tobytes() == camera.intrinsics.tobytes()
+
+
+def test_a_binned_camera_sees_each_point_at_the_same_place_of_its_sensor() -> None:
+    camera = Camera.c920().replaced(cx_px=931.25, cy_px=566.5, distortion=[0.05, -0.1, 1e-3, -1e-3, 0.01])
+    half = camera.binned(0.5)
+    assert (half.width_px, half.height_px) == (960, 540)
+    points = np.random.default_rng(0).uniform([-200, -100, 300], [200, 100, 600], (50, 3))
+    np.testing.assert_allclose((half.project(points) + 0.5) * 2.0 - 0.5, camera.project(points), atol=1e-9)
