@@ -62,7 +62,10 @@ LAYERS = {
         *("plan", "splitting", "mirrors", "holder", "parts", "assembly"),
         *("write", "checks", "documents", ""),
     ),
-    "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "tabletop", "depth_scenes"),
+    "mirrorcam.render_scenes": (
+        *("", "boards", "truth", "reference", "fast", "sets", "tabletop", "preview"),
+        *("depth_scenes",),
+    ),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "studio", "commands", ""),
 }
 # Neighbours that do without each other, whatever their order above.

@@ -16,3 +16,12 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     code: Callable[..., Any] = njit(nogil=True, cache=True, error_model="numpy")(function)
     return code
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function as `compiled` makes it, copied into the machine code of each that calls it.
+
+    For what is called for each pixel with many arguments: passing an array on takes longer than little arithmetic.
+    """
+    code: Callable[..., Any] = njit(nogil=True, cache=True, error_model="numpy", forceinline=True)(function)
+    return code

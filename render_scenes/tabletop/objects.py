@@ -12,7 +12,7 @@ from mirrorcam.optics.base.values import FloatArray, Matrix4, Value, Vector3
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
-from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
+from mirrorcam.render_scenes.tabletop.textures import Texture, TextureName, texture
 
 Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
 Material = Literal["matte", "glossy", "glass"]
@@ -21,13 +21,18 @@ GLASS_INDEX = 1.5
 MOST_TEXELS = 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
+LAMP_PLACE = (-1.2, -2.4, -1.3)
+"""Middle of the area light from what it faces, in view axes and scales of the arrangement."""
+LAMP_HALF = 0.22
+"""Half a side of it, likewise."""
 
 
 class SceneObject(Value):
     """An object of a tabletop scene: a surface around the origin of its frame, placed by `view_from_object`.
 
     Of `size_mm`, a sphere uses x; a cylinder x (diameter) and z (length, along its z); a rectangle x and y. The base of
-    a mesh is at its origin. Without a texture, of `texels_per_mm`, the object has the plain `colour`, linear RGB.
+    a mesh is at its origin. Without a texture, of `texels_per_mm` or of `texture_px` (columns, rows), the object has
+    the plain `colour`, linear RGB.
     """
 
     name: str
@@ -37,6 +42,7 @@ class SceneObject(Value):
     size_mm: Vector3
     texture: TextureName | None = None
     texels_per_mm: float = 1.0
+    texture_px: tuple[int, int] | None = None
     colour: Vector3 = Field(default=(0.6, 0.6, 0.6), validate_default=True)
     seed: int = 0
     file: Path | None = None
@@ -98,15 +104,35 @@ def _reflectance(item: SceneObject) -> dict[str, Any]:
         return {"type": "mesh_attribute", "name": "vertex_color"}
     if item.texture is None:
         return {"type": "rgb", "value": item.colour.tolist()}
+    picture = surface_texture(item.kind, item.texture, texture_size_px(item), item.seed)
+    return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
+
+
+def texture_size_px(item: SceneObject) -> tuple[int, int]:
+    """Columns and rows of the texture of an object."""
+    if item.texture_px is not None:
+        return item.texture_px
     width, depth, height = item.size_mm
     around = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
     flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
-    size_px = tuple(int(np.clip(item.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[item.kind])
-    picture = texture(item.texture, (size_px[0], size_px[1]), item.seed)
-    if item.kind == "cylinder":
-        # The v coordinate of a cylinder grows towards its top.
-        picture = picture[::-1].copy()
-    return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
+    columns, rows = (int(np.clip(item.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[item.kind])
+    return columns, rows
+
+
+def surface_texture(kind: Kind, name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
+    """The texture (rows, columns, 3) of a kind of object, by its texture coordinates from the top left corner on."""
+    picture = texture(name, size_px, seed)
+    # The v coordinate of a cylinder grows towards its top.
+    return picture[::-1].copy() if kind == "cylinder" else picture
+
+
+def lamp_square(target_in_view: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Middle (3,) of the area light, the unit vector (3,) to where it faces, half its sides (2, 3); view axes, mm."""
+    towards = -np.array(LAMP_PLACE) / np.linalg.norm(LAMP_PLACE)
+    first = np.cross([0.0, 0.0, 1.0], towards)
+    first /= np.linalg.norm(first)
+    sides = LAMP_HALF * reach_mm * np.stack([first, np.cross(towards, first)])
+    return target_in_view + reach_mm * np.array(LAMP_PLACE), towards, sides
 
 
 def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
@@ -116,8 +142,8 @@ def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArra
     """
     import mitsuba as mi
 
-    origin = target_in_view + reach_mm * np.array([-1.2, -2.4, -1.3])
-    side = 0.22 * reach_mm
+    origin, _, _ = lamp_square(target_in_view, reach_mm)
+    side = LAMP_HALF * reach_mm
     look = mi.ScalarTransform4f().look_at(
         origin=(view_from_rig.T @ origin).tolist(),
         target=(view_from_rig.T @ target_in_view).tolist(),

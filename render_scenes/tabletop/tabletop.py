@@ -22,6 +22,7 @@ from mirrorcam.render_scenes.tabletop.textures import TextureName
 
 WALL_DEPTHS = 1.2  # depth of the wall, in depths of the farthest objects
 WALL_FIELDS = 3.2  # its width and height, in fields at that depth
+LEAST_ROOM = 0.25  # from where mirrors no longer block the view to the nearest object, in its depth
 TEXELS_PER_PX = 1.25  # texels of a texture per pixel of the central view
 # Axes of objects on the table: x right, y away from the camera, z up. Those of pictures: x right, y down, z away.
 _STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -142,8 +143,8 @@ def _checked(layout: Layout, depths_mm: tuple[float, ...]) -> FloatArray:
     depths = np.array(depths_mm)
     if len(depths) < 1 or (np.diff(depths) <= 0).any():
         raise InputError(f"depths {', '.join(f'{d:g}' for d in depths)} mm: expected one or more, ascending")
-    if depths[0] < nearest_mm(layout) + 0.25 * depths[0]:
-        least = nearest_mm(layout) / 0.75
+    if depths[0] < nearest_mm(layout) + LEAST_ROOM * depths[0]:
+        least = nearest_mm(layout) / (1.0 - LEAST_ROOM)
         raise InputError(
             f"depth {depths[0]:g} mm: an object there would touch the camera, expected {least:.0f} or more"
         )

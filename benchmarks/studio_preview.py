@@ -1,0 +1,105 @@
+"""Speed of previews of a design: `python -m benchmarks.studio_preview [--layouts FILE...] [--rounds N]`.
+
+For each layout (by default those designed for some counts and scales), in one warm process: median and 95th percentile
+of a preview of the tabletop and of a board, 640 px wide, in seconds of the clock and of one processor (which other work
+on the machine changes less); beside it, where Mitsuba is installed, the reference's picture of the same objects at the
+same size, by as many cores as there are. Then how far off the preview is:
+the share of pixels that show another object, the median and the 99th percentile of errors of depth, and the correlation
+of the two pictures. The first call of the process, which loads machine code and draws textures, is timed by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
+from mirrorcam.render_scenes.preview.preview_frame import REFLECTANCE, PreviewFrame, preview_frame
+
+ROUNDS = 20
+LIMIT_S = 0.3
+REFERENCE_SPP = 16
+SPECS = {
+    "3x3": DesignSpec(),
+    "5x5": DesignSpec(rows=5, cols=5),
+    "2x3": DesignSpec(rows=2, cols=3),
+    "3x3, scale 40": DesignSpec(scale_mm=40.0),
+    "3x3, scale 160": DesignSpec(scale_mm=160.0),
+    "3x3, plates": DesignSpec(surface="second", thickness_mm=2.0),
+}
+
+
+def times_s(job: Callable[[], object], rounds: int) -> tuple[str, float]:
+    """Median and 95th percentile of the seconds of a job, by the clock and by the processor, and the last of them."""
+    times = []
+    for _ in range(rounds):
+        started = time.perf_counter(), time.process_time()
+        job()
+        times.append((time.perf_counter() - started[0], time.process_time() - started[1]))
+    (clock, processor), (clock_95, processor_95) = np.percentile(times, [50.0, 95.0], axis=0)
+    text = f"p50 {clock:.3f} p95 {clock_95:.3f} s (processor {processor:.3f}, {processor_95:.3f})"
+    return text, float(processor_95)
+
+
+def of_reference(frame: PreviewFrame) -> str:
+    """How a preview of the tabletop compares with the reference at the same size, and how long that takes."""
+    from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, TabletopScene
+    from mirrorcam.render_scenes.truth.pixel_maps import pixel_rays
+
+    layout, light = frame.layout, frame.light
+    pupil = layout.camera.pupil
+    started = time.perf_counter()
+    scene = TabletopScene(layout, arranged_tabletop(layout, 0), REFLECTANCE)
+    built = time.perf_counter()
+    scene.photograph(pupil, spp=1, subpixels=2, seed=0)
+    four = time.perf_counter()
+    radiance = scene.photograph(pupil, spp=REFERENCE_SPP, subpixels=1, seed=0)
+    many = time.perf_counter()
+    rays = pixel_rays(layout, mirrors=True, pupil=pupil)
+    hits = scene.hits(rays.start, rays.direction)
+    both = (hits.object_index != NOTHING) & (rays.mirror == light.mirror)
+    same = both & (hits.object_index == light.thing)
+    error = np.abs(hits.points[same] @ layout.view_from_rig[2] - light.depth_mm[same])
+    grey = [np.clip(picture, 0.0, 1.0).mean(axis=2).ravel() for picture in (radiance, light.radiance)]
+    return (
+        f"reference {built - started:.2f} s to build, {four - built:.2f} s at 4 and {many - four:.2f} s at "
+        f"{REFERENCE_SPP} samples; other object {100 * (1 - same.sum() / both.sum()):.3f} % of pixels, "
+        f"depth off by {np.median(error):.1g} mm, 99 % within {np.percentile(error, 99.0):.1g}, "
+        f"correlation {np.corrcoef(*grey)[0, 1]:.3f}"
+    )
+
+
+def main(layouts: dict[str, Layout], rounds: int = ROUNDS) -> int:
+    """Print the figures; 1 where previews of the tabletop by 3 x 3 mirrors take more of a processor than they may."""
+    late = False
+    has_mitsuba = importlib.util.find_spec("mitsuba") is not None
+    for number, (name, layout) in enumerate(layouts.items()):
+        started = time.perf_counter()
+        frame = preview_frame(layout)
+        if number == 0:
+            print(f"first call of the process: {time.perf_counter() - started:.2f} s")
+        for subject in ("tabletop", "board"):
+            text, seconds = times_s(partial(preview_frame, layout, subject), rounds)
+            print(f"{name:15} {subject:8} {text}")
+            late |= subject == "tabletop" and layout.rows * layout.cols == 9 and seconds > LIMIT_S
+        if has_mitsuba:
+            print(f"{'':15} {of_reference(frame)}")
+    return int(late)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--layouts", type=Path, nargs="+", metavar="FILE", help="layouts instead of designed ones")
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    asked = parser.parse_args()
+    given = {path.stem: Layout.load(path) for path in asked.layouts or ()}
+    raise SystemExit(main(given or {name: design(spec) for name, spec in SPECS.items()}, asked.rounds))

@@ -1,0 +1,1 @@
+"""Quick pictures of what a layout sees, traced by loops in machine code: for interactive design."""

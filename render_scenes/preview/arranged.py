@@ -1,0 +1,60 @@
+"""Subjects of previews, arranged for a layout: the tabletop scene, or a calibration board."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
+from mirrorcam.render_scenes.fields_of_view import common_bounds
+from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, Tabletop, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
+from mirrorcam.render_scenes.tabletop.textures import TextureName
+
+Subject = Literal["tabletop", "board"]
+
+TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
+    "poster": (768, 512),
+    "wood": (1024, 640),
+    "page": (256, 344),
+    "label": (288, 160),
+    "cover": (96, 96),
+    "globe": (160, 80),
+}
+"""Columns and rows of textures, as many as nine views of a picture of `USUAL_WIDTH_PX` show."""
+USUAL_WIDTH_PX = 640
+BOARD_TURNED_DEG = (-12.0, 18.0)
+"""Turns of the board about x and y."""
+
+
+def arranged_tabletop(layout: Layout, seed: int, width_px: int = USUAL_WIDTH_PX) -> Tabletop:
+    """The tabletop scene of a layout, with textures of the same size for every layout, for pictures of a width.
+
+    Textures are random numbers that depend on their size: of one size, they stay the same while a design changes. The
+    depths are those that the layout was designed for, or as near as objects have room before the mirrors.
+    """
+    least = nearest_mm(layout) / (1.0 - LEAST_ROOM) + 1.0
+    depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(layout)}))
+    found = arrange_tabletop(layout, depths, seed)
+    finer = 2.0 ** np.clip(np.ceil(np.log2(width_px / USUAL_WIDTH_PX)), -2, 2)
+    objects = tuple(
+        item
+        if item.texture is None
+        else item.replaced(texture_px=tuple(int(finer * side) for side in TEXTURE_PX[item.texture]))
+        for item in found.objects
+    )
+    return Tabletop(objects, found.lit_in_view, found.reach_mm)
+
+
+def view_from_board(layout: Layout, target: Target) -> FloatArray:
+    """Rigid 4x4 of a board in view axes, mm: turned a little, in the middle of the common field at the middle depth."""
+    depth = max(default_reference_depth_mm(layout), nearest_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm)))
+    turn = Rotation.from_euler("XY", BOARD_TURNED_DEG, degrees=True).as_matrix()
+    middle = np.array([*common_bounds(layout, depth).mean(axis=0), depth])
+    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)

@@ -1,0 +1,205 @@
+"""Mirrors as arrays: which part of the light of a pixel comes by each, and along which ray of the scene.
+
+As in `fast.pixel_footprints`, but at each pixel by itself: at a corner of a mirror, the parts of the pupil that its two
+edges leave are multiplied.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import Pupil
+from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, times, turned
+
+LEAST_SHARE = 1.0 / 512.0
+"""Part of the pupil below which a mirror is left out."""
+
+
+# Columns of the table of mirrors.
+INDEX, WINDOW, NORMAL, DISTANCE, THICKNESS, REFRACTIVE_INDEX, REFLECTANCE = 0, 1, 5, 8, 9, 10, 11
+CENTRE_IN_VIEW, NORMAL_IN_VIEW, VIEW_FROM_CAMERA, EDGES = 12, 15, 18, 30
+EDGE = 6
+"""Columns of an edge."""
+
+WIDER = 1.25
+"""Pixels around an outline that are looked at, in those by which its nearest corner is blurred."""
+
+
+class MirrorViews(NamedTuple):
+    """Mirrors, those whose front is nearer to the pupil first.
+
+    Attributes
+    ----------
+    table
+        (m, 30 + 6 e): of each mirror its number in the layout; the pixels that may show it: first row, last + 1, first
+        column, last + 1; its normal in rig; distance of its front from the pupil, mm; thickness of the glass before
+        the coating, mm, 0 of a first-surface mirror; refractive index; reflectance of the coating; virtual centre of
+        the front, mm, its normal, and what turns rays (3, 4), in view axes; and of each edge of the front the cross
+        product of its ends and the vector along it, with the inside on the positive side, the last one again where a
+        mirror has fewer than others.
+    radius_mm, nearness_per_mm, fx_px
+        Radius of the pupil, one over the distance in focus, and the focal length.
+    """
+
+    table: FloatArray
+    radius_mm: float
+    nearness_per_mm: float
+    fx_px: float
+
+
+def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorViews:
+    """The mirrors of a layout as arrays, taken for flat ones; the pupil does not walk."""
+    order = sorted(range(len(layout.mirrors)), key=lambda k: layout.mirrors[k].distance_mm - layout.mirrors[k].front_mm)
+    mirrors = [layout.mirrors[k] for k in order]
+    most = max(len(mirror.outline_in_rig_mm) for mirror in mirrors)
+    turn = layout.view_from_rig
+    rows = []
+    for number, mirror in zip(order, mirrors, strict=True):
+        front_mm, normal = mirror.distance_mm - mirror.front_mm, turn @ mirror.normal_in_rig
+        rows.append(
+            [
+                number,
+                *_window(layout.camera, mirror, pupil),
+                *mirror.normal_in_rig,
+                front_mm,
+                mirror.front_mm,
+                mirror.refractive_index,
+                reflectance,
+                *(-2.0 * front_mm * normal),
+                *normal,
+                *np.column_stack([turn @ mirror.reflection, np.zeros(3)]).ravel(),
+                *_edges(mirror, most).ravel(),
+            ]
+        )
+    return MirrorViews(np.array(rows), pupil.radius_mm, 1.0 / pupil.focus_mm, layout.camera.fx_px)
+
+
+def _front(mirror: Mirror) -> FloatArray:
+    """Corners (n, 3) of the front of a mirror, in rig, mm."""
+    return np.asarray(mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig)
+
+
+def _edges(mirror: Mirror, count: int) -> FloatArray:
+    """The edges (count, 6) of the front of a mirror, see `MirrorViews.table`."""
+    corners = _front(mirror)
+    ends = np.roll(corners, -1, axis=0)
+    sides = np.cross(corners, ends)
+    sign = np.sign(sides @ corners.mean(axis=0))[:, None]
+    again = np.minimum(np.arange(count), len(corners) - 1)
+    return np.concatenate([sides * sign, (ends - corners) * sign], axis=1)[again]
+
+
+def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int, int]:
+    """The pixels that may show a mirror: around its outline, by as much as the pupil blurs that."""
+    corners = _front(mirror)
+    steps = np.linspace(0.0, 1.0, 16, endpoint=False)[None, :, None]
+    edge = (corners[:, None] * (1.0 - steps) + np.roll(corners, -1, axis=0)[:, None] * steps).reshape(-1, 3)
+    pixels = camera.project(edge)
+    if not np.isfinite(pixels).all():
+        # Some of it lies beyond the range of the lens.
+        return 0, camera.height_px, 0, camera.width_px
+    blur = WIDER * camera.fx_px * pupil.radius_mm * abs(1.0 / float(corners[:, 2].min()) - 1.0 / pupil.focus_mm)
+    low = np.floor(pixels.min(axis=0) - blur).astype(int) - 1
+    high = np.ceil(pixels.max(axis=0) + blur).astype(int) + 2
+    left, top = np.clip(low, 0, [camera.width_px, camera.height_px])
+    right, bottom = np.clip(high, 0, [camera.width_px, camera.height_px])
+    return int(top), int(bottom), int(left), int(right)
+
+
+@inlined
+def served_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """Share of the pupil that a mirror serves in the pixel of a ray (x, y, 1); of a pinhole, of the pixel, about.
+
+    An edge cuts a disc off that is as wide as the pupil and the pixel together.
+    """
+    table = mirrors.table
+    ray, normal = (x, y, 1.0), at(table, number, NORMAL)
+    towards = dot(ray, normal)
+    if towards >= 0.0:
+        return 0.0
+    thickness, shift = table[number, THICKNESS], 0.0
+    outwards = along(ray, -towards, normal)
+    if thickness > 0.0:
+        length = max(np.sqrt(dot(outwards, outwards)), 1e-12)
+        shift = -2.0 * thickness * towards * _inner_tangent(-length / towards, table[number, REFRACTIVE_INDEX])
+        outwards = times(outwards, shift / length)
+    share = 1.0
+    for edge in range(EDGES, table.shape[1], EDGE):
+        side, way = at(table, number, edge), at(table, number, edge + 3)
+        if edge > EDGES and table[number, edge] == table[number, edge - EDGE]:
+            break
+        constant = dot(ray, side)
+        if thickness > 0.0:
+            # Where light leaves the front lies further out than where it enters: both must lie within.
+            constant = min(constant, constant + dot(outwards, cross(way, normal)))
+        slope_x = y * way[2] - way[1] - mirrors.nearness_per_mm * side[0]
+        slope_y = way[0] - x * way[2] - mirrors.nearness_per_mm * side[1]
+        squared = mirrors.radius_mm * mirrors.radius_mm * (slope_x * slope_x + slope_y * slope_y)
+        # A square has the variance of a disc with a third of its width squared as its radius squared.
+        squared += (side[0] * side[0] + side[1] * side[1]) / (3.0 * mirrors.fx_px * mirrors.fx_px)
+        if constant * abs(constant) <= -squared:
+            return 0.0
+        if constant * constant < squared:
+            inside = constant / np.sqrt(squared)
+            share *= 1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside * inside)) / np.pi
+    return share
+
+
+@inlined
+def _inner_tangent(tangent: Any, refractive_index: Any) -> Any:
+    """Tangent in the glass of a ray with a tangent in air."""
+    squared = tangent * tangent
+    return tangent / np.sqrt(refractive_index * refractive_index * (1.0 + squared) - squared)
+
+
+@inlined
+def transmitted(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """Part of the light along a ray (x, y, 1) that comes by a mirror, and the shift of its centre.
+
+    See `fast.pixel_footprints`: light through a plate seems to come from a point behind the front's virtual centre.
+    Ghosts, of the front and of several passes through the glass, are taken to lie where the image is.
+    """
+    table = mirrors.table
+    thickness, index, reflectance = (
+        table[number, THICKNESS],
+        table[number, REFRACTIVE_INDEX],
+        table[number, REFLECTANCE],
+    )
+    if thickness == 0.0:
+        return reflectance, 0.0
+    towards = -dot((x, y, 1.0), at(table, number, NORMAL))
+    cosine = towards / np.sqrt(x * x + y * y + 1.0)
+    inner = np.sqrt(1.0 - (1.0 - cosine * cosine) / (index * index))
+    across = (cosine - index * inner) / (cosine + index * inner)
+    flat = (inner - index * cosine) / (inner + index * cosine)
+    front = 0.5 * (across * across + flat * flat)
+    light = front + (1.0 - front) * (1.0 - front) * reflectance / (1.0 - front * reflectance)
+    # tan' / tan = cos / (n cos').
+    return light, 2.0 * thickness * cosine / (index * inner)
+
+
+@inlined
+def scene_ray(mirrors: Any, number: Any, x: Any, y: Any, slide_mm: Any) -> Any:
+    """The ray of the scene that a mirror throws to a pixel: its start, its direction, and the length to the mirror.
+
+    Of the direction (x, y, 1) in the camera; lengths are therefore along the axis of the camera.
+    """
+    table = mirrors.table
+    normal = at(table, number, NORMAL_IN_VIEW)
+    start = along(at(table, number, CENTRE_IN_VIEW), -slide_mm, normal)
+    direction = turned(table, number, VIEW_FROM_CAMERA, (x, y, 1.0))
+    least = -(table[number, DISTANCE] + dot(start, normal)) / dot(direction, normal)
+    return start, direction, least
+
+
+@inlined
+def turned_step(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """The change (3,) of the direction of `scene_ray` by a change (x, y) of the ray."""
+    return turned(mirrors.table, number, VIEW_FROM_CAMERA, (x, y, 0.0))

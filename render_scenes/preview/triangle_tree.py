@@ -1,0 +1,117 @@
+"""A tree of bounding boxes over the triangles of a mesh, for rays."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.render_scenes.mesh_shapes import Triangles
+from mirrorcam.render_scenes.preview.vectors import at, cross, dot, minus
+
+LEAF = 4
+"""Most triangles of a box that is not divided."""
+NEXT, FIRST, COUNT = 6, 7, 8
+"""Columns of boxes."""
+NOTHING = -1
+
+
+class TriangleTree(NamedTuple):
+    """Triangles in an order in which those of each box follow one another, and the boxes, each before those within it.
+
+    Attributes
+    ----------
+    boxes
+        (m, 9): least and greatest corner; the place of the next box that is not within it; of one that is not divided
+        the first of its triangles, and their number, otherwise 0.
+    triangles
+        (n, 18): a corner, the edges from it, and the colours of it and of the ends of these.
+    """
+
+    boxes: FloatArray
+    triangles: FloatArray
+
+
+def triangle_tree(surface: Triangles) -> TriangleTree:
+    """Divide the triangles of a mesh at the median along the longest side of their box, again and again."""
+    points = surface.points[surface.faces]
+    colours = np.full_like(points, 0.6) if surface.colours is None else surface.colours[surface.faces]
+    low, high, middle = points.min(axis=1), points.max(axis=1), points.mean(axis=1)
+    order = np.arange(len(points))
+    boxes: list[FloatArray] = []
+
+    def divide(begin: int, end: int) -> None:
+        inside = order[begin:end]
+        place = len(boxes)
+        is_last = end - begin <= LEAF
+        corners = np.concatenate([low[inside].min(axis=0), high[inside].max(axis=0)])
+        boxes.append(np.array([*corners, 0.0, begin, end - begin if is_last else 0]))
+        if not is_last:
+            axis, half = int(np.argmax(np.ptp(middle[inside], axis=0))), (end - begin) // 2
+            order[begin:end] = inside[np.argpartition(middle[inside, axis], half)]
+            divide(begin, begin + half)
+            divide(begin + half, end)
+        boxes[place][NEXT] = len(boxes)
+
+    divide(0, len(points))
+    corner, second, third = (points[order, k] for k in range(3))
+    return TriangleTree(
+        np.array(boxes),
+        np.concatenate([corner, second - corner, third - corner, colours[order].reshape(-1, 9)], axis=1),
+    )
+
+
+NO_TRIANGLES = TriangleTree(np.zeros((0, 9)), np.zeros((0, 18)))
+
+
+@inlined
+def nearest_triangle(
+    boxes: Any, triangles: Any, start: Any, direction: Any, least: Any, most: Any, nearest: Any
+) -> Any:
+    """A triangle of a tree that a ray meets between two lengths: its number, or `NOTHING`, and the length.
+
+    The `nearest` one, or any.
+    """
+    found, length = NOTHING, most
+    x, y, z = 1.0 / direction[0], 1.0 / direction[1], 1.0 / direction[2]
+    box = 0
+    while box < len(boxes):
+        a, b = (boxes[box, 0] - start[0]) * x, (boxes[box, 3] - start[0]) * x
+        enters, leaves = max(least, min(a, b)), min(length, max(a, b))
+        a, b = (boxes[box, 1] - start[1]) * y, (boxes[box, 4] - start[1]) * y
+        enters, leaves = max(enters, min(a, b)), min(leaves, max(a, b))
+        a, b = (boxes[box, 2] - start[2]) * z, (boxes[box, 5] - start[2]) * z
+        enters, leaves = max(enters, min(a, b)), min(leaves, max(a, b))
+        if enters > leaves:
+            box = int(boxes[box, NEXT])
+            continue
+        first = int(boxes[box, FIRST])
+        for triangle in range(first, first + int(boxes[box, COUNT])):
+            there = _crossing(triangles, triangle, start, direction)
+            if least < there < length:
+                found, length = triangle, there
+                if not nearest:
+                    return found, length
+        box += 1
+    return found, length
+
+
+@inlined
+def _crossing(triangles: Any, triangle: Any, start: Any, direction: Any) -> Any:
+    """Length at which a ray crosses a triangle, infinite where it does not (Moeller and Trumbore, JGT 2(1), 1997)."""
+    first, second = at(triangles, triangle, 3), at(triangles, triangle, 6)
+    p = cross(direction, second)
+    volume = dot(first, p)
+    if volume == 0.0:
+        return np.inf
+    to = minus(start, at(triangles, triangle, 0))
+    u = dot(to, p) / volume
+    if u < 0.0 or u > 1.0:
+        return np.inf
+    q = cross(to, first)
+    v = dot(direction, q) / volume
+    if v < 0.0 or u + v > 1.0:
+        return np.inf
+    return dot(second, q) / volume

@@ -1,0 +1,96 @@
+"""Tables of objects and light, against the objects themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
+from mirrorcam.render_scenes.preview.traced_scene import (
+    BOUND,
+    FACING,
+    FIRST_SIDE,
+    FLOOR_LIGHT,
+    MIDDLE,
+    PLACES,
+    POINTS,
+    RADIANCE,
+    RADIUS,
+    SECOND_SIDE,
+    TEXTURE,
+    WALL_LIGHT,
+    lamp_light,
+    traced_board,
+    traced_tabletop,
+    unit_from_view,
+)
+from mirrorcam.render_scenes.settings import RenderSettings
+from tests.render_scenes.preview.scenes import item, scene_of
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "sphere", "cylinder", "box", "leaves"])
+def test_points_of_an_object_are_within_the_sphere_around_it(kind: str) -> None:
+    thing = item(kind, seed=2)
+    scene = scene_of(thing)
+    unit = unit_from_view(thing)
+    random = np.random.default_rng(0)
+    corners = random.choice([-1.0, 1.0], (50, 3)) * ([1.0, 1.0, 0.0] if kind == "rectangle" else 1.0)
+    if kind == "leaves":
+        corners = np.concatenate([scene.triangles[:, :3] + edge for edge in (0.0, scene.triangles[:, 3:6])])
+    if kind in ("sphere", "cylinder"):
+        corners[:, :2] /= np.linalg.norm(corners, axis=1, keepdims=True) if kind == "sphere" else np.sqrt(2.0)
+        corners[:, 2] /= np.sqrt(3.0) if kind == "sphere" else 1.0
+    points = np.linalg.solve(unit[:, :3], (corners - unit[:, 3]).T).T
+    away = np.linalg.norm(points - scene.objects[0, BOUND : BOUND + 3], axis=1)
+    assert away.max() <= scene.objects[0, BOUND + 3] + 1e-9
+    # And the sphere is no larger than it must be.
+    assert away.max() > 0.95 * scene.objects[0, BOUND + 3]
+
+
+def test_the_light_of_the_lamp_is_that_of_its_points() -> None:
+    lamp = scene_of(item("box")).lamp
+    np.testing.assert_allclose(lamp[POINTS:].mean(axis=0), lamp[MIDDLE])
+    sides = lamp[[FIRST_SIDE, SECOND_SIDE]]
+    np.testing.assert_allclose(sides @ lamp[FACING], 0.0, atol=1e-9)
+    assert (np.abs((lamp[POINTS:] - lamp[MIDDLE]) @ sides.T) < (sides**2).sum(axis=1)).all()
+    point, normal = np.array([10.0, 20.0, 310.0]), np.array([0.0, -1.0, 0.0])
+    ways = lamp[POINTS:] - point
+    squared = (ways**2).sum(axis=1)
+    area = 4.0 * np.linalg.norm(np.cross(*sides))
+    points = area * np.mean((ways @ normal) * -(ways @ lamp[FACING]) / squared**2)
+    np.testing.assert_allclose(lamp_light(lamp, point, normal), points * lamp[RADIANCE], rtol=0.02)
+    assert not lamp_light(lamp, point, -normal).any()
+
+
+def test_a_tabletop_has_its_floor_its_wall_and_balls_for_its_objects(small_layout: Layout) -> None:
+    tabletop = arranged_tabletop(small_layout, 0)
+    scene = traced_tabletop(tabletop)
+    wall, desk = tabletop.objects[:2]
+    assert (wall.name, desk.name) == ("wall", "desk")
+    np.testing.assert_allclose(scene.around[PLACES, :2], [desk.view_from_object[1, 3], wall.view_from_object[2, 3]])
+    assert (scene.around[[FLOOR_LIGHT, WALL_LIGHT]] > 0.0).all()
+    assert len(scene.objects) == len(tabletop.objects)
+    textured = [item.texture is not None for item in tabletop.objects]
+    assert ((scene.objects[:, TEXTURE] >= 0) == textured).all()
+    assert (scene.balls[:, RADIUS] > 0.0).all()
+    assert traced_tabletop(tabletop).texels is scene.texels
+
+
+def test_a_board_lies_where_its_pose_says() -> None:
+    board = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)
+    scene = traced_board(board, rigid(np.eye(3), [-100.0, -80.0, 400.0]), RenderSettings())
+    unit = scene.objects[0, 11:23].reshape(3, 4)
+    # A margin of a square: from -124 to 164, and from -104 to 112.
+    np.testing.assert_allclose(unit @ [-124.0, -104.0, 400.0, 1.0], [-1.0, -1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(unit @ [164.0, 112.0, 400.0, 1.0], [1.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_what_cannot_be_traced_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^mesh: a mesh, expected one of rectangle, sphere, cylinder, box, leaves$"):
+        scene_of(item("mesh"))
+    with pytest.raises(InputError, match=r"^2 objects are leaves, expected one at most$"):
+        scene_of(item("leaves"), item("leaves"))

@@ -1,0 +1,54 @@
+"""Rays and triangles, with the tree and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.render_scenes.mesh_shapes import leaves
+from mirrorcam.render_scenes.preview.triangle_tree import COUNT, LEAF, NEXT, NOTHING, nearest_triangle, triangle_tree
+
+SURFACE = leaves(1.0, 3)
+TREE = triangle_tree(SURFACE)
+
+
+def test_every_triangle_is_in_one_box_of_few() -> None:
+    counts = TREE.boxes[:, COUNT]
+    assert counts.sum() == len(SURFACE.faces) == len(TREE.triangles)
+    assert counts.max() <= LEAF
+    assert TREE.boxes[0, NEXT] == len(TREE.boxes)
+    made = np.sort(TREE.triangles[:, :3].sum(axis=1))
+    np.testing.assert_allclose(made, np.sort(SURFACE.points[SURFACE.faces[:, 0]].sum(axis=1)), atol=1e-12)
+
+
+def test_the_tree_finds_what_a_search_of_all_triangles_finds() -> None:
+    random = np.random.default_rng(1)
+    everything = TREE.boxes[:1].copy()
+    everything[0, [NEXT, COUNT]] = 1, len(TREE.triangles)
+    met = 0
+    for _ in range(300):
+        start, end = random.uniform(-1.0, 1.0, (2, 3))
+        ray = tuple(start.tolist()), tuple((end - start).tolist())
+        number, length = nearest_triangle(TREE.boxes, TREE.triangles, *ray, 0.0, np.inf, True)
+        assert (number, length) == nearest_triangle(everything, TREE.triangles, *ray, 0.0, np.inf, True)
+        any_one, _ = nearest_triangle(TREE.boxes, TREE.triangles, *ray, 0.0, np.inf, False)
+        assert (any_one == NOTHING) == (number == NOTHING)
+        met += number != NOTHING
+    assert 30 < met < 270
+
+
+def test_a_triangle_is_met_within_its_sides_and_between_the_lengths() -> None:
+    corner, first, second = np.split(TREE.triangles[0, :9], 3)
+    normal = np.cross(first, second)
+    for u, v, least, hit in (
+        (0.3, 0.3, 0.0, True),
+        (0.6, 0.6, 0.0, False),
+        (-0.1, 0.5, 0.0, False),
+        (0.3, 0.3, 1.1, False),
+    ):
+        start = corner + u * first + v * second - normal
+        alone = np.array([[-9.0] * 3 + [9.0] * 3 + [1.0, 0.0, 1.0]])
+        number, length = nearest_triangle(alone, TREE.triangles, tuple(start), tuple(normal), least, np.inf, True)
+        assert (number == 0) == hit
+        if hit:
+            assert length == pytest.approx(1.0)
