@@ -56,7 +56,7 @@ LAYERS = {
             "light_field.features",
         ),
         *("light_field.motion", "light_field.filters"),
-        *("light_field.io", "light_field.io.formats", "drift"),
+        *("light_field.io", "light_field.io.formats", "drift", "alignment"),
     ),
     "mirrorcam.cad": (
         *("plan", "splitting", "mirrors", "holder", "parts", "assembly"),

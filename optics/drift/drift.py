@@ -162,16 +162,16 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     small = placed({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
     wide = placed({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
     prior = calibrated + common + small + wide
-    matches = _understood(layout, matches, prior)
+    matches = understood(layout, matches, prior)
     shown = np.bincount(matches.view, minlength=len(mirrors))
     if (shown >= LEAST_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
     told = SceneFit(layout, matches, prior).solve()
-    information, gradient = _deflated(told)
+    information, gradient = deflated(told)
     return _Test(layout, names, told, information, gradient, calibrated, small, common).run()
 
 
-def _understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
+def understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
     """The points of frames that some motion of the mirrors explains; of others, matches are wrong."""
     kept = np.zeros(len(matches.point), dtype=bool)
     for frame in np.unique(matches.frame):
@@ -206,7 +206,7 @@ def _unlike(matches: MatchedPoints) -> bool:
     return bool(2 * strange.sum() > len(strange))
 
 
-def _deflated(told: SceneTells) -> tuple[FloatArray, FloatArray]:
+def deflated(told: SceneTells) -> tuple[FloatArray, FloatArray]:
     """H and h, less as errors of neighbouring points are alike: by how the sums over cells scatter."""
     root = np.sqrt(np.maximum(np.diag(told.information), 1e-300))
     values, vectors = np.linalg.eigh(told.information / np.outer(root, root))

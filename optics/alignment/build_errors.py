@@ -1,0 +1,182 @@
+"""Errors of building that move the edges of sub-images: of the camera's seat and lens, of mirrors and of their cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+
+IntArray = NDArray[np.int64]
+
+CAMERA = 11
+"""Errors of the camera: shift (3), turn (3), focal length (1), principal point (2), the first terms of the lens (2)."""
+RIGID = 6
+"""Errors of a mirror as a rigid body, in its own frame: turns about x, y and the normal (3), and shifts (3)."""
+STEP = 1e-3
+"""Step of derivatives, in standard deviations."""
+
+
+@dataclass(frozen=True)
+class BuildErrors:
+    """Standard deviations of errors of building before any picture is taken.
+
+    Attributes
+    ----------
+    tilt_deg, twist_deg
+        Turns of a mirror about either axis of its plane, and about its normal.
+    lift_mm, slide_mm
+        Shifts of a mirror along its normal, and along either axis of its plane.
+    cut_mm
+        How far each edge is from where it should be cut.
+    camera_mm, camera_deg
+        Shifts of the camera along each axis, and its turns about each.
+    focal_percent, centre_px
+        Focal length and principal point.
+    lens
+        First two terms of the lens's distortion.
+    """
+
+    tilt_deg: float = 0.5
+    twist_deg: float = 0.3
+    lift_mm: float = 0.3
+    slide_mm: float = 0.2
+    cut_mm: float = 0.1
+    camera_mm: float = 0.5
+    camera_deg: float = 0.5
+    focal_percent: float = 1.0
+    centre_px: float = 8.0
+    lens: tuple[float, float] = (0.06, 0.12)
+
+    @classmethod
+    def of(cls, layout: Layout) -> Self:
+        """What is known of a layout: of a calibrated one the camera is, but not its seat and mirrors since then."""
+        if layout.kind == "calibrated":
+            return cls(focal_percent=0.1, centre_px=1.0, lens=(0.005, 0.01))
+        return cls()
+
+    @property
+    def camera(self) -> FloatArray:
+        """Standard deviations (CAMERA,) in mm, rad, parts and px."""
+        turn = np.deg2rad(self.camera_deg)
+        seat = [self.camera_mm] * 3 + [turn] * 3
+        return np.array([*seat, self.focal_percent / 100.0, self.centre_px, self.centre_px, *self.lens])
+
+    @property
+    def rigid(self) -> FloatArray:
+        """Standard deviations (RIGID,) in rad and mm."""
+        tilt, twist = np.deg2rad([self.tilt_deg, self.twist_deg])
+        return np.array([tilt, tilt, twist, self.slide_mm, self.slide_mm, self.lift_mm])
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePoints:
+    """Points of edges: numbers (n,) of their mirrors and edges, and how far (n,) along the edge they are, 0 to 1."""
+
+    mirror: IntArray
+    edge: IntArray
+    part: FloatArray
+
+
+class BuiltDevice:
+    """A layout with errors of building, as numbers (p,) in units of their standard deviations.
+
+    First those of the camera, then those of each mirror: as a rigid body, and of each of its edges.
+    """
+
+    def __init__(self, layout: Layout, errors: BuildErrors) -> None:
+        self.layout = layout
+        seen = [mirror.apparent for mirror in layout.mirrors]
+        self.edges = [len(mirror.usable_normalized) for mirror in layout.mirrors]
+        most = max(self.edges)
+        self._frames = np.array([mirror.rig_from_plane for mirror in seen])
+        self._corners = np.zeros((len(seen), most, 2))
+        for k, (mirror, count) in enumerate(zip(seen, self.edges, strict=True)):
+            on_plane = mirror.cut(layout.mirrors[k].usable_normalized) - self._frames[k, :3, 3]
+            self._corners[k, :count] = on_plane @ self._frames[k, :3, :2]
+        mirrors = [np.concatenate([errors.rigid, np.full(count, errors.cut_mm)]) for count in self.edges]
+        self.sigma = np.concatenate([errors.camera, *mirrors])
+        self.starts = CAMERA + np.cumsum([0, *(RIGID + count for count in self.edges)])
+
+    @property
+    def count(self) -> int:
+        """Number of errors."""
+        return len(self.sigma)
+
+    def tilts(self, mirror: int) -> slice:
+        """Places of the two tilts of a mirror among the errors."""
+        return slice(int(self.starts[mirror]), int(self.starts[mirror]) + 2)
+
+    @cached_property
+    def _by_mirror(self) -> list[IntArray]:
+        """The errors that may be changed at once, as none moves what another does: one of each mirror."""
+        most = RIGID + max(self.edges)
+        starts, ends = self.starts[:-1], self.starts[1:]
+        return [(starts + place)[starts + place < ends] for place in range(most)]
+
+    def pixels(self, points: EdgePoints, errors: FloatArray) -> FloatArray:
+        """Where points of edges appear (n, 2), with errors (p,)."""
+        sized = errors * self.sigma
+        seen = self._in_camera(self._in_holder(points, sized), sized)
+        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(seen)
+
+    def depths_mm(self, points: EdgePoints) -> FloatArray:
+        """Depths (n,) of points of edges along the camera's axis, without errors."""
+        return self._in_holder(points, np.zeros(self.count))[:, 2]
+
+    def pixels_with_jacobian(self, points: EdgePoints, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixels (n, 2) of points, and their derivatives (n, 2, p) by the errors, by forward differences."""
+        at = self.pixels(points, errors)
+        jacobian = np.zeros((len(at), 2, self.count))
+        for place in range(CAMERA):
+            jacobian[:, :, place] = (self.pixels(points, _moved(errors, np.array([place]))) - at) / STEP
+        owner = np.searchsorted(self.starts, np.arange(self.count), side="right") - 1
+        for places in self._by_mirror:
+            change = (self.pixels(points, _moved(errors, places)) - at) / STEP
+            for place in places:
+                own = points.mirror == owner[place]
+                jacobian[own, :, place] = change[own]
+        return at, jacobian
+
+    def _in_holder(self, points: EdgePoints, sized: FloatArray) -> FloatArray:
+        """Points (n, 3) of edges in the rig as designed, mm."""
+        mirror, edge = points.mirror, points.edge
+        following = (edge + 1) % np.array(self.edges)[mirror]
+        start, end = self._corners[mirror, edge], self._corners[mirror, following]
+        along = end - start
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        out = np.column_stack([along[:, 1], -along[:, 0]]) / length
+        out *= np.sign((out * start).sum(axis=1))[:, None]
+        rigid = np.array([sized[at : at + RIGID] for at in self.starts[:-1]])
+        flat = start + points.part[:, None] * along + sized[self.starts[mirror] + RIGID + edge][:, None] * out
+        own = np.column_stack([flat, np.zeros(len(flat))])
+        turns = Rotation.from_rotvec(rigid[:, :3]).as_matrix()
+        moved = np.einsum("nij,nj->ni", turns[mirror], own) + rigid[mirror, 3:]
+        frames = self._frames[mirror]
+        return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], moved) + frames[:, :3, 3])
+
+    def _in_camera(self, points: FloatArray, sized: FloatArray) -> FloatArray:
+        """Points (n, 3) in the frame of the camera as it sits."""
+        return np.asarray((points - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix())
+
+
+def _moved(errors: FloatArray, places: IntArray) -> FloatArray:
+    moved = errors.copy()
+    moved[places] += STEP
+    return moved
+
+
+def _with_lens(camera: Camera, change: FloatArray) -> Camera:
+    """A camera with another focal length (a part), principal point (px) and first terms of its distortion."""
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[:2] *= 1.0 + change[0]
+    intrinsics[2:4] += change[1:3]
+    intrinsics[4:6] += change[3 : 3 + len(intrinsics[4:6])]
+    return camera.with_intrinsics(intrinsics)

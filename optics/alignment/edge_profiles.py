@@ -1,0 +1,292 @@
+"""Brightness across the edges of sub-images, and the light that mirrors with blurred edges give there.
+
+A lens sees the edge of a mirror, which is far nearer than what is in focus, blurred over the circle of confusion: the
+part of the pupil that the mirror serves falls from all to none over it. A profile across an edge is the light of the
+mirror times that part, the same of the neighbour where its edge is near, and stray light. What the mirrors show is
+taken for even but for a slope.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from mirrorcam.optics.alignment.build_errors import BuiltDevice, EdgePoints
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+
+STATIONS = 7
+"""Profiles across an edge, each the mean over its part of it: what the mirror shows there becomes more even."""
+LINES = 16
+"""Lines that a profile is the mean of."""
+ENDS = 0.12
+"""Part of an edge, at either end, that is left out: the next edge is near."""
+REACH_PX = 64.0
+STEP_PX = 2.0
+LEAST_REACH_PX = 14.0
+"""To either side of an edge, beyond its blur."""
+MIN_LENGTH_PX = 60.0
+TEXTURE_PX = (4.0, 12.0, 40.0)
+"""Lengths over which textures are alike."""
+LEAST_TEXTURE = 0.05
+"""Texture of what mirrors show, as a part of its light, at least."""
+DARK = 0.02
+NOISE_GREY = 0.5
+"""Of a profile, a mean of pixels."""
+LENS_PX = 0.9
+"""Sigma of the blur of a lens in focus, and of a pixel."""
+NODES = 12
+_ANGLES = np.pi * np.arange(1, NODES + 1) / (NODES + 1)
+_CHORD, _WEIGHT = np.cos(_ANGLES), 2.0 * np.sin(_ANGLES) ** 2 / (NODES + 1)
+"""Gauss-Chebyshev rule of the second kind: of the light across a disc."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Places across the edges of sub-images on the sensor.
+
+    Attributes
+    ----------
+    place, out
+        Pixel (n, 2) of each station, and the unit vector (n, 2) out of its mirror.
+    own, other
+        The points of the edge there, and of the neighbour's edge that the profile meets; where there is none, `other`
+        is the same as `own`.
+    wide_px
+        Lengths (n,) of the edge that profiles are means over.
+    paired
+        Whether (n,) there is a neighbour.
+    apart_px
+        Distance (n,) of the neighbour's edge along `out`.
+    blur_px
+        Radii (n, 2) of the circles of confusion of both edges.
+    """
+
+    place: FloatArray
+    out: FloatArray
+    own: EdgePoints
+    other: EdgePoints
+    wide_px: FloatArray
+    paired: NDArray[np.bool_]
+    apart_px: FloatArray
+    blur_px: FloatArray
+
+
+def stations(device: BuiltDevice) -> Stations:
+    """The stations of a device as designed, of all edges that lie well inside the sensor; each pair of edges once."""
+    layout, camera = device.layout, device.layout.camera
+    outlines = [layout.outline_px(k, usable=True) for k in range(len(layout.mirrors))]
+    rows: list[tuple[Any, ...]] = []
+    done: set[tuple[int, int]] = set()
+    for k, count in enumerate(device.edges):
+        for edge in range(count):
+            if (k, edge) in done:
+                continue
+            part = ENDS + (1.0 - 2.0 * ENDS) * (np.arange(STATIONS) + 0.5) / STATIONS
+            own = EdgePoints(np.full(STATIONS, k), np.full(STATIONS, edge), part)
+            place, out = _placed(device, own, np.nanmean(outlines[k], axis=0))
+            if not _is_seen(place, camera):
+                continue
+            facing = _facing(device, k, place, out)
+            if facing is not None:
+                done.add((int(facing[0]), int(facing[1])))
+            mirror, other, at, apart = facing if facing is not None else (k, edge, part, np.zeros(STATIONS))
+            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, _wide_px(place)))
+    if not rows:
+        empty = EdgePoints(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+        return Stations(
+            np.zeros((0, 2)),
+            np.zeros((0, 2)),
+            empty,
+            empty,
+            np.zeros(0),
+            np.zeros(0, bool),
+            np.zeros(0),
+            np.zeros((0, 2)),
+        )
+    columns = [np.concatenate([np.broadcast_to(row[i], _shape(row[i])) for row in rows]) for i in range(11)]
+    edges = [EdgePoints(columns[at], columns[at + 1], columns[at + 2]) for at in (2, 5)]
+    blur = np.column_stack([_blur_px(camera, device.depths_mm(each)) for each in edges])
+    return Stations(columns[0], columns[1], edges[0], edges[1], columns[10], columns[8], columns[9], blur)
+
+
+def _shape(column: Any) -> tuple[int, ...]:
+    return np.shape(column) if np.ndim(column) else (STATIONS,)
+
+
+def _wide_px(place: FloatArray) -> float:
+    return float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
+
+
+def _is_seen(place: FloatArray, camera: Camera) -> bool:
+    size = np.array([camera.width_px, camera.height_px])
+    inside = (place >= LEAST_REACH_PX) & (place <= size - 1.0 - LEAST_REACH_PX)
+    return bool(inside.all()) and float(np.linalg.norm(place[-1] - place[0])) >= MIN_LENGTH_PX
+
+
+def _placed(device: BuiltDevice, points: EdgePoints, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where points of an edge appear (n, 2) as designed, and unit vectors (n, 2) out of the sub-image."""
+    place = device.pixels(points, np.zeros(device.count))
+    along = np.gradient(place, axis=0)
+    out = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    return place, out * np.sign((out * (place - middle)).sum(axis=1))[:, None]
+
+
+def _facing(
+    device: BuiltDevice, own: int, place: FloatArray, out: FloatArray
+) -> tuple[int, int, FloatArray, FloatArray] | None:
+    """The neighbour's edge that profiles meet first: mirror, edge, parts (n,) along it, and distances (n,)."""
+    none = np.zeros(device.count)
+    best: tuple[int, int, FloatArray, FloatArray] | None = None
+    for k, count in enumerate(device.edges):
+        for edge in range(count) if k != own else ():
+            ends = EdgePoints(np.full(2, k), np.full(2, edge), np.array([0.0, 1.0]))
+            start, end = device.pixels(ends, none)
+            along = end - start
+            # place + apart out = start + part along
+            cross = out[:, 0] * along[1] - out[:, 1] * along[0]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                apart = ((start - place)[:, 0] * along[1] - (start - place)[:, 1] * along[0]) / cross
+                part = ((start - place)[:, 0] * out[:, 1] - (start - place)[:, 1] * out[:, 0]) / cross
+            meets = (apart > 0.0) & (apart < REACH_PX) & (part > 0.02) & (part < 0.98)
+            if meets.all() and (best is None or apart.mean() < best[3].mean()):
+                best = k, edge, part, apart
+    return best
+
+
+def _blur_px(camera: Camera, depth_mm: FloatArray) -> FloatArray:
+    """Radii (n,) of the circles of confusion at depths."""
+    nearness = np.abs(1.0 / depth_mm - 1.0 / camera.focus_mm)
+    return np.asarray(camera.pupil.radius_mm * max(camera.fx_px, camera.fy_px) * nearness)
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """Brightness across edges.
+
+    Attributes
+    ----------
+    out_px, light
+        Light (n, d) at distances (d,) out of edges, grey levels.
+    weight
+        0 (n, d) off the sensor and too far away, else 1.
+    texture
+        Standard deviations (n, 2) of the light that the mirror and its neighbour show.
+    stray, stray_sigma
+        Stray light, and its standard deviation.
+    noise
+        Standard deviation of noise.
+    """
+
+    out_px: FloatArray
+    light: FloatArray
+    weight: FloatArray
+    texture: FloatArray
+    stray: float
+    stray_sigma: float
+    noise: float = NOISE_GREY
+
+
+def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray, smooth_px: float) -> Profiles:
+    """Profiles across all stations of a picture (h, w), smoothed by a Gaussian, about edges at offsets (n, 2)."""
+    image: Any = picture if smooth_px == 0.0 else cv2.GaussianBlur(picture, (0, 0), smooth_px)
+    out_px = np.arange(-1.5 * REACH_PX, 2.0 * REACH_PX + STEP_PX / 2.0, STEP_PX)
+    height, width = picture.shape
+    along = np.column_stack([-seen.out[:, 1], seen.out[:, 0]]) * seen.wide_px[:, None]
+    light, inside = np.zeros((len(along), len(out_px))), np.ones((len(along), len(out_px)), dtype=bool)
+    for line in (np.arange(LINES) + 0.5) / LINES - 0.5:
+        at = (seen.place + line * along)[:, None] + out_px[:, None] * seen.out[:, None]
+        inside &= ((at >= 0.0) & (at <= [width - 1.0, height - 1.0])).all(axis=2)
+        where = np.nan_to_num(at).astype(np.float32)
+        light += np.asarray(cv2.remap(image, where[..., 0].copy(), where[..., 1].copy(), cv2.INTER_LINEAR)) / LINES
+    reach = np.minimum(LEAST_REACH_PX + seen.blur_px + 1.5 * smooth_px, REACH_PX)
+    last = np.where(seen.paired, seen.apart_px, 0.0) + reach[:, 1]
+    near = (out_px >= offset_px[:, :1] - reach[:, :1]) & (out_px <= last[:, None] + offset_px[:, 1:])
+    stray = 0.5 * float(np.quantile(image[::4, ::4], 0.002))
+    texture = np.column_stack([_texture(light, inside & side) for side in _sides(out_px, seen, offset_px)])
+    return Profiles(out_px, light, (inside & near).astype(np.float64), texture, stray, stray + 2.0)
+
+
+def _sides(out_px: FloatArray, seen: Stations, offset_px: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which places (n, d) lie wholly inside the mirror, and wholly inside its neighbour."""
+    one = out_px < offset_px[:, :1] - 0.7 * seen.blur_px[:, :1]
+    two = out_px > seen.apart_px[:, None] + offset_px[:, 1:] + 0.7 * seen.blur_px[:, 1:]
+    return one & (out_px > -REACH_PX), two & (out_px < 1.5 * REACH_PX)
+
+
+def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
+    """Standard deviations (n,) of light (n, d) in some places, and a part of its mean."""
+    count = np.maximum(inside.sum(axis=1), 1)
+    mean = (light * inside).sum(axis=1) / count
+    variance = ((light - mean[:, None]) ** 2 * inside).sum(axis=1) / count
+    return np.asarray(np.sqrt(1.5 * variance) + LEAST_TEXTURE * mean)
+
+
+def served(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
+    """The part (n, d) of the light that an edge lets through at distances (n, d) inside, and its slope.
+
+    The light of a disc of radii (n,), blurred by a Gaussian.
+    """
+    radius, sigma = radius_px[:, None], np.maximum(sigma_px, radius_px / 8.0)[:, None]
+    total, slope = np.zeros_like(inside_px), np.zeros_like(inside_px)
+    for chord, weight in zip(_CHORD, _WEIGHT, strict=True):
+        z = (inside_px - radius * chord) / sigma
+        total += weight * ndtr(z)
+        slope += weight * np.exp(-0.5 * z**2) / (sigma * np.sqrt(2.0 * np.pi))
+    return total, slope
+
+
+def edges_light(
+    given: Profiles, seen: Stations, offset_px: FloatArray, smooth_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Light that the best fit leaves (n, d), and its derivatives (n, 2, d) by the offsets (n, 2) of both edges, white.
+
+    Offsets count along `out`, from the edges as designed. What mirrors show is an even light, which is solved for, with
+    a random texture: it is noise in proportion to the part of the light that the edge lets through, alike over some
+    pixels. So what is dark between edges tells where they are. What the light explains is taken out of the derivatives
+    (Kaufman's variable projection).
+    """
+    sigma = float(np.hypot(LENS_PX, smooth_px))
+    t = given.out_px[None]
+    one, one_slope = served(offset_px[:, :1] - t, seen.blur_px[:, 0], sigma)
+    two, two_slope = served(t - seen.apart_px[:, None] - offset_px[:, 1:], seen.blur_px[:, 1], sigma)
+    there = seen.paired[:, None].astype(np.float64)
+    two, two_slope = two * there, two_slope * there
+    lower = np.linalg.cholesky(_covariance(given, (one, two), smooth_px))
+    kept = given.weight > 0.0
+    columns = np.stack([np.ones_like(one), one, two], axis=-1) * kept[..., None]
+    design = np.linalg.solve(lower, columns)
+    wanted = np.linalg.solve(lower, ((given.light - given.stray) * kept)[..., None])
+    # Stray light is known about; so is that what is not there is dark.
+    prior = np.diag([1.0 / given.stray_sigma**2, 1e-6, 1e-6])
+    normal = np.swapaxes(design, 1, 2) @ design + prior
+    solved = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ wanted)
+    rest = (wanted - design @ solved)[..., 0]
+    steps = np.maximum(solved[:, 1:, 0], 0.0)
+    change = np.stack([one_slope * steps[:, :1], -two_slope * steps[:, 1:]], axis=-1) * kept[..., None]
+    change = np.linalg.solve(lower, change)
+    change = change - design @ np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ change)
+    return rest, np.swapaxes(change, 1, 2)
+
+
+def _covariance(given: Profiles, shares: tuple[FloatArray, FloatArray], smooth_px: float) -> FloatArray:
+    """Covariance (n, d, d) of the light: noise, and texture where edges let light through; 1 where nothing counts."""
+    apart = given.out_px[:, None] - given.out_px[None]
+    alike = np.zeros(apart.shape)
+    for length in TEXTURE_PX:
+        alike += np.exp(-0.5 * apart**2 / (length**2 + 2.0 * smooth_px**2)) / len(TEXTURE_PX)
+    total = np.zeros((len(given.light), *apart.shape))
+    for share, texture in zip(shares, given.texture.T, strict=True):
+        # An edge that is a little off lets a little through.
+        let = (share + DARK) * texture[:, None]
+        total += let[:, :, None] * let[:, None, :] * alike
+    kept = given.weight > 0.0
+    total *= kept[:, :, None] & kept[:, None, :]
+    noise = np.where(kept, given.noise**2, 1.0)
+    total[:, np.arange(len(apart)), np.arange(len(apart))] += noise
+    return total

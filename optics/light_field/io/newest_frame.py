@@ -1,0 +1,115 @@
+"""The newest frame of a source that runs on, whoever takes it; what nobody took in time is counted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.stream import Source
+
+ENDING_S = 2.0
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """A frame and the time when it arrived, s, by the clock of `NewestFrame`."""
+
+    frame: Frame
+    moment: float
+
+
+class NewestFrame:
+    """Reads a source in a thread of its own, and holds its newest frame.
+
+    Parameters
+    ----------
+    source
+        Source of frames; a `LiveCamera`, `Video` or any with `frames` and `stop`.
+    paced
+        Whether frames arrive when their times say so, as a file's should; else as the source gives them.
+    every
+        Whether each frame is waited for until it is taken, so that none is dropped.
+    clock
+        Time in s.
+
+    Attributes
+    ----------
+    dropped, lost
+        Numbers of frames that were replaced before they were taken, and that could not be read.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        *,
+        paced: bool = False,
+        every: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.dropped = self.lost = 0
+        self._source, self._paced, self._every, self._clock = source, paced, every, clock
+        self._changed, self._stopping = threading.Condition(), threading.Event()
+        self._newest: Arrived | None = None
+        self._over = False
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._read, name="newest frame", daemon=True)
+        self._thread.start()
+
+    def take(self, timeout_s: float | None = None) -> Arrived | None:
+        """The newest frame, once it is there and was not taken yet; None at the end, and after a time.
+
+        Raises what the source has raised.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._newest is not None or self._over, timeout_s)
+            newest, self._newest = self._newest, None
+            self._changed.notify_all()
+            if newest is None and self._error is not None:
+                raise self._error
+            return newest
+
+    @property
+    def over(self) -> bool:
+        """Whether the source has ended and its last frame was taken."""
+        with self._changed:
+            return self._over and self._newest is None
+
+    def stop(self) -> None:
+        """End reading; the source is let go of."""
+        self._stopping.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._source.stop()
+        self._thread.join(ENDING_S)
+
+    def _read(self) -> None:
+        try:
+            started: float | None = None
+            for item in self._source.frames():
+                if self._stopping.is_set():
+                    return
+                if isinstance(item, Lost):
+                    self.lost += 1
+                    continue
+                if self._paced:
+                    started = self._clock() - item.time_s if started is None else started
+                    if self._stopping.wait(max(started + item.time_s - self._clock(), 0.0)):
+                        return
+                self._put(item)
+        except BaseException as error:  # raised again where a frame is taken
+            self._error = error
+        finally:
+            with self._changed:
+                self._over = True
+                self._changed.notify_all()
+
+    def _put(self, frame: Frame) -> None:
+        with self._changed:
+            if self._every:
+                self._changed.wait_for(lambda: self._newest is None or self._stopping.is_set())
+            self.dropped += self._newest is not None
+            self._newest = Arrived(frame, self._clock())
+            self._changed.notify_all()

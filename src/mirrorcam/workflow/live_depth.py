@@ -1,0 +1,90 @@
+"""Depth of a live session, in a process of its own, as fast as it goes: it never delays the views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
+from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB
+from mirrorcam.optics.light_field.light_field import LightField
+
+JPEG_QUALITY = 85
+SURE = 0.5
+"""Least confidence of depth that is shown in colour."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthPicture:
+    """Depth of the reference view.
+
+    Attributes
+    ----------
+    jpeg
+        In colours, from near (red) to far (blue), evenly in 1 / depth; grey where it is not known.
+    depth_mm
+        Depth (v, u), rounded; 0 where it is not known.
+    median_mm
+        Of the middle of the picture; NaN where that is not known.
+    """
+
+    jpeg: bytes
+    depth_mm: NDArray[np.uint16]
+    median_mm: float
+
+
+class LiveDepth:
+    """Measures depth in light fields of one layout, filtered in time."""
+
+    def __init__(self, layout: Path, width_px: int) -> None:
+        cv2.setNumThreads(1)
+        decoder = Decoder(Layout.load(layout), width_px=width_px)
+        self._views, self._weights = decoder.views, decoder.weights
+        samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
+        self._estimator = DepthEstimator(self._light_field(samples), quality="fast", workers=1)
+        self._video = VideoDepth(self._estimator)
+
+    def measure(self, samples: NDArray[np.uint8]) -> DepthPicture:
+        """Depth of the next samples (t, s, v, u, 3) of the session."""
+        depth = self._video.estimate(self._light_field(samples))
+        return self._picture(depth)
+
+    def _light_field(self, samples: NDArray[np.uint8]) -> LightField:
+        return LightField.of(self._views, samples, self._weights)
+
+    def _picture(self, depth: DepthMap) -> DepthPicture:
+        known = np.isfinite(depth.depth_mm) & (depth.confidence >= SURE)
+        inverse = 1.0 / np.where(known, depth.depth_mm, 1.0)
+        near, far = 1.0 / self._estimator.near_mm, 1.0 / self._estimator.far_mm
+        level = np.clip(255.0 * (inverse - far) / (near - far), 0.0, 255.0).astype(np.uint8)
+        coloured: Any = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1]
+        picture = np.where(known[..., None], coloured, np.array(INVALID_RGB, np.uint8))
+        height, width = known.shape
+        middle = (slice(height // 3, -(height // 3)), slice(width // 3, -(width // 3)))
+        inner = depth.depth_mm[middle][known[middle]]
+        return DepthPicture(
+            simplejpeg.encode_jpeg(np.ascontiguousarray(picture), JPEG_QUALITY),
+            np.where(known, np.clip(np.nan_to_num(depth.depth_mm), 0.0, 65535.0), 0.0).round().astype(np.uint16),
+            float(np.median(inner)) if len(inner) else float("nan"),
+        )
+
+
+_DEPTHS: list[LiveDepth] = []
+
+
+def open_depth(layout: Path, width_px: int) -> None:
+    """Prepare this process to measure depth. Raises InputError where views share no field."""
+    _DEPTHS[:] = [LiveDepth(layout, width_px)]
+
+
+def measure_depth(samples: NDArray[np.uint8]) -> DepthPicture:
+    """Depth of the next samples."""
+    return _DEPTHS[0].measure(samples)

@@ -1,0 +1,100 @@
+"""What a live page shows frames of: a camera, a video file, or pictures of a folder."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.base.pictures import check_size, picture_size, pictures_in, read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.light_field.io.camera_addresses import camera, shown
+from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.stream import Source
+from mirrorcam.optics.light_field.io.video import Video
+
+FOLDER_HZ = 5.0
+"""Pictures of a folder in a second."""
+
+Kind = Literal["camera", "video", "folder"]
+
+
+class PictureFolder:
+    """The pictures of a folder as frames, by name, FOLDER_HZ a second.
+
+    Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
+    """
+
+    def __init__(self, folder: Path, size: tuple[int, int]) -> None:
+        self._paths, self._over, self._size = pictures_in([folder]), threading.Event(), size
+        check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
+
+    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+        """The pictures that follow number `after`; raises InputError for one of another size."""
+        for number, path in enumerate(self._paths):
+            if number <= after:
+                continue
+            if self._over.is_set():
+                return
+            try:
+                pixels = read_image(path)
+            except DamagedPicture:
+                yield Lost(number, "is damaged")
+                continue
+            check_size(path, (pixels.shape[1], pixels.shape[0]), self._size, "the layout's camera")
+            yield Frame(number, number / FOLDER_HZ, pixels)
+
+    def stop(self) -> None:
+        """End `frames`."""
+        self._over.set()
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """A source, what it is called, what it is, and whether its frames wait for their times."""
+
+    source: Source
+    name: str
+    kind: Kind
+
+    @property
+    def paced(self) -> bool:
+        """Whether frames of a file are to be shown when their times say."""
+        return self.kind != "camera"
+
+
+def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda line: None) -> LiveSource:
+    """The source that a text names: a folder, a video file, or the number or address of a camera.
+
+    Parameters
+    ----------
+    text
+        What is named.
+    wanted
+        The camera whose size frames must have.
+    tell
+        Takes a line when a camera goes and when it is back.
+
+    Raises
+    ------
+    InputError
+        For a source that cannot be opened, or is of another size.
+    """
+    size = wanted.width_px, wanted.height_px
+    path = Path(text)
+    is_number = text.isascii() and text.isdigit()
+    if not is_number and path.is_dir():
+        return LiveSource(PictureFolder(path, size), path.name, "folder")
+    if not is_number and path.is_file():
+        video = Video(path)
+        check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
+        return LiveSource(video, path.name, "video")
+    if not is_number and "://" not in text and not text.startswith("/dev/"):
+        raise InputError(
+            f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
+        )
+    return LiveSource(camera(text, *size, tell=tell, waiting=1), shown(text), "camera")

@@ -1,0 +1,142 @@
+"""What a live session is asked for, and what it gives: plain values that pass between processes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.alignment.exposure_meter import Exposure
+
+PictureKind = Literal["frame", "views", "refocus", "depth"]
+DECODED: tuple[PictureKind, ...] = ("frame", "views", "refocus")
+"""Pictures of every frame; depth has its own rate."""
+
+FRAME_WIDTH_PX, VIEW_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320, 240
+"""Widths of the frame as shown, of each view and the refocused picture, and of the views that depth is measured in."""
+
+
+@dataclass(frozen=True)
+class LiveRequest:
+    """A live session.
+
+    Parameters
+    ----------
+    layout
+        `layout.json`: nominal, to align the mirrors by, or calibrated.
+    source
+        Number or address of a camera, a video file, or a folder of pictures.
+    frame_width_px, view_width_px, depth_width_px
+        Widths of pictures.
+    every
+        Show every frame of a file, as fast as it is used, in place of the newest at its time.
+    """
+
+    layout: Path
+    source: str
+    frame_width_px: int = FRAME_WIDTH_PX
+    view_width_px: int = VIEW_WIDTH_PX
+    depth_width_px: int = DEPTH_WIDTH_PX
+    every: bool = False
+
+
+@dataclass(frozen=True)
+class SessionAbout:
+    """What a session shows: the source, sizes of pictures (width, height) in px, and depths in mm."""
+
+    source: str
+    kind: str
+    camera_px: tuple[int, int]
+    sizes_px: dict[PictureKind, tuple[int, int]]
+    grid: tuple[int, int]
+    reference_mm: float
+    near_mm: float
+    far_mm: float
+    least_focus_mm: float
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What is wanted of the next frame.
+
+    Parameters
+    ----------
+    focus_mm
+        Depth of the refocused picture; None: of the reference plane.
+    kinds
+        Pictures that someone looks at.
+    depth
+        Whether the light field for depth is wanted.
+    frames
+        Whether some of the last frames are wanted, in grey, to align mirrors by.
+    record
+        Video that frames go to from now on; None: none.
+    take
+        File that the next frame becomes, without loss.
+    reset_focus
+        Whether the focus meter forgets the best so far.
+    timeout_s
+        How long a frame is waited for.
+    """
+
+    focus_mm: float | None = None
+    kinds: tuple[PictureKind, ...] = DECODED
+    depth: bool = False
+    frames: bool = False
+    record: Path | None = None
+    take: Path | None = None
+    reset_focus: bool = False
+    timeout_s: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What became of one frame.
+
+    Attributes
+    ----------
+    number, time_s
+        Of the frame, in its source.
+    arrived_s, done_s
+        When it arrived, and when its pictures were encoded, by the clock `time.monotonic`.
+    jpegs
+        The pictures.
+    sharpness
+        Of each mirror, relative to its best so far; None: not measured in this frame.
+    exposure
+        Exposure; None: not measured in this frame.
+    samples
+        Samples (t, s, v, u, 3) for depth.
+    frames
+        Some of the last frames (h, w), grey.
+    taken
+        The file that the frame became.
+    """
+
+    number: int
+    time_s: float
+    arrived_s: float
+    done_s: float
+    jpegs: dict[PictureKind, bytes]
+    sharpness: tuple[float, ...] | None = None
+    exposure: Exposure | None = None
+    samples: NDArray[np.uint8] | None = None
+    frames: tuple[NDArray[np.uint8], ...] = ()
+    taken: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a session answers: a frame's pictures, if one arrived in time, and the counts so far."""
+
+    shown: Shown | None
+    over: bool
+    dropped: int
+    lost: int
+    outages: int
+    recorded: int
+    memory_mb: float
+    lines: tuple[str, ...] = field(default=())

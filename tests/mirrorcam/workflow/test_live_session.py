@@ -1,0 +1,131 @@
+"""Frames become pictures, meters and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simplejpeg
+
+from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.optics.light_field.io.views_picture import SEPARATOR_PX, tiles
+from mirrorcam.workflow import live_session
+from mirrorcam.workflow.live_session import LiveSession, ViewsPicture
+from mirrorcam.workflow.live_values import LiveRequest, Orders
+from tests.mirrorcam.workflow.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write_live_set
+
+
+@pytest.fixture(scope="module")
+def request_(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> LiveRequest:
+    layout, video = write_live_set(tmp_path_factory.mktemp("live"), default_layout)
+    return LiveRequest(layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every=True)
+
+
+@pytest.fixture
+def session(request_: LiveRequest) -> Iterator[LiveSession]:
+    session = LiveSession(request_)
+    yield session
+    session.close()
+
+
+def test_pictures_have_the_sizes_that_the_session_states(session: LiveSession) -> None:
+    about, shown = session.about, session.next(Orders(depth=True)).shown
+    assert about.kind == "video" and about.grid == (3, 3) and about.camera_px == (WIDTH_PX, HEIGHT_PX)
+    assert shown is not None and set(shown.jpegs) == {"frame", "views", "refocus"}
+    for kind, jpeg in shown.jpegs.items():
+        height, width = simplejpeg.decode_jpeg(jpeg).shape[:2]
+        assert (width, height) == about.sizes_px[kind]
+    assert shown.samples is not None and shown.samples.shape[2:4] == about.sizes_px["depth"][::-1]
+    assert about.near_mm < about.reference_mm < about.far_mm
+    assert shown.done_s >= shown.arrived_s
+
+
+def test_the_source_ends_after_every_frame(session: LiveSession) -> None:
+    numbers = []
+    while not (answer := session.next(Orders(kinds=()))).over or answer.shown is not None:
+        assert answer.shown is not None and answer.shown.jpegs == {}
+        numbers.append(answer.shown.number)
+        if answer.over:
+            break
+    assert numbers == list(range(12)) and answer.dropped == 0 and answer.lost == 0
+
+
+def test_the_views_picture_is_that_of_tiles(default_layout: Layout) -> None:
+    layout = small(default_layout)
+    light_field = Decoder(layout, width_px=100).decode(frame(layout))
+    made = ViewsPicture(light_field)
+    picture = made.of(light_field)
+    assert np.array_equal(picture, tiles(light_field)) and made.size_px == (picture.shape[1], picture.shape[0])
+    assert picture.shape[1] == 3 * 100 + 2 * SEPARATOR_PX
+
+
+def test_the_focus_changes_the_refocused_picture_alone(request_: LiveRequest) -> None:
+    found = []
+    for focus in (None, 400.0, 230.0):
+        session = LiveSession(request_)
+        shown = session.next(Orders(focus_mm=focus)).shown
+        session.close()
+        assert shown is not None
+        found.append(shown.jpegs)
+    assert found[0]["views"] == found[1]["views"] == found[2]["views"]
+    # The texture is at 400 mm: there it has most detail.
+    detail = [float(np.std(simplejpeg.decode_jpeg(each["refocus"]).astype(float))) for each in found]
+    assert detail[1] > detail[2]
+
+
+def test_meters_and_frames_for_the_alignment(session: LiveSession) -> None:
+    shown = session.next(Orders(frames=True)).shown
+    assert shown is not None and shown.sharpness is not None and shown.exposure is not None
+    assert len(shown.sharpness) == 9
+    assert [each.shape for each in shown.frames] == [(HEIGHT_PX, WIDTH_PX)]
+    following = session.next(Orders()).shown
+    assert following is not None and following.frames == ()
+
+
+def test_a_calibration_picture_is_the_frame_itself(session: LiveSession, tmp_path: Path, request_: LiveRequest) -> None:
+    path = tmp_path / "pictures" / "a.png"
+    shown = session.next(Orders(take=path)).shown
+    assert shown is not None and shown.taken == path
+    first = next(iter(Video(Path(request_.source)).frames()))
+    assert isinstance(first, Frame) and np.array_equal(read_image(path), first.pixels)
+    with pytest.raises(InputError, match="is there already"):
+        session.next(Orders(take=path))
+
+
+def test_a_recording_has_the_frames_while_it_was_on(session: LiveSession, tmp_path: Path) -> None:
+    path, orders = tmp_path / "a.mkv", Orders(kinds=())
+    session.next(orders)
+    for _ in range(4):
+        answer = session.next(replace(orders, record=path))
+    assert answer.recorded == 4 and not path.exists()
+    answer = session.next(orders)
+    assert path.is_file() and "4 frames" in answer.lines[0]
+    assert len(list(Video(path).frames())) == 4
+
+
+def test_closing_finishes_the_recording(request_: LiveRequest, tmp_path: Path) -> None:
+    session = LiveSession(request_)
+    session.next(Orders(kinds=(), record=tmp_path / "a.mkv"))
+    session.close()
+    assert (tmp_path / "a.mkv").is_file()
+
+
+def test_a_process_has_one_session_which_another_replaces(request_: LiveRequest) -> None:
+    first = live_session.open_session(request_)
+    assert live_session.next_pictures(Orders()).shown is not None
+    assert live_session.open_session(request_) == first
+    answer = live_session.next_pictures(Orders())
+    assert answer.shown is not None and answer.shown.number == 0
+    live_session.close_session()
+
+
+def test_memory_is_that_of_the_process() -> None:
+    assert 10.0 < live_session.resident_mb() < 10_000.0

@@ -1,0 +1,80 @@
+"""Devices with errors of building that are known, for tests and benchmarks of the alignment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.optics.alignment.alignment import view_turns
+from mirrorcam.optics.alignment.build_errors import CAMERA, RIGID, BuildErrors, BuiltDevice
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+
+
+def built(layout: Layout, errors: BuildErrors, units: FloatArray) -> Layout:
+    """The device of first-surface mirrors whose errors are given in standard deviations (p,), as `BuiltDevice` does."""
+    device = BuiltDevice(layout, errors)
+    sized = units * device.sigma
+    turn = Rotation.from_rotvec(sized[3:6]).as_matrix()
+    mirrors = []
+    for mirror, start in zip(layout.mirrors, device.starts, strict=False):
+        rigid, cut = np.split(sized[start : start + RIGID + len(mirror.outline_in_rig_mm)], [RIGID])
+        flat = np.column_stack([recut(mirror.outline_in_plane_mm, cut), np.zeros(len(cut))])
+        frame = mirror.rig_from_plane
+        moved = Rotation.from_rotvec(rigid[:3]).as_matrix()
+        corners = (flat @ moved.T + rigid[3:]) @ frame[:3, :3].T + frame[:3, 3]
+        corners = (corners - sized[:3]) @ turn
+        normal = turn.T @ frame[:3, :3] @ moved[:, 2]
+        corners -= ((corners - corners.mean(axis=0)) @ normal)[:, None] * normal
+        mirrors.append(
+            Mirror.from_plane(corners.mean(axis=0), normal, outline_in_rig_mm=corners, thickness_mm=mirror.thickness_mm)
+        )
+    intrinsics = layout.camera.intrinsics.copy()
+    intrinsics[:2] *= 1.0 + sized[6]
+    intrinsics[2:6] += sized[7:CAMERA]
+    return layout.replaced(
+        kind="as-built",
+        camera=layout.camera.with_intrinsics(intrinsics),
+        mirrors=tuple(mirrors),
+        view_from_rig=layout.view_from_rig @ turn,
+        metrics={},
+        verdict={},
+    )
+
+
+def recut(outline: FloatArray, out_mm: FloatArray) -> FloatArray:
+    """A convex outline (n, 2) whose edges are moved outwards by distances (n,)."""
+    along = np.roll(outline, -1, axis=0) - outline
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    normal *= np.sign((normal * (outline - outline.mean(axis=0))).sum(axis=1))[:, None]
+    offset = (normal * outline).sum(axis=1) + out_mm
+    pairs = [np.linalg.solve(normal[[k - 1, k]], offset[[k - 1, k]]) for k in range(len(outline))]
+    return np.array(pairs)
+
+
+def tilts_deg(layout: Layout, errors: BuildErrors, units: FloatArray) -> FloatArray:
+    """True tilts (mirrors, 2) to the right and down, as `MirrorTilt` states them."""
+    device = BuiltDevice(layout, errors)
+    found = []
+    for k in range(len(layout.mirrors)):
+        about_x, about_y = np.degrees((units * device.sigma)[device.tilts(k)])
+        right, down = view_turns(layout, k)
+        found.append([right * about_y, down * about_x])
+    return np.array(found)
+
+
+def sheet(layout: Layout, grey: float = 150.0, noise: float = 1.0) -> NDArray[np.float32]:
+    """A frame (h, w) of a white sheet that fills all views of a pinhole camera, with noise, and stray light of 3."""
+    camera = layout.camera
+    fine: Any = np.zeros((2 * camera.height_px, 2 * camera.width_px), np.uint8)
+    for k in range(len(layout.mirrors)):
+        corners = np.rint((2.0 * layout.outline_px(k, 16) + 0.5) * 16.0).astype(np.int32)
+        cv2.fillPoly(fine, [corners], [200], shift=4)
+    light: Any = cv2.resize(fine, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
+    light = cv2.GaussianBlur(light.astype(np.float32), (0, 0), 0.8) * (grey / 200.0) + 3.0
+    return np.asarray(light + np.random.default_rng(0).normal(0.0, noise, light.shape), np.float32).clip(0.0)

@@ -1,0 +1,76 @@
+"""Tilts by the edges of sub-images, in words, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.alignment.alignment import EdgeAligner, MirrorTilt, grey_light, mirror_tilt, view_turns
+from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.alignment.built_devices import built, sheet, tilts_deg
+from tests.optics.drift.calibrated_device import turned
+
+
+def test_a_view_turns_to_where_the_signs_say(default_layout: Layout) -> None:
+    for index in range(9):
+        right, down = view_turns(default_layout, index)
+        mirror = default_layout.mirrors[index]
+        middle = mirror.outline_in_rig_mm.mean(axis=0)
+        for axis, sign, which in ((1, right, 0), (0, down, 1)):
+            vector = 0.5 * sign * mirror.rig_from_plane[:3, axis]
+            after = turned(default_layout, index, vector).mirrors[index]
+            rays = [(each.reflection @ middle) @ default_layout.view_from_rig.T for each in (mirror, after)]
+            change = rays[1] / np.linalg.norm(rays[1]) - rays[0] / np.linalg.norm(rays[0])
+            assert change[which] > 0.0
+
+
+def test_tilts_of_a_device_are_within_their_deviations(default_layout: Layout) -> None:
+    pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
+    errors = BuildErrors()
+    aligner, squares = EdgeAligner(pinhole, errors), []
+    for seed in range(3):
+        units = np.random.default_rng(seed).standard_normal(BuiltDevice(pinhole, errors).count) * 0.7
+        found = aligner.align([sheet(built(pinhole, errors, units)).round().astype(np.uint8)])
+        off = np.array([each.estimate_deg for each in found.mirrors]) - tilts_deg(pinhole, errors, units)
+        sigma = np.array([each.sigma_deg for each in found.mirrors])
+        assert sigma.min() < 0.25 and sigma.max() < errors.tilt_deg  # a bound of .14 to .49
+        squares.append(np.mean((off / sigma) ** 2))
+        assert found.source == "edges" and found.edges is not None
+    assert np.mean(squares) < 1.6
+
+
+def test_a_turn_of_the_camera_is_none_of_the_mirrors(default_layout: Layout) -> None:
+    pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
+    units = np.zeros(BuiltDevice(pinhole, BuildErrors()).count)
+    units[3:6] = 1.5, 0.0, -1.5
+    found = EdgeAligner(pinhole).align([sheet(built(pinhole, BuildErrors(), units)).round().astype(np.uint8)])
+    told = [value for each in found.mirrors for value in (each.right_deg, each.down_deg) if np.isfinite(value)]
+    assert told and np.sqrt(np.mean(np.square(told))) < 0.3  # they share a little of it: .75 deg looks alike
+    assert found.camera_turn_deg[2] == pytest.approx(-0.75, abs=0.15)
+
+
+def test_tilts_in_words() -> None:
+    nan = float("nan")
+    assert MirrorTilt(0, -0.4, -0.2, (0.1, 0.1)).words == "0.40° left, 0.20° up"
+    assert MirrorTilt(0, nan, 0.21, (0.5, 0.1)).words == "0.21° down"
+    assert MirrorTilt(0, nan, nan, (0.5, 0.5)).words == "cannot tell"
+    assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).told
+
+
+def test_a_tilt_hardly_known_better_than_before_is_not_told(default_layout: Layout) -> None:
+    spread = np.diag(np.radians([0.1, 0.45]) ** 2)
+    tilt = mirror_tilt(default_layout, 4, np.radians([0.3, 0.3]), spread, 0.5)
+    assert np.isnan(tilt.right_deg) and abs(tilt.down_deg) == pytest.approx(0.3)
+    assert tilt.sigma_deg == pytest.approx((0.45, 0.1))
+    assert abs(tilt.estimate_deg[0]) == pytest.approx(0.3)
+
+
+def test_frames_are_averaged_and_others_refused(default_layout: Layout) -> None:
+    dark, bright = (np.full((1080, 1920, 3), value, np.uint8) for value in (10, 30))
+    assert np.allclose(grey_light([dark, bright[..., 0]], default_layout), 20.0)
+    with pytest.raises(InputError, match="no frame is given"):
+        grey_light([], default_layout)
+    with pytest.raises(InputError, match="frame is 640x480 px, expected 1920x1080"):
+        grey_light([np.zeros((480, 640, 3), np.uint8)], default_layout)

@@ -1,0 +1,70 @@
+"""Derivatives of edges by errors of building, and what is known of a layout."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.alignment.build_errors import CAMERA, RIGID, BuildErrors, BuiltDevice, EdgePoints
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.alignment.built_devices import built
+
+
+@pytest.fixture
+def device(default_layout: Layout) -> BuiltDevice:
+    return BuiltDevice(default_layout, BuildErrors())
+
+
+def some_points(device: BuiltDevice) -> EdgePoints:
+    random = np.random.default_rng(0)
+    mirror = random.integers(0, 9, 40)
+    edge = np.array([random.integers(device.edges[k]) for k in mirror])
+    return EdgePoints(mirror, edge, random.uniform(0.1, 0.9, 40))
+
+
+def test_without_errors_edges_are_on_the_outlines(default_layout: Layout, device: BuiltDevice) -> None:
+    points = some_points(device)
+    at = device.pixels(points, np.zeros(device.count))
+    for mirror, edge, part, pixel in zip(points.mirror, points.edge, points.part, at, strict=True):
+        corners = default_layout.mirrors[mirror].usable_normalized
+        on_edge = corners[edge] + part * (corners[(edge + 1) % len(corners)] - corners[edge])
+        # Parts of an edge count on the mirror, not in the picture: the pixel is on the line.
+        along = corners[(edge + 1) % len(corners)] - corners[edge]
+        away = (pixel - default_layout.camera.cx_px * 0.0) - default_layout.camera.pixels_from_normalized(on_edge)
+        normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+        assert abs(away @ normal) < 1e-6
+
+
+def test_edges_are_where_a_device_with_these_errors_has_them(default_layout: Layout, device: BuiltDevice) -> None:
+    units = np.random.default_rng(3).normal(0.0, 0.3, device.count)
+    truth = built(default_layout, BuildErrors(), units)
+    points = some_points(device)
+    at = device.pixels(points, units)
+    for mirror, edge, pixel in zip(points.mirror, points.edge, at, strict=True):
+        corners = truth.mirrors[mirror].outline_in_rig_mm
+        ends = corners[[edge, (edge + 1) % len(corners)]]
+        between = ends[0] + np.linspace(-0.1, 1.1, 2001)[:, None] * (ends[1] - ends[0])
+        assert np.linalg.norm(truth.camera.project(between) - pixel, axis=1).min() < 0.3
+
+
+def test_derivatives_are_those_of_finite_differences(device: BuiltDevice) -> None:
+    points, random = some_points(device), np.random.default_rng(1)
+    errors = random.normal(0.0, 0.5, device.count)
+    _, jacobian = device.pixels_with_jacobian(points, errors)
+    for place in range(0, device.count, 7):
+        step = np.zeros(device.count)
+        step[place] = 1e-2
+        change = (device.pixels(points, errors + step) - device.pixels(points, errors - step)) / 2e-2
+        assert np.abs(jacobian[:, :, place] - change).max() < 2e-2 * max(np.abs(change).max(), 0.1)
+
+
+def test_errors_are_those_of_the_camera_then_of_each_mirror(device: BuiltDevice) -> None:
+    assert device.count == CAMERA + sum(RIGID + count for count in device.edges)
+    assert device.tilts(1) == slice(CAMERA + RIGID + device.edges[0], CAMERA + RIGID + device.edges[0] + 2)
+
+
+def test_the_camera_of_a_calibrated_layout_is_known(default_layout: Layout) -> None:
+    calibrated = BuildErrors.of(default_layout.replaced(kind="calibrated"))
+    nominal = BuildErrors.of(default_layout)
+    assert calibrated.focal_percent < nominal.focal_percent and calibrated.centre_px < nominal.centre_px
+    assert calibrated.tilt_deg == nominal.tilt_deg and calibrated.camera_deg == nominal.camera_deg
