@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections import deque
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
@@ -16,9 +16,10 @@ PRELOAD = (
     "mirrorcam.studio.drawing",
     "mirrorcam.studio.tolerance_bars",
     "mirrorcam.optics.design.optimise",
-    "mirrorcam.optics.design.program.seeds",
+    "mirrorcam.optics.design.preview",
 )
 """What processes that do this work load before they are asked."""
+MOST_REMEMBERED = 300
 
 
 def solve(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
@@ -57,12 +58,28 @@ def parabola_of(spec: DesignSpec) -> Layout | None:
     return layout.replaced(spec=spec, **figures)
 
 
-def preview(spec: DesignSpec, solved: Sequence[Layout]) -> DesignDrawing | None:
+_remembered: deque[Layout] = deque(maxlen=MOST_REMEMBERED)
+"""Designs that this process makes previews from."""
+
+
+def remember(layout: Layout) -> None:
+    """Let later previews in this process lie between this design and others."""
+    _remembered.append(layout)
+
+
+def preview(spec: DesignSpec) -> DesignDrawing | None:
     """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola."""
+    from mirrorcam.optics.design.preview import preview as preview_layout
+    from mirrorcam.optics.design.program.seeds import faceted_parabola
     from mirrorcam.studio.drawing import design_drawing
 
-    layout = parabola_of(spec)
-    return None if layout is None else design_drawing(layout, spec, "parabola")
+    layout = preview_layout(spec, list(_remembered))
+    try:
+        if layout is not None:
+            return design_drawing(layout, spec, "preview")
+        return design_drawing(faceted_parabola(spec), spec, "parabola")
+    except InputError:
+        return None  # such as where a working depth is nearer than the mirrors: nothing to show
 
 
 def report(layout: Layout, parabola: Layout | None) -> str:

@@ -13,9 +13,12 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.nearby_requests import nearby_requests
 from mirrorcam.studio.tolerance_values import ToleranceBars
 
-MOST_KEPT = 200
+MOST_KEPT = 300
+
+Found = SolvedDesign | RefusedDesign
 
 
 class Superseded(Exception):
@@ -25,85 +28,101 @@ class Superseded(Exception):
 class Designer:
     """Solves the newest request and previews others meanwhile; any thread may call.
 
-    What was solved is kept, so that going back to it takes no time.
+    What was solved is kept, so that going back to it takes no time, and a preview lies between what was solved. While
+    nothing is asked for, a process of low priority solves what was previewed last, then requests near the newest.
     """
 
     def __init__(self) -> None:
-        self._solver = WorkerProcess(preload=design_work.PRELOAD)
-        self._previewer = WorkerProcess(preload=design_work.PRELOAD)
-        self._analyst = WorkerProcess(preload=design_work.PRELOAD)
+        self._solver, self._previewer, self._analyst, self._scout = (
+            WorkerProcess(preload=design_work.PRELOAD) for _ in range(4)
+        )
         self._stored: dict[DesignSpec, Path] = {}
-        self._lock = threading.Lock()
-        self._turn = threading.Lock()
+        self._kept: OrderedDict[DesignSpec, Found] = OrderedDict()
+        self._lock, self._turn = threading.Lock(), threading.Lock()
         self._newest = 0
         self._solving: DesignSpec | None = None
-        self._kept: OrderedDict[DesignSpec, SolvedDesign | RefusedDesign] = OrderedDict()
+        self._ahead: list[DesignSpec] = []
+        self._wished = threading.Condition(self._lock)
+        self._over = False
 
     def start(self) -> None:
         """Start the processes ahead of the first request."""
-        for process in (self._solver, self._previewer, self._analyst):
+        for process in (self._solver, self._previewer, self._analyst, self._scout):
             process.start()
+        threading.Thread(target=self._look_ahead, daemon=True, name="look ahead").start()
 
     def close(self) -> None:
         """End all processes."""
-        for process in (self._solver, self._previewer, self._analyst):
+        with self._lock:
+            self._over = True
+            self._wished.notify_all()
+        for process in (self._solver, self._previewer, self._analyst, self._scout):
             process.kill()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Take a design that was solved before, such as that of a file."""
-        found = self._previewer.call(design_work.described, spec, layout)
-        with self._lock:
-            self._kept[spec] = found
+        self._keep(spec, self._previewer.call(design_work.described, spec, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
         """Take the files of layouts that were solved before, such as of a sweep: each is read when it is asked for."""
         self._stored = dict(stored)
 
-    def solve(self, spec: DesignSpec) -> SolvedDesign | RefusedDesign:
+    def solve(self, spec: DesignSpec) -> Found:
         """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded."""
         with self._lock:
-            kept = self._kept.get(spec)
             self._newest += 1
             mine = self._newest
             stale = self._solving is not None and self._solving != spec
-        if kept is None and spec in self._stored:
+        if spec in self._stored and spec not in self._kept:
             self.keep(spec, Layout.load(self._stored[spec]))
-            kept = self._kept[spec]
-        if kept is not None:
-            return kept
         if stale:
             self._solver.kill()
         with self._turn:
+            found = self._kept.get(spec)
+            if found is None:
+                found = self._solved_now(spec, mine)
+                self._keep(spec, found)
+        with self._lock:
+            self._ahead = nearby_requests(spec)
+            self._wished.notify_all()
+        return found
+
+    def _solved_now(self, spec: DesignSpec, number: int) -> Found:
+        with self._lock:
+            if number != self._newest:
+                raise Superseded
+            self._solving = spec
+        try:
+            found: Found = self._solver.call(design_work.solve, spec)
+        except WorkerDied:
+            raise Superseded from None
+        finally:
             with self._lock:
-                if mine != self._newest:
-                    raise Superseded
-                self._solving = spec
-            try:
-                found = self._solver.call(design_work.solve, spec)
-            except WorkerDied:
-                raise Superseded from None
-            finally:
-                with self._lock:
-                    self._solving = None
+                self._solving = None
+        return found
+
+    def _keep(self, spec: DesignSpec, found: Found) -> None:
         with self._lock:
             self._kept[spec] = found
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
-        return found
+        if isinstance(found, SolvedDesign):
+            self._previewer.call(design_work.remember, found.layout)
 
     def preview(self, spec: DesignSpec) -> DesignDrawing | None:
         """A drawing of about what a request leads to, at once; None where nothing can be said."""
+        found = self._kept.get(spec)
+        if isinstance(found, SolvedDesign):
+            return found.drawing
+        drawing: DesignDrawing | None = self._previewer.call(design_work.preview, spec)
         with self._lock:
-            kept = self._kept.get(spec)
-            near = [found.layout for found in self._kept.values() if isinstance(found, SolvedDesign)]
-        if isinstance(kept, SolvedDesign):
-            return kept.drawing
-        return self._previewer.call(design_work.preview, spec, near)
+            self._ahead = [spec]
+            self._wished.notify_all()
+        return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
         """The design of a request that was solved. Raises InputError for another."""
-        with self._lock:
-            found = self._kept.get(spec)
+        found = self._kept.get(spec)
         if not isinstance(found, SolvedDesign):
             raise InputError("this design is not solved, expected one that is")
         return found
@@ -113,9 +132,31 @@ class Designer:
 
         Raises InputError for a design that is not solved, or that cannot be built so.
         """
-        return self._analyst.call(design_work.tolerance, self.solved(spec).layout)
+        bars: ToleranceBars = self._analyst.call(design_work.tolerance, self.solved(spec).layout)
+        return bars
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""
         found = self.solved(spec)
-        return self._analyst.call(design_work.report, found.layout, found.parabola)
+        return str(self._analyst.call(design_work.report, found.layout, found.parabola))
+
+    def _look_ahead(self) -> None:
+        """Solve what may be asked for next, until the end."""
+        try:
+            self._scout.call(design_work.at_low_priority)
+            while (spec := self._next_ahead()) is not None:
+                self._keep(spec, self._scout.call(design_work.solve, spec))
+        except WorkerDied:
+            return  # killed at the end
+
+    def _next_ahead(self) -> DesignSpec | None:
+        with self._lock:
+            while not self._over:
+                # Nothing is solved ahead of what is being waited for.
+                if self._solving is None:
+                    while self._ahead:
+                        spec = self._ahead.pop(0)
+                        if spec not in self._kept:
+                            return spec
+                self._wished.wait()
+        return None

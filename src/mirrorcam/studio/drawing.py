@@ -42,7 +42,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
     """
     depths_mm = sorted(spec.depths_mm)
     metrics = layout.metrics or evaluate(layout, depths_mm)
-    verdict = layout.verdict or ({} if kind == "preview" else verify(layout, spec))
+    verdict = layout.verdict or ({} if kind != "exact" else verify(layout, spec))
     pupil = layout.camera.pupil
     views = fields_of_view(layout, pupil)
     grid, spacings = fitted_grid(layout)

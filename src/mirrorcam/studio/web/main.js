@@ -99,7 +99,8 @@
       if (answer.drawing && asking.exact === before) {
         Object.assign(state, { drawing: answer.drawing, conflicts: [] });
         draw();
-        say("preview", answer.drawing.kind === "parabola" ? "Preview: the faceted parabola" : "Preview");
+        const texts = { exact: passed(answer.drawing), parabola: "Preview: the faceted parabola", preview: "Preview" };
+        say(answer.drawing.kind === "exact" ? "exact" : "preview", texts[answer.drawing.kind]);
         if (touchedAt) requestAnimationFrame(() => performance.measure("preview", { start: touchedAt, end: performance.now() }));
       }
     } catch (error) {
