@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outlines_of
 
 POINTS_PER_EDGE = 32
 
@@ -49,7 +49,7 @@ def sensor_polygon(camera: Camera) -> Polygon:
 def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
-    shown = [sensor.intersection(Polygon(whole_pupil_outline(mirror, pupil))) for mirror in layout.mirrors]
+    shown = [sensor.intersection(Polygon(outline)) for outline in whole_pupil_outlines_of(layout.mirrors, pupil)]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 

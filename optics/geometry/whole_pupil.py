@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray
@@ -18,12 +20,22 @@ def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
 
     (0, 2) where there is none.
     """
-    shown, apparent = mirror.usable_normalized, mirror.apparent
-    if pupil.radius_mm == 0.0 or len(shown) == 0:
-        return shown
-    distance = np.array([apparent.distance_mm])
-    outline = whole_pupil_outlines(shown[None], apparent.normal_in_rig[None], distance, pupil)[0]
-    return outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
+    return whole_pupil_outlines_of([mirror], pupil)[0]
+
+
+def whole_pupil_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
+    """The `whole_pupil_outline` (n, 2) of each mirror, found together."""
+    outlines = [mirror.usable_normalized for mirror in mirrors]
+    showing = [k for k, shown in enumerate(outlines) if len(shown)]
+    if pupil.radius_mm == 0.0 or not showing:
+        return outlines
+    most = max(len(outlines[k]) for k in showing)
+    shown = np.array([outlines[k][np.minimum(np.arange(most), len(outlines[k]) - 1)] for k in showing])
+    normals = np.array([mirrors[k].apparent.normal_in_rig for k in showing])
+    distances_mm = np.array([mirrors[k].apparent.distance_mm for k in showing])
+    for k, outline in zip(showing, whole_pupil_outlines(shown, normals, distances_mm, pupil), strict=True):
+        outlines[k] = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
+    return outlines
 
 
 def whole_pupil_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:

@@ -141,7 +141,7 @@ _SCENE = (
         least=0,
         most=1,
         step=0.01,
-        help="0 spends everything on shared pixels, 1 on a regular grid of views, which many algorithms expect.",
+        help="At 0, shared pixels alone count; at 1, a regular grid of views alone, which many algorithms expect.",
     ),
     Control(
         name="objective",

@@ -1,0 +1,47 @@
+"""The report of a design: one file with its figures, checks, pictures and what was asked for."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.pages.design_report import design_report
+
+SPEC = DesignSpec()
+
+
+@pytest.fixture(scope="module")
+def layout(default_layout: Layout) -> Layout:
+    figures = {"metrics": evaluate(default_layout, SPEC.depths_mm), "verdict": verify(default_layout, SPEC)}
+    return default_layout.replaced(spec=SPEC, **figures)
+
+
+def test_it_holds_everything_in_itself(layout: Layout) -> None:
+    page = design_report(layout, None)
+    assert layout.identity in page
+    assert "All 12 checks pass" in page
+    assert page.count("data:image/png;base64,") == 2
+    assert not re.search(r'(?:src|href)="(?!data:|#)', page)
+    assert "scale_mm" in page
+
+
+def test_a_failed_check_is_said_at_the_top(layout: Layout) -> None:
+    gap = layout.verdict["smallest_gap_mm"].replaced(value=0.1)
+    failed = layout.replaced(verdict=layout.verdict | {"smallest_gap_mm": gap})
+    assert "1 of 12 checks failed" in design_report(failed, None)
+
+
+def test_names_are_escaped(layout: Layout) -> None:
+    camera = layout.camera.replaced(name="<script>alert(1)</script>")
+    named = layout.replaced(camera=camera, spec=SPEC.replaced(camera=camera))
+    assert "<script>alert" not in design_report(named, None)
+
+
+def test_a_layout_without_a_request_has_no_report(layout: Layout) -> None:
+    with pytest.raises(ValueError, match="without a spec"):
+        design_report(layout.replaced(spec=None), None)

@@ -1,0 +1,39 @@
+"""Controls set fields that a request has, within what it allows, and say what they buy."""
+
+from __future__ import annotations
+
+import pytest
+
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio.controls import Control, control_groups, snapping_groups
+
+EVERY = [control for group in control_groups(DesignSpec()) for control in group.controls]
+
+
+def test_every_field_of_a_request_but_the_pattern_has_its_control() -> None:
+    named = {control.name for control in EVERY} | {"cols"}
+    assert named == DesignSpec.model_fields.keys() - {"pattern"}
+
+
+@pytest.mark.parametrize("control", EVERY, ids=lambda control: control.name)
+def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: Control) -> None:
+    assert control.help.endswith(".")
+    assert control.help[0].isupper()
+    if control.kind == "slider":
+        for value in (control.least, control.most):
+            DesignSpec().replaced(**{control.name: value})
+    for choice, _ in control.choices:
+        DesignSpec().replaced(**{control.name: choice if isinstance(control.preset, str) else int(choice)})
+
+
+def test_a_camera_of_a_file_is_offered_beside_the_presets() -> None:
+    own = Camera.c920().replaced(name="mine", fx_px=900.0)
+    (camera,) = (c for c in control_groups(DesignSpec(camera=own))[0].controls if c.kind == "camera")
+    assert [each["name"] for each in camera.cameras] == ["Logitech C920", "mine"]
+
+
+def test_an_atlas_snaps_to_its_values() -> None:
+    axes = {"rows": [1.0, 2.0], "cols": [2.0, 3.0], "scale_mm": [60.0, 80.0], "tradeoff": [0.3]}
+    (group,) = snapping_groups(axes)
+    assert {control.name: list(control.values) for control in group.controls} == axes

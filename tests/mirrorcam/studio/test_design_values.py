@@ -1,0 +1,15 @@
+"""Drawings survive the way to the browser."""
+
+from __future__ import annotations
+
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.design_values import DesignDrawing
+from mirrorcam.studio.drawing import design_drawing
+
+
+def test_a_drawing_is_the_same_after_json(default_layout: Layout) -> None:
+    drawing = design_drawing(default_layout, DesignSpec(), "exact")
+    text = drawing.model_dump_json()
+    assert DesignDrawing.model_validate_json(text) == drawing
+    assert len(text) < 25_000

@@ -1,0 +1,50 @@
+"""Requests as files: what is written is read again, and bad ones are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow.design_request import read_request, request_of, request_toml
+
+SPECS = [
+    DesignSpec(),
+    DesignSpec(rows=1, cols=2, depths_mm=(250.0, 300.0, 900.0), fold_deg="auto", surface="second"),
+    DesignSpec(pattern=Pattern.ring(8), camera=Camera.c920().replaced(name='a "name"', body_mm=None)),
+]
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=["default", "rows", "pattern"])
+def test_a_request_is_read_as_it_was_written(spec: DesignSpec, tmp_path: Path) -> None:
+    path = tmp_path / "design.toml"
+    path.write_text(request_toml(spec), encoding="utf-8")
+    assert read_request(path) == spec
+    assert request_of(Path("design.json"), spec.model_dump_json().encode()) == spec
+
+
+def test_a_layout_gives_the_request_that_led_to_it(default_layout: Layout, tmp_path: Path) -> None:
+    layout = default_layout.replaced(spec=DesignSpec(spacing_mm=1.0))
+    layout.save(tmp_path / "layout.json")
+    assert read_request(tmp_path / "layout.json") == layout.spec
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("a.toml", "rows = ", "not valid TOML"),
+        ("a.json", "[1]", "a.json"),
+        ("a.toml", "rows = 'three'", "rows"),
+        ("a.toml", "row = 3", "did you mean rows"),
+        ("a.json", '{"mirrors": []}', "a.json"),
+    ],
+)
+def test_what_is_no_request_is_refused_in_one_line(name: str, text: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected) as refused:
+        request_of(Path(name), text.encode())
+    assert "\n" not in str(refused.value)
