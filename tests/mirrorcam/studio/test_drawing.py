@@ -72,9 +72,9 @@ def test_a_preview_is_drawn_without_checks_and_coarser(default_layout: Layout) -
     assert preview.figures == exact.figures
 
 
-def test_a_depth_before_the_mirrors_is_refused(default_layout: Layout) -> None:
+def test_a_depth_before_the_mirrors_is_refused(fold_90_layout: Layout) -> None:
     with pytest.raises(InputError, match="nearer than the mirrors"):
-        design_drawing(default_layout.replaced(metrics={}), DesignSpec(depths_mm=(1.0,)), "preview")
+        design_drawing(fold_90_layout.replaced(metrics={}), DesignSpec(depths_mm=(1.0,)), "preview")
 
 
 def test_the_body_of_a_camera_is_drawn_only_where_it_is_known(default_layout: Layout) -> None:
