@@ -2,10 +2,11 @@
 
 For each layout (by default those designed for some counts and scales), in one warm process: median and 95th percentile
 of a preview of the tabletop and of a board, 640 px wide, in seconds of the clock and of one processor (which other work
-on the machine changes less); beside it, where Mitsuba is installed, the reference's picture of the same objects at the
-same size, by as many cores as there are. Then how far off the preview is:
-the share of pixels that show another object, the median and the 99th percentile of errors of depth, and the correlation
-of the two pictures. The first call of the process, which loads machine code and draws textures, is timed by itself.
+on the machine changes less), and of what is had of it: decoded views with a depth map, and a picture focused on a
+depth. Beside it, where Mitsuba is installed, the reference's picture of the same objects at the same size, by as many
+cores as there are, and how far off the preview is: the share of pixels that show another object, the median and the
+99th percentile of errors of depth, and the correlation of the two pictures. The first call of the process, which loads
+machine code and draws textures, is timed by itself.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ import numpy as np
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
 from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
 from mirrorcam.render_scenes.preview.preview_frame import REFLECTANCE, PreviewFrame, preview_frame
+from mirrorcam.render_scenes.preview.seen_by import seen_in
 
 ROUNDS = 20
 LIMIT_S = 0.3
@@ -91,6 +94,12 @@ def main(layouts: dict[str, Layout], rounds: int = ROUNDS) -> int:
             text, seconds = times_s(partial(preview_frame, layout, subject), rounds)
             print(f"{name:15} {subject:8} {text}")
             late |= subject == "tabletop" and layout.rows * layout.cols == 9 and seconds > LIMIT_S
+        seen = seen_in(frame)
+        middle = default_reference_depth_mm(layout)
+        print(f"{name:15} views and depth {times_s(partial(seen_in, frame), rounds)[0]}")
+        print(f"{name:15} refocusing {times_s(partial(seen.refocused, middle), rounds)[0]}")
+        size = "x".join(map(str, seen.light_field.samples.shape[3:1:-1]))
+        print(f"{'':15} views of {size} px, depth off by {seen.median_error_mm:.2g} mm (median)")
         if has_mitsuba:
             print(f"{'':15} {of_reference(frame)}")
     return int(late)

@@ -20,34 +20,30 @@ from mirrorcam.render_scenes.tabletop.textures import TextureName
 Subject = Literal["tabletop", "board"]
 
 TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
-    "poster": (768, 512),
-    "wood": (1024, 640),
-    "page": (256, 344),
-    "label": (288, 160),
-    "cover": (96, 96),
-    "globe": (160, 80),
+    "poster": (1152, 768),
+    "wood": (1536, 960),
+    "page": (384, 516),
+    "label": (432, 240),
+    "cover": (144, 144),
+    "globe": (240, 120),
 }
-"""Columns and rows of textures, as many as nine views of a picture of `USUAL_WIDTH_PX` show."""
-USUAL_WIDTH_PX = 640
+"""Columns and rows of textures: as many as nine views of a picture of 1000 px show, about."""
 BOARD_TURNED_DEG = (-12.0, 18.0)
 """Turns of the board about x and y."""
 
 
-def arranged_tabletop(layout: Layout, seed: int, width_px: int = USUAL_WIDTH_PX) -> Tabletop:
-    """The tabletop scene of a layout, with textures of the same size for every layout, for pictures of a width.
+def arranged_tabletop(layout: Layout, seed: int) -> Tabletop:
+    """The tabletop scene of a layout, with textures of the same size for every layout.
 
-    Textures are random numbers that depend on their size: of one size, they stay the same while a design changes. The
-    depths are those that the layout was designed for, or as near as objects have room before the mirrors.
+    Textures are random numbers that depend on their size: of one size, they stay the same while a design, or the size
+    of its picture, changes. The depths are those that the layout was designed for, or as near as objects have room
+    before the mirrors.
     """
     least = nearest_mm(layout) / (1.0 - LEAST_ROOM) + 1.0
     depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(layout)}))
     found = arrange_tabletop(layout, depths, seed)
-    finer = 2.0 ** np.clip(np.ceil(np.log2(width_px / USUAL_WIDTH_PX)), -2, 2)
     objects = tuple(
-        item
-        if item.texture is None
-        else item.replaced(texture_px=tuple(int(finer * side) for side in TEXTURE_PX[item.texture]))
-        for item in found.objects
+        item if item.texture is None else item.replaced(texture_px=TEXTURE_PX[item.texture]) for item in found.objects
     )
     return Tabletop(objects, found.lit_in_view, found.reach_mm)
 

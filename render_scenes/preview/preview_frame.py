@@ -27,6 +27,8 @@ from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorMode
 WIDTH_PX = Bounds(64, 4096)
 """Width of a preview."""
 REFLECTANCE = 0.92
+SENSOR = SENSORS["c920"].replaced(tone_curve="srgb", exposure=0.75)
+"""A webcam whose grey levels are those of screens."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +41,15 @@ class PreviewFrame:
         The layout with its pixels binned to those of the picture.
     picture
         (h, w, 3), uint8, RGB.
+    sensor
+        Lens and sensor that took it, of these pixels.
     light
         Light before lens and sensor, and what each pixel shows.
     """
 
     layout: Layout
     picture: NDArray[np.uint8]
+    sensor: SensorModel
     light: SensorLight
 
 
@@ -55,7 +60,7 @@ def preview_frame(
     *,
     arranged_for: Layout | None = None,
     target: Target | None = None,
-    sensor: SensorModel = SENSORS["c920"],
+    sensor: SensorModel = SENSOR,
     seed: int = 0,
 ) -> PreviewFrame:
     """Render a small picture of a scene via the mirrors of a layout.
@@ -96,17 +101,17 @@ def preview_frame(
     camera = layout.camera.binned(factor)
     small = layout.replaced(camera=camera)
     filled = small if arranged_for is None else arranged_for
-    light = sensor_light(
-        camera, mirror_views(small, camera.pupil, REFLECTANCE), _scene(filled, subject, camera.width_px, target, seed)
-    )
+    light = sensor_light(camera, mirror_views(small, camera.pupil, REFLECTANCE), _scene(filled, subject, target, seed))
     radiance = out_of_focus(light.radiance, light.along_axis_mm, camera)
     noise = np.random.default_rng(np.random.SeedSequence((seed, 1)))
-    return PreviewFrame(small, photograph(radiance, 1, camera, binned_sensor(sensor, factor), noise), light)
+    model = binned_sensor(sensor, factor)
+    picture = np.atleast_3d(photograph(radiance, 1, camera, model, noise))
+    return PreviewFrame(small, np.broadcast_to(picture, (*picture.shape[:2], 3)), model, light)
 
 
-def _scene(layout: Layout, subject: Subject, width_px: int, target: Target | None, seed: int) -> TracedScene:
+def _scene(layout: Layout, subject: Subject, target: Target | None, seed: int) -> TracedScene:
     if subject == "tabletop":
-        return traced_tabletop(arranged_tabletop(layout, seed, width_px))
+        return traced_tabletop(arranged_tabletop(layout, seed))
     board = default_board() if target is None else target
     return traced_board(board, view_from_board(layout, board), RenderSettings())
 

@@ -1,0 +1,141 @@
+"""What becomes of a preview's picture: its decoded views, pictures focused on depths, and a depth map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import WHOLE, Decoder
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
+from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.equalisation import Equalisation
+from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
+from mirrorcam.render_scenes.preview.arranged import Subject
+from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, preview_frame
+from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
+
+BEFORE, BEHIND = 0.85, 1.3
+"""Depths between which is searched, in the nearest and the farthest depth of a design."""
+BEYOND_VIEWS = 1.05
+SRGB_EXPONENT = 1.0 / 2.2
+"""Exponent of grey levels of sRGB over light, about."""
+FAINTEST = 0.25
+"""Brightness of colours of depths that are surely wrong."""
+UNKNOWN_GREY = 64
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBy:
+    """What a layout sees, and what can be had of it.
+
+    Attributes
+    ----------
+    frame
+        The picture of the camera.
+    light_field
+        The views that are decoded from it.
+    depth
+        Depth of the reference view, measured in all views, with its confidence.
+    searched_mm
+        Depths between which was searched.
+    true_depth_mm
+        (v, u): depth of what the reference view shows; infinite where that is nothing, NaN where it has no sample or
+        one of a part of the pupil.
+    """
+
+    frame: PreviewFrame
+    light_field: LightField
+    depth: DepthMap
+    searched_mm: tuple[float, float]
+    true_depth_mm: FloatArray
+
+    def views_picture(self) -> NDArray[np.uint8]:
+        """All views beside each other (h, w, 3), as they lie in space."""
+        return tiles(self.light_field)
+
+    def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
+        """The picture (v, u, 3) of all views in focus on a plane at a depth.
+
+        Raises InputError for a plane that not all views look at.
+        """
+        return to_bytes(refocus(self.light_field, FocalPlane.at_depth(self.light_field, depth_mm, tilt_deg)))
+
+    def depth_picture(self, near_mm: float | None = None, far_mm: float | None = None) -> NDArray[np.uint8]:
+        """The depth map (v, u, 3) in colours from near (red) to far (blue), darker with less confidence.
+
+        Colours are even in nearness, between the depths that were searched or those given. Grey has no depth.
+        """
+        near, far = self.searched_mm
+        near, far = near if near_mm is None else near_mm, far if far_mm is None else far_mm
+        part = (1.0 / self.depth.depth_mm - 1.0 / far) / (1.0 / near - 1.0 / far)
+        level = np.rint(255.0 * np.clip(np.nan_to_num(part), 0.0, 1.0)).astype(np.uint8)
+        colours = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO))[..., ::-1]
+        bright = (FAINTEST + (1.0 - FAINTEST) * self.depth.confidence)[..., None]
+        grey = np.full_like(colours, UNKNOWN_GREY)
+        return np.where(self.depth.valid[..., None], np.rint(colours * bright).astype(np.uint8), grey)
+
+    @property
+    def median_error_mm(self) -> float:
+        """Median of the errors of the depth map where something is seen; NaN where it is nowhere known."""
+        known = self.depth.valid & np.isfinite(self.true_depth_mm)
+        error = np.abs(self.depth.depth_mm[known] - self.true_depth_mm[known])
+        return float(np.median(error)) if error.size else float("nan")
+
+
+def seen_by(
+    layout: Layout, subject: Subject = "tabletop", width_px: int = 640, *, arranged_for: Layout | None = None
+) -> SeenBy:
+    """Render a preview by `preview_frame`, decode it, and measure depth in it.
+
+    Raises InputError as that does, and as `seen_in` does.
+    """
+    return seen_in(preview_frame(layout, subject, width_px, arranged_for=arranged_for))
+
+
+def seen_in(frame: PreviewFrame) -> SeenBy:
+    """Decode a preview, and measure depth in it by the fast search.
+
+    Raises InputError where a mirror shows nothing, views share no field, or there is but one.
+    """
+    decoder = _decoder(frame)
+    light_field = decoder.decode(frame.picture)
+    near, far = _searched_mm(frame.layout, light_field)
+    depth = DepthEstimator(light_field, near_mm=near, far_mm=far, quality="fast").estimate(light_field)
+    return SeenBy(frame, light_field, depth, (near, far), _true_depth(decoder, frame))
+
+
+def _decoder(frame: PreviewFrame) -> Decoder:
+    """The decoder of a preview, which knows how its grey levels grow with light."""
+    decoder = Decoder(frame.layout)
+    if frame.sensor.tone_curve == "linear":
+        return decoder
+    even = np.ones((decoder.views.rows, decoder.views.cols, 3))
+    identity = decoder.views.layout_identity
+    return decoder.equalised(Equalisation(layout_identity=identity, gain=even, exponent=SRGB_EXPONENT))
+
+
+def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
+    """Depths between which a preview is searched: those of its subject with some room, and beyond the views."""
+    depths = default_depths_mm(layout)
+    least = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
+    near = max(BEFORE * min(depths), BEYOND_VIEWS * least)
+    return near, max(BEHIND * max(depths), BEHIND * near)
+
+
+def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
+    """Depths (v, u) of what the reference view shows."""
+    reference = reference_index(decoder.views)
+    farthest = np.isinf(frame.light.depth_mm)
+    depth = np.where(farthest, 0.0, frame.light.depth_mm)
+    decoded = decoder.decode(np.stack([depth, farthest, farthest], axis=-1).astype(np.float32)).samples[reference]
+    # At the edge of all that is seen, there is no depth.
+    shown = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
+    shown[decoded[..., 1] == 1.0] = np.inf
+    return np.where(decoder.weights[reference] >= WHOLE, shown, np.nan)
