@@ -61,12 +61,14 @@ class MirrorTilt:
 
     @property
     def words(self) -> str:
-        """The tilt in words: "0.4° left, 0.2° up"."""
+        """The tilt in words: "0.40° left, 0.20° up"; what is less than its standard deviation is left out."""
         parts = []
-        for value, names in ((self.right_deg, ("left", "right")), (self.down_deg, ("up", "down"))):
-            if np.isfinite(value):
+        for value, sigma, names in zip(
+            (self.right_deg, self.down_deg), self.sigma_deg, (("left", "right"), ("up", "down")), strict=True
+        ):
+            if np.isfinite(value) and abs(value) >= sigma:
                 parts.append(f"{abs(value):.2f}° {names[value > 0]}")
-        return ", ".join(parts) if parts else "cannot tell"
+        return ", ".join(parts) or ("straight" if self.told else "cannot tell")
 
 
 @dataclass(frozen=True, eq=False)

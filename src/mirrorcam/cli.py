@@ -39,6 +39,7 @@ from mirrorcam.commands import (
     export,
     features,
     filter,
+    live,
     picture,
     refocus,
     render,
@@ -73,6 +74,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     calibrate.CalibrateOptions: calibrate.run,
     compare.CompareOptions: compare.run,
     decode.DecodeOptions: decode.run,
+    live.LiveOptions: live.run,
     drift.DriftOptions: drift.run,
     cameras.CamerasOptions: cameras.run,
     refocus.RefocusOptions: refocus.run,
@@ -105,6 +107,7 @@ class Command:
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[compare.CompareOptions, subcommand("compare")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
+        | Annotated[live.LiveOptions, subcommand("live")]
         | Annotated[drift.DriftOptions, subcommand("drift")]
         | Annotated[cameras.CamerasOptions, subcommand("cameras")]
         | Annotated[refocus.RefocusOptions, subcommand("refocus")]

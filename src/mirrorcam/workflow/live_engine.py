@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +125,9 @@ class LiveEngine:
         Folder for recordings, calibration pictures and calibrations.
     board
         board.toml, to take calibration pictures.
+    idle_s
+        Time after which pictures of a kind that `wait_for` was not asked for are no longer made; by default they always
+        are.
 
     Attributes
     ----------
@@ -137,8 +140,16 @@ class LiveEngine:
         Where the layout, the board or the source cannot be opened.
     """
 
-    def __init__(self, request: LiveRequest, *, out: Path = Path("output/live"), board: Path | None = None) -> None:
+    def __init__(
+        self,
+        request: LiveRequest,
+        *,
+        out: Path = Path("output/live"),
+        board: Path | None = None,
+        idle_s: float | None = None,
+    ) -> None:
         self.request, self.out, self.board = request, out, board
+        self._idle_s, self._asked = idle_s, dict.fromkeys(get_args(PictureKind), -np.inf)
         self._decoding, self._depth, self._setup = WorkerProcess(), WorkerProcess(), WorkerProcess()
         self._changed, self._ending = threading.Condition(), threading.Event()
         self._orders = Orders()
@@ -217,7 +228,9 @@ class LiveEngine:
             return (picture is not None and picture.serial > after) or self._ending.is_set()
 
         with self._changed:
+            self._asked[kind] = time.monotonic() + timeout_s
             self._changed.wait_for(newer, timeout_s)
+            self._asked[kind] = time.monotonic()
             picture = self._latest.get(kind)
             return picture if picture is not None and picture.serial > after else None
 
@@ -246,7 +259,11 @@ class LiveEngine:
         self._order(reset_focus=True)
 
     def record(self) -> Path:
-        """Write frames to a new video from the next one on, and return its path."""
+        """Write frames to a new video from the next one on, and return its path.
+
+        Raises InputError where the source has ended.
+        """
+        self._refuse_ended()
         path = self._free(self.out / "recordings", "recording", ".mkv")
         self._order(record=path)
         return path
@@ -258,8 +275,9 @@ class LiveEngine:
     def take_picture(self) -> Path:
         """Write the next frame as a calibration picture, without loss, and return its path; `status` has the hint.
 
-        Raises InputError without a board.
+        Raises InputError without a board, and where the source has ended.
         """
+        self._refuse_ended()
         if self.board is None:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
         with self._changed:
@@ -314,6 +332,15 @@ class LiveEngine:
                 failed=self._failed,
             )
 
+    def _is_wanted(self, kind: PictureKind) -> bool:
+        """Whether someone was waiting for pictures of a kind lately."""
+        return self._idle_s is None or time.monotonic() - self._asked[kind] < self._idle_s
+
+    def _refuse_ended(self) -> None:
+        with self._changed:
+            if self._failed is not None or (self._answer is not None and self._answer.over):
+                raise InputError(f"{self.about.source} has ended, expected a source that gives more frames")
+
     def _order(self, **changes: Any) -> None:
         with self._changed:
             self._orders = replace(self._orders, **changes)
@@ -348,7 +375,8 @@ class LiveEngine:
             with self._changed:
                 orders = replace(
                     self._orders,
-                    depth=self._show_depth and self._depth_input is None,
+                    kinds=tuple(kind for kind in self._orders.kinds if self._is_wanted(kind)),
+                    depth=self._show_depth and self._is_wanted("depth") and self._depth_input is None,
                     frames=self._aligning and not self._frames,
                 )
             try:

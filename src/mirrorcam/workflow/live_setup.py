@@ -157,10 +157,10 @@ def camera_words(alignment: Alignment) -> str:
     if not np.isfinite(turn).all():
         return "cannot tell how the camera sits"
     right, up, roll = turn[1], turn[0], turn[2]
-    return (
-        f"camera turned {abs(right):.1f}° {'right' if right >= 0 else 'left'} (±{sigma[1]:.1f}°), "
-        f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°), rolled {roll:+.1f}° (±{sigma[2]:.1f}°)"
-    )
+    sideways = f"{abs(right):.1f}° {'right' if right >= 0 else 'left'} (±{sigma[1]:.1f}°)"
+    upwards = f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°)"
+    rolled = f"{abs(roll):.1f}° {'clockwise' if roll >= 0 else 'anticlockwise'} (±{sigma[2]:.1f}°)"
+    return f"camera turned {sideways}, {upwards}, rolled {rolled}"
 
 
 _SETUPS: list[LiveSetup] = []

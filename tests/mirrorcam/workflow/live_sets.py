@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+import av
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,3 +45,19 @@ def write_live_set(folder: Path, layout: Layout, frames: int = 12) -> tuple[Path
     device.save(folder / "layout.json")
     shown = [frame(device, shift_mm=1.5 * number) for number in range(frames)]
     return folder / "layout.json", write_mjpeg(folder / "video.avi", shown)
+
+
+def repeated(path: Path, to: Path, times: int) -> None:
+    """A video of JPEG pictures that shows the same frames again and again."""
+    with av.open(str(path)) as given:
+        packets = [bytes(packet) for packet in given.demux(video=0) if packet.size]
+        size = given.streams.video[0].codec_context
+        with av.open(str(to), "w") as made:
+            stream: Any = made.add_stream("mjpeg", rate=25)
+            stream.width, stream.height, stream.pix_fmt = size.width, size.height, "yuvj420p"
+            for number in range(times * len(packets)):
+                packet: Any = av.Packet(packets[number % len(packets)])
+                packet.stream, packet.time_base = stream, Fraction(1, 25)
+                packet.pts = packet.dts = number
+                packet.is_keyframe = True
+                made.mux(packet)

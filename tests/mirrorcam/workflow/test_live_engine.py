@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from fractions import Fraction
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 import simplejpeg
@@ -20,7 +18,7 @@ from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.workflow.live_engine import LiveEngine, LiveStatus
 from mirrorcam.workflow.live_values import LiveRequest
 from tests.mirrorcam.small_set import BOARD
-from tests.mirrorcam.workflow.live_sets import frame, small, write_live_set
+from tests.mirrorcam.workflow.live_sets import frame, repeated, small, write_live_set
 
 FLAT_MB = 30.0
 LONG_S = 60.0
@@ -33,22 +31,6 @@ def live_set(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -
     layout, video = write_live_set(folder, default_layout, frames=25)
     repeated(video, folder / "long.mkv", 15)
     return layout, folder / "long.mkv"
-
-
-def repeated(path: Path, to: Path, times: int) -> None:
-    """A video of JPEG pictures that shows the same frames again and again."""
-    with av.open(str(path)) as given:
-        packets = [bytes(packet) for packet in given.demux(video=0) if packet.size]
-        size = given.streams.video[0].codec_context
-        with av.open(str(to), "w") as made:
-            stream = made.add_stream("mjpeg", rate=25)
-            stream.width, stream.height, stream.pix_fmt = size.width, size.height, "yuvj420p"
-            for number in range(times * len(packets)):
-                packet = av.Packet(packets[number % len(packets)])
-                packet.stream, packet.time_base = stream, Fraction(1, 25)
-                packet.pts = packet.dts = number
-                packet.is_keyframe = True
-                made.mux(packet)
 
 
 @pytest.fixture
@@ -109,6 +91,20 @@ def test_what_nobody_looks_at_is_not_made(engine: LiveEngine) -> None:
     assert [engine.latest(kind) for kind in ("frame", "refocus", "depth")] == before
     views = engine.latest("views")
     assert views is not None and engine.wait_for("views", views.serial, LONG_S) is not None
+
+
+def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path, Path], tmp_path: Path) -> None:
+    request = LiveRequest(live_set[0], str(live_set[1]), frame_width_px=240, view_width_px=100, depth_width_px=80)
+    with LiveEngine(request, out=tmp_path, idle_s=0.5) as engine:
+        four_more(engine)
+        assert engine.latest("views") is None
+        assert engine.wait_for("views", 0, LONG_S) is not None and engine.latest("frame") is None
+        time.sleep(0.6)
+        four_more(engine)
+        last = engine.latest("views")
+        four_more(engine)
+        assert last is not None and engine.latest("views") is last
+        assert engine.wait_for("views", last.serial, LONG_S) is not None
 
 
 def test_recording_and_pictures_are_files_of_new_names(engine: LiveEngine) -> None:

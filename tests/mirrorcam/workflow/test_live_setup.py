@@ -41,7 +41,7 @@ def test_a_device_as_designed_is_told_to_be_straight(layout: Path) -> None:
 def test_how_the_camera_sits_in_words() -> None:
     turn, sigma = np.array([0.41, -0.22, 1.0]), np.array([0.1, 0.2, 0.3])
     told = Alignment("edges", (), np.zeros(3), np.zeros(3), turn, sigma)
-    assert camera_words(told) == "camera turned 0.2° left (±0.2°), 0.4° up (±0.1°), rolled +1.0° (±0.3°)"
+    assert camera_words(told) == "camera turned 0.2° left (±0.2°), 0.4° up (±0.1°), rolled 1.0° clockwise (±0.3°)"
     untold = Alignment("scene", (), np.zeros(3), np.zeros(3), np.full(3, np.nan), sigma)
     assert camera_words(untold) == "cannot tell how the camera sits"
 

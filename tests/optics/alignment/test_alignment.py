@@ -55,6 +55,8 @@ def test_tilts_in_words() -> None:
     nan = float("nan")
     assert MirrorTilt(0, -0.4, -0.2, (0.1, 0.1)).words == "0.40° left, 0.20° up"
     assert MirrorTilt(0, nan, 0.21, (0.5, 0.1)).words == "0.21° down"
+    assert MirrorTilt(0, 0.05, -0.2, (0.1, 0.1)).words == "0.20° up"
+    assert MirrorTilt(0, 0.05, nan, (0.1, 0.5)).words == "straight"
     assert MirrorTilt(0, nan, nan, (0.5, 0.5)).words == "cannot tell"
     assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).told
 

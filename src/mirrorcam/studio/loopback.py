@@ -1,0 +1,61 @@
+"""Serving an application on the loopback address until Ctrl-C."""
+
+from __future__ import annotations
+
+import socket
+import webbrowser
+from collections.abc import Callable
+
+import uvicorn
+from starlette.applications import Starlette
+
+from mirrorcam.optics.base.values import InputError
+
+LOOPBACK = "127.0.0.1"
+ENDING_S = 2
+"""Time that answers which are under way have at the end."""
+
+
+class _Server(uvicorn.Server):
+    """A server that ends what it waits for before it waits."""
+
+    def __init__(self, config: uvicorn.Config, end: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._end = end
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._end()
+        await super().shutdown(sockets)
+
+
+def listening_socket(port: int) -> socket.socket:
+    """A socket on the loopback address, at any free port for 0. Raises InputError for one that is taken."""
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((LOOPBACK, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise InputError(f"--port {port}: {error.strerror}, expected a free one, or 0 for any") from None
+    return listening
+
+
+def run_server(
+    app: Starlette,
+    listening: socket.socket,
+    *,
+    browser: bool,
+    tell: Callable[[str], None],
+    end: Callable[[], None],
+) -> None:
+    """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
+    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
+    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
+    tell(f"{address} (Ctrl-C ends it)")
+    if browser:
+        webbrowser.open(address)
+    try:
+        _Server(config, end).run(sockets=[listening])
+    except KeyboardInterrupt:  # of uvicorn, which has ended by then
+        tell("ended")
