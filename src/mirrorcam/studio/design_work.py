@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import deque
+from functools import cache
 
+from mirrorcam.optics.base.calls import Calls, beside, in_turn
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_process import WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -22,12 +25,23 @@ PRELOAD = (
 MOST_REMEMBERED = 300
 
 
-def solve(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why there is none."""
+@cache
+def _partner() -> WorkerProcess:
+    """The process that this one shares the solution of a design with."""
+    return WorkerProcess(preload=("mirrorcam.optics.design.optimise",))
+
+
+def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
+    """The exact design of a request, or why there is none, found by this process and another."""
+    return solve(spec, beside(_partner()))
+
+
+def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
+    """The exact design of a request, or why there is none; `calls` are those of `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:
-        layout = design(spec)
+        layout = design(spec, calls)
     except InfeasibleDesign as error:
         return RefusedDesign(error.constraint, error.finding)
     except InputError as error:

@@ -93,7 +93,7 @@ class Designer:
                 raise Superseded
             self._solving = spec
         try:
-            found: Found = self._solver.call(design_work.solve, spec)
+            found: Found = self._solver.call(design_work.solve_in_two, spec)
         except WorkerDied:
             raise Superseded from None
         finally:
