@@ -82,6 +82,7 @@ class WorkerProcess:
 
     def __init__(self, *, preload: Sequence[str] = ()) -> None:
         self._running: _Running | None = None
+        self._closed = False
         self._state, self._calling = threading.Lock(), threading.Lock()
         self._context: _Context = get_context("spawn")
         if preload and "forkserver" in get_all_start_methods():
@@ -150,8 +151,16 @@ class WorkerProcess:
             with self._calling:
                 self._forget(running)
 
+    def close(self) -> None:
+        """End the process at once and start no other: calls that wait, and later ones, raise WorkerDied."""
+        with self._state:
+            self._closed = True
+        self.kill()
+
     def _start(self) -> _Running:
         with self._state:
+            if self._closed:
+                raise WorkerDied("closed")
             if self._running is None:
                 self._running = _started(self, self._context)
             return self._running

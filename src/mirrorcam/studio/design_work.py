@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections import deque
 from functools import cache
 
@@ -23,6 +24,7 @@ PRELOAD = (
 )
 """What processes that do this work load before they are asked."""
 MOST_REMEMBERED = 300
+LOW_PRIORITY = 10
 
 
 @cache
@@ -107,7 +109,8 @@ def report(layout: Layout, parabola: Layout | None) -> str:
 
 
 def tolerance(layout: Layout) -> ToleranceBars:
-    """What devices built by hand can be expected to reach."""
+    """What devices built by hand can be expected to reach, by this process at low priority."""
+    at_low_priority()
     from mirrorcam.studio.tolerance_bars import tolerance_bars
 
     return tolerance_bars(layout)
@@ -115,4 +118,5 @@ def tolerance(layout: Layout) -> ToleranceBars:
 
 def at_low_priority() -> None:
     """Let this process give way to those that a person waits for."""
-    os.nice(10)
+    if sys.platform != "win32":
+        os.setpriority(os.PRIO_PROCESS, 0, LOW_PRIORITY)

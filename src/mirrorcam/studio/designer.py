@@ -11,9 +11,10 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio import design_work
+from mirrorcam.studio import design_work, sight_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
 from mirrorcam.studio.nearby_requests import nearby_requests
+from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.tolerance_values import ToleranceBars
 
 MOST_KEPT = 300
@@ -36,6 +37,8 @@ class Designer:
         self._solver, self._previewer, self._analyst, self._scout = (
             WorkerProcess(preload=design_work.PRELOAD) for _ in range(4)
         )
+        self._painter = WorkerProcess()
+        self._processes = (self._solver, self._previewer, self._analyst, self._scout, self._painter)
         self._stored: dict[DesignSpec, Path] = {}
         self._kept: OrderedDict[DesignSpec, Found] = OrderedDict()
         self._lock, self._turn = threading.Lock(), threading.Lock()
@@ -47,7 +50,7 @@ class Designer:
 
     def start(self) -> None:
         """Start the processes ahead of the first request."""
-        for process in (self._solver, self._previewer, self._analyst, self._scout):
+        for process in self._processes:
             process.start()
         threading.Thread(target=self._look_ahead, daemon=True, name="look ahead").start()
 
@@ -56,8 +59,8 @@ class Designer:
         with self._lock:
             self._over = True
             self._wished.notify_all()
-        for process in (self._solver, self._previewer, self._analyst, self._scout):
-            process.kill()
+        for process in self._processes:
+            process.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Take a design that was solved before, such as that of a file."""
@@ -118,6 +121,7 @@ class Designer:
         with self._lock:
             self._ahead = [spec]
             self._wished.notify_all()
+        self._analyst.kill()  # what it works on is no longer looked at
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
@@ -140,9 +144,25 @@ class Designer:
         found = self.solved(spec)
         return str(self._analyst.call(design_work.report, found.layout, found.parabola))
 
+    def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
+        """A frame that a solved design would see. Raises InputError where there is no room for the subject."""
+        picture: Frame = self._painter.call(sight_work.frame, self.solved(spec).layout, subject)
+        return picture
+
+    def decoded(self, spec: DesignSpec, subject: Subject) -> Decoded:
+        """Views, a refocused picture and depth of such a frame. Raises InputError where views share nothing."""
+        pictures: Decoded = self._painter.call(sight_work.decoded, self.solved(spec).layout, subject)
+        return pictures
+
+    def refocused(self, spec: DesignSpec, subject: Subject, depth_mm: float) -> Frame:
+        """All views in focus at a depth. Raises InputError unless this design was `decoded` last."""
+        picture: Frame = self._painter.call(sight_work.refocused, self.solved(spec).layout, subject, depth_mm)
+        return picture
+
     def _look_ahead(self) -> None:
         """Solve what may be asked for next, until the end."""
         try:
+            self._painter.call(sight_work.load)
             self._scout.call(design_work.at_low_priority)
             while (spec := self._next_ahead()) is not None:
                 self._keep(spec, self._scout.call(design_work.solve, spec))

@@ -44,7 +44,7 @@ def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
         "controls": [group.model_dump(mode="json") for group in control_groups(begin.spec)],
         "sweep": [point.model_dump(mode="json") for point in begin.sweep],
     }
-    scripts = [*SCRIPTS, "server.js", "make.js", "main.js"]
+    scripts = [*SCRIPTS, "server.js", "sight.js", "make.js", "main.js"]
     return render(
         WEB, "studio.html", start=script_json(start), scripts=scripts, nonce=nonce, makes_into=str(folder), atlas=""
     )

@@ -16,6 +16,7 @@ from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, R
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from mirrorcam.optics.base.bounds import DEPTH_MM
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_process import WorkerDied
@@ -26,6 +27,7 @@ from mirrorcam.studio.designer import Designer, Superseded
 from mirrorcam.studio.jobs import JobKind, Jobs
 from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess
 from mirrorcam.studio.page import PageStart, studio_page
+from mirrorcam.studio.sight_work import Subject
 from mirrorcam.workflow.design_request import request_of, request_toml
 
 
@@ -41,6 +43,14 @@ class JobRequest(Value):
 
     kind: JobKind
     spec: DesignSpec
+
+
+class SightRequest(Value):
+    """What a design is to look at, and the depth to focus on."""
+
+    spec: DesignSpec
+    subject: Subject
+    depth_mm: float = DEPTH_MM.field(300.0)
 
 
 Asked = TypeVar("Asked", bound=Value)
@@ -84,6 +94,21 @@ class DesignAnswers:
         bars = await run_in_threadpool(self._designer.tolerance, await _asked(DesignSpec, request))
         return _json(bars.model_dump(mode="json"))
 
+    async def frame(self, request: Request) -> Response:
+        wanted = await _asked(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.frame, wanted.spec, wanted.subject)
+        return _json(picture.model_dump(mode="json"))
+
+    async def decoded(self, request: Request) -> Response:
+        wanted = await _asked(SightRequest, request)
+        pictures = await run_in_threadpool(self._designer.decoded, wanted.spec, wanted.subject)
+        return _json(pictures.model_dump(mode="json"))
+
+    async def refocused(self, request: Request) -> Response:
+        wanted = await _asked(SightRequest, request)
+        picture = await run_in_threadpool(self._designer.refocused, wanted.spec, wanted.subject, wanted.depth_mm)
+        return _json(picture.model_dump(mode="json"))
+
     async def report(self, request: Request) -> Response:
         return PlainTextResponse(await run_in_threadpool(self._designer.report, await _asked(DesignSpec, request)))
 
@@ -103,6 +128,9 @@ class DesignAnswers:
             "preview": self.preview,
             "design": self.design,
             "tolerance": self.tolerance,
+            "frame": self.frame,
+            "decoded": self.decoded,
+            "refocused": self.refocused,
             "report": self.report,
             "layout": self.layout,
             "request": self.toml,
@@ -172,7 +200,7 @@ async def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _gone(request: Request, error: Exception) -> Response:
-    return PlainTextResponse("no longer asked for", status_code=409)
+    return _json(None)  # no longer asked for: the page looks at another design by now
 
 
 async def _too_large(request: Request, error: Exception) -> Response:

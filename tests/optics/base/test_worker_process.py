@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -185,3 +185,28 @@ def test_it_ends_with_its_parent_and_so_do_its_own(start: str, end: str, tmp_pat
     process.wait(60)
     for number in numbers:
         assert ended(number)
+
+
+def test_a_closed_worker_starts_no_other_process_for_calls_that_wait(worker: WorkerProcess, tmp_path: Path) -> None:
+    died: list[str] = []
+
+    def call(function: Callable[..., None], *arguments: Path) -> None:
+        try:
+            worker.call(function, *arguments)
+        except WorkerDied as error:
+            died.append(str(error))
+
+    threads = [threading.Thread(target=call, args=(stuck, tmp_path / "first"))]
+    threads += [threading.Thread(target=call, args=(stuck, tmp_path / f"waiting{k}")) for k in range(3)]
+    threads[0].start()
+    while not (tmp_path / "first").exists():
+        time.sleep(0.01)
+    for thread in threads[1:]:
+        thread.start()
+    worker.close()
+    for thread in threads:
+        thread.join(10.0)
+    assert len(died) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first"]
+    with pytest.raises(WorkerDied, match="closed"):
+        worker.call(pow, 2, 5)

@@ -150,6 +150,7 @@
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
     if (!byId("tolerance")) return;
+    sight.look();
     byId("tolerance").classList.add("old");
     const study = await source.tolerance(spec).catch(() => null);
     if (mine !== asking.exact || !study) return;
@@ -194,6 +195,7 @@
     } else preview(history.spec, Studio.touchedAt);
   });
   Studio.designer = { history, state };
+  const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
   const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
   addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.spec)));

@@ -1,0 +1,105 @@
+"""What a design would see, rendered and decoded by a process of the studio, which keeps the last one to focus on."""
+
+from __future__ import annotations
+
+import base64
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.design_work import at_low_priority
+
+if TYPE_CHECKING:
+    from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame
+    from mirrorcam.render_scenes.preview.seen_by import SeenBy
+
+Subject = Literal["tabletop", "board"]
+WIDTH_PX = 640
+QUALITY = 90
+
+
+class Frame(Value):
+    """A frame of the camera: a JPEG picture as a data URL."""
+
+    picture: str
+
+
+class Decoded(Value):
+    """What is had of the frame: pictures as data URLs, depths in mm.
+
+    `focus_mm` is the depth that `refocused` is in focus at, `error_mm` the median error of the depth map; null where
+    nothing of it is known.
+    """
+
+    views: str
+    refocused: str
+    depth: str
+    near_mm: float
+    far_mm: float
+    focus_mm: float
+    error_mm: float | None
+
+
+_frame: tuple[str, PreviewFrame] | None = None
+_seen: tuple[str, SeenBy] | None = None
+
+
+def _name(layout: Layout, subject: Subject) -> str:
+    return f"{layout.identity} {subject}"
+
+
+def load() -> None:
+    """Load what this work needs, which takes a second, before it is asked for."""
+    import mirrorcam.render_scenes.preview.seen_by  # noqa: F401
+
+    at_low_priority()
+
+
+def frame(layout: Layout, subject: Subject) -> Frame:
+    """A frame of the tabletop or of a board. Raises InputError where there is no room for it."""
+    from mirrorcam.render_scenes.preview.preview_frame import preview_frame
+
+    global _frame
+    _frame = (_name(layout, subject), preview_frame(layout, subject, WIDTH_PX))
+    return Frame(picture=_data_url(_frame[1].picture))
+
+
+def decoded(layout: Layout, subject: Subject) -> Decoded:
+    """Views, a refocused picture and depth of such a frame. Raises InputError where views share nothing."""
+    from mirrorcam.render_scenes.preview.seen_by import seen_in
+
+    global _seen
+    name = _name(layout, subject)
+    if _frame is None or _frame[0] != name:
+        frame(layout, subject)
+    assert _frame is not None
+    seen = seen_in(_frame[1])
+    _seen = (name, seen)
+    near_mm, far_mm = seen.searched_mm
+    focus_mm = 2.0 / (1.0 / near_mm + 1.0 / far_mm)
+    error_mm = seen.median_error_mm
+    return Decoded(
+        views=_data_url(seen.views_picture()),
+        refocused=_data_url(seen.refocused(focus_mm)),
+        depth=_data_url(seen.depth_picture()),
+        near_mm=near_mm,
+        far_mm=far_mm,
+        focus_mm=focus_mm,
+        error_mm=None if np.isnan(error_mm) else error_mm,
+    )
+
+
+def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
+    """The picture of all views in focus at a depth. Raises InputError unless this design was decoded last."""
+    if _seen is None or _seen[0] != _name(layout, subject):
+        raise InputError("this design is not decoded now, expected the one that was decoded last")
+    return Frame(picture=_data_url(_seen[1].refocused(depth_mm)))
+
+
+def _data_url(picture: NDArray[np.uint8]) -> str:
+    from mirrorcam.optics.base.pictures import encoded_image
+
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded_image(picture, '.jpg', QUALITY)).decode()}"
