@@ -21,7 +21,7 @@ from tests.mirrorcam.studio.browser import Watched, browser_page
 SIZE = (1400, 900)
 COARSE = (70, 45)
 UNLIKE_GREY = 12.0
-"""Mean difference, in grey levels, of pictures at a twentieth of their size; other fonts make less, other panels more."""
+"""Mean difference, in grey levels, at a twentieth of the size: other fonts make less, other panels more."""
 
 
 def design(page: Watched) -> None:
