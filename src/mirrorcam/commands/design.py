@@ -34,6 +34,9 @@ FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "toler
 class DesignOptions(Value):
     """Optimise a layout of mirrors and compare it with the faceted parabola."""
 
+    request: tyro.conf.Positional[
+        Annotated[Path | None, tyro.conf.arg(metavar="[design.toml]", help_behavior_hint="")]
+    ] = Field(default=None, description="what to design, as `mirrorcam studio` saves it, instead of the options below")
     spec: Annotated[DesignSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=DesignSpec)
     tolerance: bool = Field(
         default=False,
@@ -51,13 +54,17 @@ class DesignOptions(Value):
     def _check(self) -> Self:
         if not self.tolerance and self.tolerances != Tolerances.hobby():
             raise ValueError("tolerances are given, expected --tolerance with them")
+        if self.request is not None and self.spec != DesignSpec():
+            raise ValueError(f"{self.request} and options of the design: expected one of the two")
         return self
 
 
 def run(options: DesignOptions) -> int:
     """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
+    from mirrorcam.workflow.design_request import read_request
     from mirrorcam.workflow.output_folder import output_folder
 
+    asked = options.spec if options.request is None else read_request(options.request)
     with (
         output_folder(options.out, "design", force=options.force) as output,
         in_two_processes(preload=["mirrorcam.optics.design.optimise"]) as calls,
@@ -67,11 +74,11 @@ def run(options: DesignOptions) -> int:
         from mirrorcam.workflow.design_files import write_design
 
         with output.staged() as folder:
-            with long_work("design", f"{options.spec.arrangement.text} mirrors"):
-                found = write_design(options.spec, folder, calls)
+            with long_work("design", f"{asked.arrangement.text} mirrors"):
+                found = write_design(asked, folder, calls)
             study = _study(found.optimised, options, folder) if options.tolerance else None
     spec = found.optimised.spec
-    if options.spec.fold_deg == "auto" and spec is not None:
+    if asked.fold_deg == "auto" and spec is not None:
         unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.figures.design_figure import before_after
-from mirrorcam.figures.focus_figure import focus_figure
-from mirrorcam.figures.tolerance_figure import tolerance_figure
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case, value_text, values_text
-from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.html.templates import FigureTable, Table, Tile, render
-from mirrorcam.optics.design.assess.monte_carlo import Study
 from mirrorcam.optics.geometry.layout import Layout
 
 TEMPLATES = Path(__file__).parent
@@ -34,8 +28,8 @@ class ReportPicture:
     base64: str
 
 
-def design_report(layout: Layout, parabola: Layout | None, study: Study | None = None) -> str:
-    """The page of a designed layout beside its faceted parabola; with a tolerance study, also of devices as built.
+def design_report(layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture]) -> str:
+    """The page of a designed layout beside its faceted parabola.
 
     Raises ValueError for a layout without a spec.
     """
@@ -52,7 +46,7 @@ def design_report(layout: Layout, parabola: Layout | None, study: Study | None =
         f"{', '.join(f'{depth:g}' for depth in sorted(spec.depths_mm))} mm.",
         verdict=f"{checks.failed} of {count} checks failed" if checks.failed else f"All {count} checks pass",
         tiles=_tiles(layout),
-        pictures=_pictures(layout, parabola, study),
+        pictures=pictures,
         figures=_figures(layout, parabola),
         checks=checks,
         request=_request(layout),
@@ -68,27 +62,6 @@ def _tiles(layout: Layout) -> list[Tile]:
                 depth = f" at {name.rpartition('_')[2].removesuffix('mm')} mm" if name.endswith("0mm") else ""
                 tiles.append(Tile(value_text(metric, digits=3), text + depth))
     return tiles
-
-
-def _pictures(layout: Layout, parabola: Layout | None, study: Study | None) -> list[ReportPicture]:
-    assert layout.spec is not None
-    depths_mm = sorted(layout.spec.depths_mm)
-    found = []
-    with tempfile.TemporaryDirectory() as name:
-        path = Path(name) / "picture.png"
-
-        def add(title: str, alt: str) -> None:
-            found.append(ReportPicture(title, alt, base64.b64encode(read_bytes(path)).decode()))
-
-        before_after(parabola, layout, path)
-        add("Sensor, mirrors and coverage", "Sub-images, mirrors, virtual cameras and overlap beside the parabola's")
-        if layout.camera.aperture_mm > 0.0:
-            focus_figure(layout, depths_mm, path)
-            add("Focus", "Circles of confusion over depth, as focused and with the best focus")
-        if study is not None:
-            tolerance_figure(study, path)
-            add("Devices as built", "Figures of devices built with tolerances, against the accuracy of building")
-    return found
 
 
 def _figures(layout: Layout, parabola: Layout | None) -> Table:

@@ -102,10 +102,11 @@ def report(layout: Layout, parabola: Layout | None) -> str:
     """The report of a design as one HTML file, with a study of devices as built."""
     from mirrorcam.optics.design.assess.monte_carlo import study
     from mirrorcam.pages.design_report import design_report
+    from mirrorcam.workflow.design_pictures import design_pictures
 
     assert layout.spec is not None
     built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm))
-    return design_report(layout, parabola, built)
+    return design_report(layout, parabola, design_pictures(layout, parabola, built))
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

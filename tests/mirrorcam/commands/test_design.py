@@ -15,7 +15,8 @@ from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
-from tests.mirrorcam.command_line import assert_refused, mirrorcam, results
+from mirrorcam.workflow.design_request import request_toml
+from tests.mirrorcam.command_line import assert_refused, assert_refused_here, mirrorcam, results
 
 
 @pytest.fixture
@@ -108,3 +109,12 @@ def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
     with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
         pattern_from_text(str(file))
+
+
+def test_a_request_in_a_file_is_designed(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    request = tmp_path / "design.toml"
+    request.write_text(request_toml(DesignSpec(rows=2)), encoding="utf-8")
+    assert main(["design", str(request), "--out", str(tmp_path / "out")]) == 0
+    assert "2 x 3 mirrors" in capsys.readouterr().out
+    assert_refused_here(["design", str(request), "--rows", "4"], capsys, "expected one of the two")
+    assert_refused_here(["design", str(tmp_path / "none.toml")], capsys, "no such file")

@@ -10,7 +10,7 @@ from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.pages.design_report import design_report
+from mirrorcam.pages.design_report import ReportPicture, design_report
 
 SPEC = DesignSpec()
 
@@ -22,10 +22,10 @@ def layout(default_layout: Layout) -> Layout:
 
 
 def test_it_holds_everything_in_itself(layout: Layout) -> None:
-    page = design_report(layout, None)
+    page = design_report(layout, None, [ReportPicture("Sensor", "a picture", "QUJD")])
     assert layout.identity in page
     assert "All 12 checks pass" in page
-    assert page.count("data:image/png;base64,") == 2
+    assert 'src="data:image/png;base64,QUJD" alt="a picture"' in page
     assert not re.search(r'(?:src|href)="(?!data:|#)', page)
     assert "scale_mm" in page
 
@@ -33,15 +33,15 @@ def test_it_holds_everything_in_itself(layout: Layout) -> None:
 def test_a_failed_check_is_said_at_the_top(layout: Layout) -> None:
     gap = layout.verdict["smallest_gap_mm"].replaced(value=0.1)
     failed = layout.replaced(verdict=layout.verdict | {"smallest_gap_mm": gap})
-    assert "1 of 12 checks failed" in design_report(failed, None)
+    assert "1 of 12 checks failed" in design_report(failed, None, [])
 
 
 def test_names_are_escaped(layout: Layout) -> None:
     camera = layout.camera.replaced(name="<script>alert(1)</script>")
     named = layout.replaced(camera=camera, spec=SPEC.replaced(camera=camera))
-    assert "<script>alert" not in design_report(named, None)
+    assert "<script>alert" not in design_report(named, None, [])
 
 
 def test_a_layout_without_a_request_has_no_report(layout: Layout) -> None:
     with pytest.raises(ValueError, match="without a spec"):
-        design_report(layout.replaced(spec=None), None)
+        design_report(layout.replaced(spec=None), None, [])
