@@ -88,6 +88,11 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     found = _for_overlap(spec, calls)
     if spec.objective == "depth":
         found = _for_depth(spec, found, calls)
+    return _verified(found)
+
+
+def _verified(found: _Found) -> Layout:
+    """The layout with its figures and its verdict. Raises InfeasibleDesign where it fails a check."""
     spec, layout = found.spec, found.layout
     verdict = verify(layout, spec)
     try:
@@ -118,7 +123,7 @@ def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatA
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
     outcome = None if values is None else least_of([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs)
+        outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs, calls)
     return _Found(spec, problem, pairs, outcome.values)
 
 

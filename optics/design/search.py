@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import closing
+from dataclasses import dataclass
 
 import numpy as np
 
 from mirrorcam.optics.base.calls import Calls
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
-from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
+from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.robustness import SAFE_SIGMAS
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
 from mirrorcam.optics.design.program.separated_pairs import PairConstraint
@@ -27,8 +29,13 @@ EASIER = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
 
 
-def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
-    """The error that names the constraint missed most."""
+def _refusal(
+    spec: DesignSpec,
+    missed: dict[str, float],
+    mirrors: tuple[FloatArray, FloatArray],
+    regions: FloatArray | None = None,
+) -> InfeasibleDesign:
+    """The error that names the constraint missed most, and where mirrors (see `least_violation`) do."""
     worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
     by_mm = missed[worst] * spec.scale_mm
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
@@ -43,7 +50,7 @@ def _refusal(spec: DesignSpec, missed: dict[str, float]) -> InfeasibleDesign:
         f"it leaves some by {missed['overlap']:.0%} of a sub-image",
         "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]
-    return InfeasibleDesign(worst, finding)
+    return InfeasibleDesign(worst, finding, least_violation(spec, worst, mirrors, regions))
 
 
 def _seen_gap_text(spec: DesignSpec) -> str:
@@ -65,14 +72,15 @@ def check_at_once(spec: DesignSpec) -> None:
     reach the pupil.
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
+    start = (seed.centres, seed.corners)
     middles_mm = seed.middles(spec.view_from_rig) * spec.scale_mm
     beyond_mm = float(middles_mm[:, 2].max()) - min(spec.depths_mm)
     if beyond_mm >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm})
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm}, start)
     low, high = sensor_bounds(spec.camera)
     beyond = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
     if beyond >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": beyond})
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": beyond}, start)
     # The optical axis meets its mirror at 90 degrees less half the fold: its cosine is the sine of half the fold.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     before_mm = 0.0
@@ -80,8 +88,9 @@ def check_at_once(spec: DesignSpec) -> None:
         before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
     past_mm = before_mm - spec.scale_mm * cosine
     if past_mm >= 0:
+        where = past_the_pupil(spec, seed, past_mm)
         raise InfeasibleDesign(
-            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil"
+            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil", where
         )
 
 
@@ -123,34 +132,61 @@ def from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
         return least_of([first, *outcomes]) if first.solved else None
 
 
-def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
+@dataclass(frozen=True)
+class _Detour:
+    """The values with the least violation of each family near a start; with none, also the optimum near them."""
+
+    feasible: SolverOutcome
+    missed: dict[str, float]
+    optimum: SolverOutcome | None
+    mirrors: tuple[FloatArray, FloatArray]
+    regions: FloatArray
+
+
+def detour_from(
+    spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, ...], start: FloatArray | None = None
+) -> _Detour:
+    """The least violation near the seed whose chief rays meet at a multiple of the working depth, or near values."""
+    problem = overlap_problem(spec, seed_meeting(spec, meeting), pairs)
+    feasible, missed = problem.solver.find_feasible(start)
+    met = feasible.solved and max(missed.values()) <= MISSED
+    optimum = problem.solver.optimise(feasible.values) if met else None
+    mirrors, regions = problem.solution(feasible.values), problem.outlines(spec, feasible.values)
+    return _Detour(feasible, missed, optimum, mirrors, regions)
+
+
+def by_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
     """The optimum near the nearest feasible points or, where there seem to be none, after a continuation.
 
     Raises InfeasibleDesign where both seeds lead to points that clearly violate a constraint, or no start leads to an
     optimum.
     """
-    least: list[dict[str, float]] = []
-    for solver, start in _searches(spec, pairs):
-        feasible, missed = solver.find_feasible(start)
-        if not feasible.solved:
-            continue
-        least.append(missed)
-        if max(missed.values()) <= MISSED:
-            outcome = solver.optimise(feasible.values)
-            if outcome.solved:
-                return outcome
-        if len(least) == len(MEETINGS) and min(max(missed.values()) for missed in least) > CLEARLY_MISSED:
-            break
-    if not least or min(max(missed.values()) for missed in least) <= MISSED:
+    least: list[_Detour] = []
+    with closing(_detours(spec, pairs, calls)) as detours:
+        for detour in detours:
+            if not detour.feasible.solved:
+                continue
+            least.append(detour)
+            if detour.optimum is not None and detour.optimum.solved:
+                return detour.optimum
+            if len(least) == len(MEETINGS) and _violated(least) > CLEARLY_MISSED:
+                break
+    if not least or _violated(least) <= MISSED:
         raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets them all")
-    raise _refusal(spec, min(least, key=lambda missed: sum(missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC)))
+    best = min(least, key=lambda detour: sum(detour.missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
+    raise _refusal(spec, best.missed, best.mirrors, best.regions)
 
 
-def _searches(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> Iterator[tuple[Solver, FloatArray | None]]:
-    """Starts of the search for a feasible point: each seed and then, which takes long, the end of a continuation."""
-    for meeting in MEETINGS:
-        yield overlap_problem(spec, seed_meeting(spec, meeting), pairs).solver, None
-    yield overlap_problem(spec, seed_meeting(spec), pairs).solver, _continued(spec, pairs)
+def _violated(detours: Iterable[_Detour]) -> float:
+    """The least of the largest violations."""
+    return min(max(detour.missed.values()) for detour in detours)
+
+
+def _detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> Generator[_Detour, None, None]:
+    """Searches for a feasible point from each seed and then, which takes long, from the end of a continuation."""
+    with closing(calls([(detour_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as near_seeds:
+        yield from near_seeds
+    yield detour_from(spec, MEETINGS[0], pairs, _continued(spec, pairs))
 
 
 def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ from mirrorcam.optics.base.bounds import (
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from mirrorcam.optics.geometry.violation import LeastViolation
 
 MIRRORS = Bounds(1, 12)
 """Rows or columns of mirrors."""
@@ -147,9 +150,16 @@ GAVE_UP = "every"
 
 
 class InfeasibleDesign(InputError):
-    """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed."""
+    """No layout meets the spec; the message names the constraint that cannot hold and by how much it is missed.
 
-    def __init__(self, constraint: str, finding: str) -> None:
+    `where` holds the mirrors that violate the spec least, where the search has found any, and the places of violations.
+    """
+
+    def __init__(self, constraint: str, finding: str, where: LeastViolation | None = None) -> None:
         super().__init__(f"infeasible design, {constraint} constraint: {finding}")
         self.constraint = constraint
         self.finding = finding
+        self.where = where
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str, LeastViolation | None]]:
+        return type(self), (self.constraint, self.finding, self.where)

@@ -22,11 +22,27 @@ def hull_distance(first: FloatArray, second: FloatArray) -> float:
     Lawson and Hanson's least-distance programming: with D all pairwise differences, the w >= 0 that minimises
     |D w|^2 + (1 - sum w)^2 points at the point of hull(D) nearest to the origin, and leaves d^2 / (1 + d^2).
     """
+    differences, weights = _least_distance(first, second)
+    return float(np.linalg.norm(differences @ weights) / weights.sum())
+
+
+def closest_points(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Points (2, 3) of the convex hulls of point sets (n, 3) and (m, 3) nearest to each other; equal where they meet.
+
+    See `hull_distance`.
+    """
+    _, weights = _least_distance(first, second)
+    each = (weights / weights.sum()).reshape(len(first), len(second))
+    return np.array([each.sum(axis=1) @ first, each.sum(axis=0) @ second])
+
+
+def _least_distance(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """All differences (3, n m) of two point sets; their weights at the point of their hull nearest to the origin."""
     differences = (first[:, None] - second[None, :]).reshape(-1, 3).T
     size = float(np.abs(differences).max())
     system = np.vstack([differences / size, np.ones(differences.shape[1])])
     weights, _ = nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))
-    return float(np.linalg.norm(differences @ weights) / weights.sum())
+    return differences, weights
 
 
 def stacked(arrays: Sequence[FloatArray]) -> FloatArray:

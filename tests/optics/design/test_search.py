@@ -63,6 +63,12 @@ def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, me
     with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:
         design(spec)
     assert refusal.value.constraint == constraint
+    where = refusal.value.where
+    if spec.scale_mm > 1.0:  # of mirrors at a micrometre nothing can be drawn
+        assert where is not None
+        assert where.constraint == constraint
+        assert where.violations
+        assert len(where.mirrors) == len(spec.arrangement.names)
     assert isinstance(refusal.value, InputError)
     assert "\n" not in str(refusal.value)
 

@@ -1,0 +1,186 @@
+"""Where mirrors violate a spec that no layout meets: the mirrors concerned, and places to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from shapely import LineString, Point, Polygon
+
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.assess.chief_rays import blocked_light
+from mirrorcam.optics.design.program.seeds import Seed, mirrors_of
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.mirror_gaps import area_mm2, closest_points, edges_mm, hull_distance
+from mirrorcam.optics.geometry.violation import LeastViolation, Violation
+
+MET_MM = 1e-3
+"""Violations up to this are none."""
+
+BEAM = 5.0
+"""Length of the beams that are looked at, in distances from a virtual centre to the corner of its mirror."""
+
+
+def least_violation(
+    spec: DesignSpec, constraint: str, mirrors: tuple[FloatArray, FloatArray], regions: FloatArray | None = None
+) -> LeastViolation | None:
+    """The violations of a constraint by mirrors that violate a spec least.
+
+    Parameters
+    ----------
+    mirrors
+        Virtual centres (n, 3) in view axes, in scales, and corners (n, sides, 2) of the sub-images, normalized.
+    regions
+        Corners (depths, k, 2) in view axes, in scales, of the regions that all views are to show.
+
+    Returns
+    -------
+    LeastViolation
+        None where these are no mirrors: a plate that reaches past the pupil.
+    """
+    centres, corners = mirrors
+    try:
+        solids = mirrors_of(spec, centres * spec.scale_mm, corners)
+    except InfeasibleDesign:
+        return None
+    found = _overlap(spec, solids, regions) if constraint == "overlap" else FINDERS[constraint](spec, solids)
+    worst_first = sorted(found, key=lambda violation: -violation.missing_mm)
+    return LeastViolation(constraint=constraint, mirrors=solids, violations=tuple(worst_first))
+
+
+def past_the_pupil(spec: DesignSpec, seed: Seed, past_mm: float) -> LeastViolation:
+    """The violation of plates so thick that they reach past the pupil, by thin mirrors to start from.
+
+    From the pupil to where its axis meets the mirror that it is folded by.
+    """
+    centre = spec.arrangement.central_index
+    thin = mirrors_of(spec.replaced(surface="first"), seed.centres * spec.scale_mm, seed.corners)
+    place = np.array([np.zeros(3), thin[centre].outline_in_rig_mm.mean(axis=0)])
+    violation = Violation(mirrors=(centre,), missing_mm=past_mm, place_in_rig_mm=place)
+    return LeastViolation(constraint="occlusion", mirrors=thin, violations=(violation,))
+
+
+def _pairs(mirrors: Sequence[Mirror]) -> Iterator[tuple[int, int]]:
+    return ((i, j) for i in range(len(mirrors)) for j in range(i + 1, len(mirrors)))
+
+
+def _violation(mirrors: tuple[int, ...], missing_mm: float, place: FloatArray | list[FloatArray]) -> list[Violation]:
+    if missing_mm <= MET_MM:
+        return []
+    return [Violation(mirrors=mirrors, missing_mm=missing_mm, place_in_rig_mm=np.asarray(place))]
+
+
+def _spacing(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Mirrors too close to each other, where they are nearest."""
+    found = []
+    for i, j in _pairs(mirrors):
+        first, second = (mirrors[k].solid.corners_in_rig_mm for k in (i, j))
+        found += _violation((i, j), spec.spacing_mm - hull_distance(first, second), closest_points(first, second))
+    return found
+
+
+def _seen_gap(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Sub-images too close to each other, from mirror to mirror where they are nearest as seen."""
+    found = []
+    for i, j in _pairs(mirrors):
+        faces = [mirrors[k].apparent for k in (i, j)]
+        line = shapely.shortest_line(*(Polygon(face.outline_normalized) for face in faces))
+        place = [face.cut(np.array(end)) for face, end in zip(faces, line.coords, strict=True)]
+        found += _violation((i, j), spec.seen_gap_mm - line.length * spec.scale_mm, place)
+    return found
+
+
+def _size(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Shortest edges of mirrors with too short an edge, or too small an area, by the square roots of areas."""
+    found = []
+    for k, mirror in enumerate(mirrors):
+        lengths, outline = edges_mm(mirror), mirror.outline_in_rig_mm
+        shortest = int(lengths.argmin())
+        ends = list(pairwise([*outline, outline[0]]))[shortest]
+        short_mm = spec.min_edge_mm - float(lengths[shortest])
+        small_mm = float(np.sqrt(spec.min_area_mm2) - np.sqrt(area_mm2(mirror)))
+        found += _violation((k,), max(short_mm, small_mm), list(ends))
+    return found
+
+
+def _depth(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Mirrors that reach past the nearest depth, from their farthest corners back to it."""
+    found, along = [], spec.view_from_rig[2]
+    for k, mirror in enumerate(mirrors):
+        corners = mirror.solid.corners_in_rig_mm
+        farthest = corners[int((corners @ along).argmax())]
+        past_mm = float(farthest @ along) - min(spec.depths_mm)
+        found += _violation((k,), past_mm, [farthest, farthest - past_mm * along])
+    return found
+
+
+def _occlusion(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Mirrors in the light of others, where their solids meet it; by the lengths of the light's shadow."""
+    found = []
+    light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
+    for part in light:
+        face, solid = mirrors[part.mirror].apparent, mirrors[part.occluder].solid.corners_in_rig_mm
+        outline = face.outline_in_rig_mm
+        ends = np.zeros((1, 3)) if part.leg == "in" else _beam(face)
+        shadow_mm = float(np.sqrt(part.fraction * area_mm2(face)))
+        place = closest_points(np.concatenate([outline, ends]), solid)
+        found += _violation((part.mirror, part.occluder), shadow_mm, place)
+    return found
+
+
+def _beam(face: Mirror) -> FloatArray:
+    """Ends (n, 3) of the beam that leaves a mirror through the corners of its face."""
+    outline = face.outline_in_rig_mm
+    return outline + BEAM * (outline - face.virtual_centre_in_rig_mm)
+
+
+def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
+    """Mirrors, or beams that leave them, in the box around the camera's body and its clip, where they meet it."""
+    found, box = [], spec.kept_free_in_rig_mm
+    for k, mirror in enumerate(mirrors):
+        face = mirror.apparent
+        rays = face.outline_in_rig_mm - face.virtual_centre_in_rig_mm
+        sides = np.cross(rays, np.roll(rays, -1, axis=0))
+        beam = np.concatenate([face.outline_in_rig_mm, _beam(face)])
+        for light, normals in ((mirror.solid.corners_in_rig_mm, mirror.solid.half_spaces[0]), (beam, sides)):
+            found += _violation((k,), _depth_in_box_mm(light, normals, box), closest_points(light, box))
+    return found
+
+
+def _depth_in_box_mm(points: FloatArray, normals: FloatArray, box: FloatArray) -> float:
+    """Least shift along an axis or a normal (k, 3) that takes the points' hull out of a box; 0 where they are apart."""
+    if hull_distance(points, box) > MET_MM:
+        return 0.0
+    directions = np.concatenate([np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)])
+    directions = np.concatenate([directions, -directions])
+    return float(((box @ directions.T).max(axis=0) - (points @ directions.T).min(axis=0)).min())
+
+
+def _overlap(spec: DesignSpec, mirrors: tuple[Mirror, ...], regions: FloatArray | None) -> list[Violation]:
+    """Mirrors that do not show the whole region of a depth: from the edge to where its farthest corner is reflected."""
+    found = []
+    for depth_mm, region in zip(spec.depths_mm, regions if regions is not None else [], strict=False):
+        points = np.column_stack([region * spec.scale_mm, np.full(len(region), depth_mm)]) @ spec.view_from_rig
+        for k, mirror in enumerate(mirrors):
+            face = mirror.apparent
+            images = reflect(points, face.virtual_centre_in_rig_mm)
+            outline, seen = Polygon(face.outline_normalized), images[:, :2] / images[:, 2:]
+            outside = [outline.distance(Point(corner)) for corner in seen]
+            line: LineString = shapely.shortest_line(outline, Point(seen[int(np.argmax(outside))]))
+            place = face.cut(np.array(line.coords))
+            found += _violation((k,), float(np.linalg.norm(place[1] - place[0])), place)
+    return found
+
+
+FINDERS = {
+    "spacing": _spacing,
+    "seen gap": _seen_gap,
+    "size": _size,
+    "depth": _depth,
+    "occlusion": _occlusion,
+    "body": _body,
+}
+"""By constraint, what finds its violations; that of overlap takes regions, too."""
