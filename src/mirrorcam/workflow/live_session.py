@@ -113,6 +113,7 @@ class LiveSession:
         return SessionAbout(
             source=self.opened.name,
             kind=self.opened.kind,
+            layout_kind=self.layout.kind,
             camera_px=(camera.width_px, camera.height_px),
             sizes_px=sizes,
             grid=(views.rows, views.cols),

@@ -45,10 +45,14 @@ class LiveRequest:
 
 @dataclass(frozen=True)
 class SessionAbout:
-    """What a session shows: the source, sizes of pictures (width, height) in px, and depths in mm."""
+    """What a session shows: the source, sizes of pictures (width, height) in px, and depths in mm.
+
+    `layout_kind` is "nominal", "as-built" or "calibrated".
+    """
 
     source: str
     kind: str
+    layout_kind: str
     camera_px: tuple[int, int]
     sizes_px: dict[PictureKind, tuple[int, int]]
     grid: tuple[int, int]

@@ -57,6 +57,19 @@ def test_pictures_move_and_nothing_else_does(
         assert "pictures/s" in watched.status
 
 
+@pytest.mark.parametrize(("size", "scheme"), [(WIDE, "light"), (WIDE, "dark"), (NARROW, "light"), (NARROW, "dark")])
+def test_everything_is_accessible(
+    browser: Any, address: str, size: tuple[int, int], scheme: Literal["light", "dark"]
+) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    with browser_page(browser, size, scheme) as watched:
+        watched.open(address)
+        watched.page.check("#align")
+        watched.page.wait_for_selector("#tilts td", timeout=LONG_MS)
+        found = axe.Axe().run(watched.page).response["violations"]
+        assert [(each["id"], [node["html"][:120] for node in each["nodes"][:3]]) for each in found] == []
+
+
 def test_orders_from_the_page(browser: Any, address: str) -> None:
     with browser_page(browser) as watched:
         watched.open(address)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +13,16 @@ import simplejpeg
 
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.views_picture import SEPARATOR_PX, tiles
 from mirrorcam.workflow import live_session
 from mirrorcam.workflow.live_session import LiveSession, ViewsPicture
+from mirrorcam.workflow.live_source import LiveSource
 from mirrorcam.workflow.live_values import LiveRequest, Orders
 from tests.mirrorcam.workflow.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write_live_set
 
@@ -125,6 +129,38 @@ def test_a_process_has_one_session_which_another_replaces(request_: LiveRequest)
     answer = live_session.next_pictures(Orders())
     assert answer.shown is not None and answer.shown.number == 0
     live_session.close_session()
+
+
+def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera that gives two frames, is gone, and comes back."""
+    shown = [each.pixels for each in Video(Path(request_.source)).frames() if isinstance(each, Frame)]
+    attempts = 0
+
+    def connect() -> Connection:
+        nonlocal attempts
+        attempts += 1
+        if attempts == 2:
+            raise InputError("not there")
+
+        def pictures() -> Generator[Seen]:
+            for pixels in shown[:2]:
+                yield Seen(pixels)
+
+        return Connection(pictures())
+
+    def opened(text: str, wanted: Camera, tell: Callable[[str], None]) -> LiveSource:
+        camera = LiveCamera("camera 0", connect, WIDTH_PX, HEIGHT_PX, tell=tell, retry_s=0.02, waiting=1)
+        return LiveSource(camera, "camera 0", "camera")
+
+    monkeypatch.setattr(live_session, "open_source", opened)
+    session, lines = LiveSession(replace(request_, source="0")), list[str]()
+    end, answer = time.monotonic() + 30.0, session.next(Orders(kinds=()))
+    while answer.outages < 2 and time.monotonic() < end:
+        lines += answer.lines
+        answer = session.next(Orders(kinds=(), timeout_s=0.2))
+    session.close()
+    assert answer.outages >= 2 and not answer.over
+    assert any("gives no more pictures" in line for line in lines) and any("is back" in line for line in lines)
 
 
 def test_memory_is_that_of_the_process() -> None:

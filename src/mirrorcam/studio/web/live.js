@@ -115,8 +115,9 @@
     at("failed").textContent = status.failed ?? "";
     const gone = status.outages ? `, gone ${status.outages} times` : "";
     at("counts").textContent = `frame ${status.frames}, ${status.dropped} dropped, ${status.lost} lost${gone}; ${(status.memory_mb ?? 0).toFixed(0)} MB`;
-    const middle = status.depth_median_mm === null ? "" : `, ${status.depth_median_mm.toFixed(0)} mm in the middle`;
-    if (!pointed) at("depth-text").textContent = `${status.depth_hz.toFixed(1)} a second${middle}; click to focus there`;
+    const unknown = about.layout_kind === "nominal" ? ", not known in the middle: calibrate first" : ", not known in the middle";
+    const middle = status.depth_median_mm === null ? unknown : `, ${status.depth_median_mm.toFixed(0)} mm in the middle; click to focus there`;
+    if (!pointed) at("depth-text").textContent = `${status.depth_hz.toFixed(1)} a second${middle}`;
     showMeters(status);
     showFiles(status);
     showAlignment(status.alignment);

@@ -39,7 +39,7 @@
   };
 
   Studio.drawTilts = (host, alignment) => {
-    const head = element("tr", {}, ...["Mirror", "by edges", "", "by points of the scene", ""].map((text) => element("th", {}, text)));
+    const head = element("tr", {}, ...["Mirror", "by edges", "σ, right / down", "by points of the scene", "σ, right / down"].map((text) => element("th", {}, text)));
     const rows = alignment.names.map((name, k) => {
       const scene = alignment.scene.length ? tilt(alignment.scene[k]) : ["", ""];
       return element("tr", {}, element("th", { scope: "row" }, name), ...[...tilt(alignment.edges[k]), ...scene].map((text) => element("td", {}, text)));
