@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
-from mirrorcam.optics.alignment.edge_profiles import REACH_PX, Stations, edges_light, profiles, served, stations
+from mirrorcam.optics.alignment.edge_profiles import (
+    REACH_PX,
+    STATIONS,
+    Stations,
+    edges_light,
+    profiles,
+    served,
+    stations,
+)
 from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -30,6 +38,7 @@ def test_each_pair_of_edges_has_its_stations_once(seen: Stations) -> None:
         )
         if paired
     }
+    assert len(pairs) * STATIONS == seen.paired.sum()
     assert len(pairs) == 12  # of 3 x 3 mirrors: six beside each other, six above each other
     assert (seen.apart_px[seen.paired] > 0.0).all() and (seen.apart_px < REACH_PX).all()
     assert (seen.own.mirror != seen.other.mirror)[seen.paired].all()
