@@ -24,6 +24,9 @@ def test_objects_have_room_before_a_layout_that_was_designed_for_less(small_layo
     assert small_layout.spec is not None
     near = 0.6 * nearest_mm(small_layout)
     close = small_layout.replaced(spec=small_layout.spec.replaced(depths_mm=(near, 1.01 * near)))
+    pose = view_from_board(close, default_board())
+    corners = [pose @ [x, y, 0.0, 1.0] for x in (0.0, 240.0) for y in (0.0, 168.0)]
+    assert min(corner[2] for corner in corners) > nearest_mm(close)
     depths = [item.view_from_object[2, 3] for item in arranged_tabletop(close, 0).objects[2:]]
     assert min(depths) == pytest.approx(nearest_mm(close) / (1.0 - LEAST_ROOM) + 1.0)
 

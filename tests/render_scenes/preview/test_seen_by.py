@@ -112,6 +112,19 @@ def test_views_of_an_even_board_are_even_up_to_their_borders(curve: ToneCurve, f
     assert found.samples[partial].mean() == pytest.approx(whole, rel=0.02)
 
 
+def test_beside_a_small_board_there_is_nothing(fold_90_layout: Layout) -> None:
+    board = Checkerboard(cols=7, rows=6, square_mm=8.0)
+    seen = seen_in(preview_frame(fold_90_layout, "board", target=board))
+    assert np.isinf(seen.true_depth_mm).mean() > 0.3
+    # 72 x 64 mm at the middle depth, a little turned.
+    shown = (
+        np.isfinite(seen.true_depth_mm).sum()
+        / (seen.light_field.focal_px / seen.light_field.reference_distance_mm) ** 2
+    )
+    assert shown == pytest.approx(72.0 * 64.0, rel=0.15)
+    assert seen.median_error_mm < 2.0
+
+
 def test_a_single_view_has_no_depth(fold_90_layout: Layout) -> None:
     one = fold_90_layout.replaced(
         rows=1, cols=1, mirrors=fold_90_layout.mirrors[4:5], spec=None, metrics={}, verdict={}

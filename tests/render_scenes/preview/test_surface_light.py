@@ -7,9 +7,30 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.preview.surface_light import facing_normal, own_colour, scattered
-from mirrorcam.render_scenes.preview.traced_scene import MIDDLE, SKY_LIGHT, TracedScene, lamp_light
+from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
+from mirrorcam.render_scenes.preview.surface_light import (
+    FLOOR_PART,
+    WALL_PART,
+    facing_normal,
+    own_colour,
+    scattered,
+)
+from mirrorcam.render_scenes.preview.traced_scene import (
+    BOUND,
+    FLOOR_LIGHT,
+    GLOW,
+    MIDDLE,
+    SKY_LIGHT,
+    WALL_LIGHT,
+    TracedScene,
+    lamp_light,
+    traced_tabletop,
+)
+from mirrorcam.render_scenes.preview.traced_scene import (
+    COLOUR as COLOUR_COLUMN,
+)
 from tests.render_scenes.preview.scenes import item, scene_of
 
 FLOOR = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), [0.0, 40.0, 300.0])
@@ -57,6 +78,38 @@ def test_a_part_of_the_lamp_is_hidden_by_what_is_small(radius: float) -> None:
     # The cone to the lamp, of 0.3 times half its side of 44 mm there, is hidden up to the ball's radius.
     assert (lit < -0.99) == (radius == 20.0)
     assert lit < -0.1
+
+
+def test_a_ball_takes_its_part_of_the_sky_and_gives_what_it_throws() -> None:
+    radius, away = 20.0, 50.0
+    place = tuple(np.array(POINT) + away * np.array(UP))
+    scene = scene_of(
+        floor(), item("sphere", place, size_mm=np.array([2.0 * radius] * 3), colour=np.array([0.1, 0.2, 0.3]))
+    )
+    # The form factor of a sphere straight above a surface (Howell, A Catalog of Radiation Heat Transfer, B-45).
+    part = (radius / away) ** 2
+    sky, glow = scene.around[SKY_LIGHT], scene.balls[0, GLOW : GLOW + 3]
+    expected = np.array(COLOUR) * (sky + part * (glow - sky) + lamp_part(scene))
+    np.testing.assert_allclose(light(scene, shaded=False), expected, rtol=1e-9)
+
+
+def test_a_floor_and_a_wall_stand_in_for_a_part_of_the_sky(small_layout: Layout) -> None:
+    scene = traced_tabletop(arranged_tabletop(small_layout, 0))
+    alone = scene._replace(balls=scene.balls[:0])
+    names = [thing.name for thing in arranged_tabletop(small_layout, 0).objects]
+    number = names.index("glossy ball")
+    place = tuple(scene.objects[number, BOUND : BOUND + 3])
+    colour = scene.objects[number, COLOUR_COLUMN : COLOUR_COLUMN + 3]
+    seen = {}
+    for name, normal in (("up", UP), ("down", (0.0, 1.0, 0.0))):
+        towards = tuple(-np.array(normal))
+        seen[name] = np.array(scattered(alone, number, 0, place, normal, towards, NONE, NONE, False)) / colour
+    sky = scene.around[SKY_LIGHT]
+    half = sky + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - sky)
+    down = sky + FLOOR_PART * (scene.around[FLOOR_LIGHT] - sky)
+    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - down))
+    lamp = lamp_light(scene.lamp, np.array(place), np.array(UP)) / np.pi
+    np.testing.assert_allclose(seen["up"], half + lamp)
 
 
 def lamp_part(scene: TracedScene) -> Any:

@@ -48,3 +48,12 @@ def test_a_long_footprint_is_not_blurred_across() -> None:
     across = mean_colour(*atlas, 0, (0.5, 34.0 / 64.0), (1.0 / 64.0, 0.0), (0.0, 16.0 / 64.0))
     assert along[0] == pytest.approx(1.0)
     assert across[0] == pytest.approx(0.25, abs=0.05)
+
+
+def test_noise_finer_than_the_footprints_is_averaged() -> None:
+    places = np.random.default_rng(1).uniform(0.2, 0.8, (200, 2))
+    noise = texture_atlas([np.random.default_rng(2).random((256, 256, 3)).astype(np.float32)])
+    wide = 16.0 / 256.0
+    found = np.array([mean_colour(*noise, 0, tuple(place), (wide, 0.0), (0.0, wide)) for place in places])
+    # A mean of 16 x 16 has a sixteenth of the deviation; that of fewer texels, up to twice as much.
+    assert 0.5 * 0.289 / 16.0 < found.std() < 2.0 * 0.289 / 16.0
