@@ -32,25 +32,39 @@ BOARD_TURNED_DEG = (-12.0, 18.0)
 """Turns of the board about x and y."""
 
 
-def arranged_tabletop(layout: Layout, seed: int) -> Tabletop:
+def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None) -> Tabletop:
     """The tabletop scene of a layout, with textures of the same size for every layout.
+
+    With `sized_for`, that of another layout as a whole, its middle where the field of `layout` has its own.
 
     Textures are random numbers that depend on their size: of one size, they stay the same while a design, or the size
     of its picture, changes. The depths are those that the layout was designed for, or as near as objects have room
     before the mirrors.
     """
-    least = nearest_mm(layout) / (1.0 - LEAST_ROOM) + 1.0
-    depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(layout)}))
-    found = arrange_tabletop(layout, depths, seed)
+    filled = layout if sized_for is None else sized_for
+    least = nearest_mm(filled) / (1.0 - LEAST_ROOM) + 1.0
+    depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(filled)}))
+    found = arrange_tabletop(filled, depths, seed)
+    middle = depths[len(depths) // 2]
+    shift = np.append(_middle_mm(layout, middle) - _middle_mm(filled, middle), 0.0)
     objects = tuple(
-        item if item.texture is None else item.replaced(texture_px=TEXTURE_PX[item.texture]) for item in found.objects
+        item.replaced(
+            view_from_object=rigid(np.eye(3), shift) @ item.view_from_object,
+            texture_px=None if item.texture is None else TEXTURE_PX[item.texture],
+        )
+        for item in found.objects
     )
-    return Tabletop(objects, found.lit_in_view, found.reach_mm)
+    return Tabletop(objects, found.lit_in_view + shift, found.reach_mm)
 
 
 def view_from_board(layout: Layout, target: Target) -> FloatArray:
     """Rigid 4x4 of a board in view axes, mm: turned a little, in the middle of the common field at the middle depth."""
     depth = max(default_reference_depth_mm(layout), nearest_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm)))
     turn = Rotation.from_euler("XY", BOARD_TURNED_DEG, degrees=True).as_matrix()
-    middle = np.array([*common_bounds(layout, depth).mean(axis=0), depth])
+    middle = np.append(_middle_mm(layout, depth), depth)
     return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
+
+
+def _middle_mm(layout: Layout, depth_mm: float) -> FloatArray:
+    """Middle (2,) of the common field at a depth, in view x and y."""
+    return np.asarray(common_bounds(layout, depth_mm).mean(axis=0))

@@ -20,7 +20,7 @@ from mirrorcam.render_scenes.preview.arranged import Subject, arranged_tabletop,
 from mirrorcam.render_scenes.preview.focus_blur import out_of_focus
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views
 from mirrorcam.render_scenes.preview.sensor_light import SensorLight, sensor_light
-from mirrorcam.render_scenes.preview.traced_scene import TracedScene, traced_board, traced_tabletop
+from mirrorcam.render_scenes.preview.traced_scene import traced_board, traced_tabletop
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 
@@ -78,8 +78,8 @@ def preview_frame(
     width_px
         Width of the picture; at most that of the camera's.
     arranged_for
-        The layout whose field of view the subject fills; by default `layout`. Pictures by several layouts show the
-        same subject if it is arranged for the same one.
+        The layout whose field of view the tabletop fills; by default `layout`. Pictures by several layouts show the
+        same objects, in the middle of their fields, if these are arranged for the same one.
     target
         The board; by default `default_board()`.
     sensor
@@ -100,20 +100,17 @@ def preview_frame(
     factor = min(width_px / layout.camera.width_px, 1.0)
     camera = layout.camera.binned(factor)
     small = layout.replaced(camera=camera)
-    filled = small if arranged_for is None else arranged_for
-    light = sensor_light(camera, mirror_views(small, camera.pupil, REFLECTANCE), _scene(filled, subject, target, seed))
+    if subject == "tabletop":
+        scene = traced_tabletop(arranged_tabletop(small, seed, arranged_for))
+    else:
+        board = default_board() if target is None else target
+        scene = traced_board(board, view_from_board(small, board), RenderSettings())
+    light = sensor_light(camera, mirror_views(small, camera.pupil, REFLECTANCE), scene)
     radiance = out_of_focus(light.radiance, light.along_axis_mm, camera)
     noise = np.random.default_rng(np.random.SeedSequence((seed, 1)))
     model = binned_sensor(sensor, factor)
     picture = np.atleast_3d(photograph(radiance, 1, camera, model, noise))
     return PreviewFrame(small, np.broadcast_to(picture, (*picture.shape[:2], 3)), model, light)
-
-
-def _scene(layout: Layout, subject: Subject, target: Target | None, seed: int) -> TracedScene:
-    if subject == "tabletop":
-        return traced_tabletop(arranged_tabletop(layout, seed))
-    board = default_board() if target is None else target
-    return traced_board(board, view_from_board(layout, board), RenderSettings())
 
 
 def binned_sensor(sensor: SensorModel, factor: float) -> SensorModel:

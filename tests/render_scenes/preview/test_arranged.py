@@ -20,6 +20,27 @@ def test_objects_are_those_of_the_scene_with_textures_of_one_size(small_layout: 
     assert all(item.texture_px == (TEXTURE_PX[item.texture] if item.texture else None) for item in found.objects)
 
 
+def test_objects_of_another_layout_move_to_the_middle_of_the_field(small_layout: Layout) -> None:
+    # The same device, half as large again: its views are higher.
+    mirrors = tuple(
+        mirror.replaced(
+            virtual_centre_in_rig_mm=1.5 * mirror.virtual_centre_in_rig_mm,
+            outline_in_rig_mm=1.5 * mirror.outline_in_rig_mm,
+        )
+        for mirror in small_layout.mirrors
+    )
+    large = small_layout.replaced(mirrors=mirrors, metrics={}, verdict={})
+    own, moved = arranged_tabletop(small_layout, 3), arranged_tabletop(large, 3, small_layout)
+    depth = default_depths_mm(small_layout)[1]
+    shift = common_bounds(large, depth).mean(axis=0) - common_bounds(small_layout, depth).mean(axis=0)
+    assert shift[1] < -20.0
+    for before, after in zip(own.objects, moved.objects, strict=True):
+        there = before.view_from_object[:3, 3] + np.array([*shift, 0.0])
+        np.testing.assert_allclose(after.view_from_object[:3, 3], there)
+        np.testing.assert_allclose(after.size_mm, before.size_mm)
+    np.testing.assert_allclose(moved.lit_in_view[:2], own.lit_in_view[:2] + shift)
+
+
 def test_objects_have_room_before_a_layout_that_was_designed_for_less(small_layout: Layout) -> None:
     assert small_layout.spec is not None
     near = 0.6 * nearest_mm(small_layout)
