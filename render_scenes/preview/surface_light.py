@@ -113,9 +113,11 @@ def _lamp_light(
     if suspects == 0:
         return light
     shown, asked = 0, 0
+    # Leaves shade each other so irregularly that few points do.
+    irregular = int(objects[number, KIND]) == TRIANGLES
     for place in range(POINTS, len(lamp)):
         # What none or all of the first points are hidden by is taken to hide no or all others.
-        if asked == FIRST_POINTS and (shown == 0 or shown == asked):
+        if asked == FIRST_POINTS and (irregular or shown == 0 or shown == asked):
             break
         to_lamp = minus(at(lamp, place, 0), point)
         if not is_hidden(objects, boxes, triangles, suspects, point, to_lamp, CLEARANCE):
