@@ -32,6 +32,9 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
+NEAR = 120
+"""Iterations in which an optimum near given values is found, or not at all."""
+
 
 @dataclass(frozen=True)
 class _Found:
@@ -89,6 +92,31 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     if spec.objective == "depth":
         found = _for_depth(spec, found, calls)
     return _verified(found)
+
+
+def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
+    """The design for overlap near values of the unknowns of another one of the same counts; None where it is not found.
+
+    Of the design alone, as without tolerances, and with figures and verdict. Where its fold is to be chosen, it is
+    searched for as by `design`.
+    """
+    pairs, values = neighbour_pairs(spec.arrangement), start
+    if spec.fold_deg == "auto":
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        outcome = problem.solver.optimise(values)
+        spec, values = spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
+    while True:
+        problem = overlap_problem(spec, seed_meeting(spec), pairs, most_iterations=NEAR)
+        outcome = problem.solver.optimise(values)
+        if not outcome.solved:
+            return None
+        found = _Found(spec, problem, pairs, outcome.values)
+        pairs, values = _stricter(found), outcome.values
+        if pairs == found.pairs:
+            try:
+                return _verified(found)
+            except InfeasibleDesign:
+                return None
 
 
 def _verified(found: _Found) -> Layout:

@@ -23,6 +23,9 @@ HALF = 0.5
 FARTHEST_MM = 1e5
 """A depth range that reaches 100 m is not followed any further: for a webcam that is practically infinity."""
 
+NEAREST_MM = 1.0
+"""A depth range that reaches to the pupil, beside mirrors that fold light past it, is not followed any nearer."""
+
 DEPTH_STEP = 1.15
 SMALL_SHIFT_PX = 0.25
 
@@ -86,7 +89,7 @@ def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[flo
             farthest_mm = _crossing(inside, farthest_mm, further_mm)
             break
         farthest_mm = further_mm
-    least_mm = views.reach_mm * (1.0 + 1e-6)
+    least_mm = max(views.reach_mm * (1.0 + 1e-6), NEAREST_MM)
     while nearest_mm > least_mm:
         nearer_mm = max(nearest_mm / DEPTH_STEP, least_mm)
         if not inside(nearer_mm):

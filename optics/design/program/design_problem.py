@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program import constraints, depth_terms, robustness
 from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft
-from mirrorcam.optics.design.program.nonlinear_program import Solver
+from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Solver
 from mirrorcam.optics.design.program.seeds import Seed
 from mirrorcam.optics.design.program.separated_pairs import PairConstraint, add_body, add_pairs
 from mirrorcam.optics.design.program.terms import Indices
@@ -107,7 +107,14 @@ class Problem:
         return values[self.centres], values[self.corners]
 
 
-def overlap_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], devices: int = 0) -> Problem:
+def overlap_problem(
+    spec: DesignSpec,
+    seed: Seed,
+    pairs: tuple[PairConstraint, ...],
+    devices: int = 0,
+    *,
+    most_iterations: int = MOST_ITERATIONS,
+) -> Problem:
     """The program of most overlap, started from a seed, in view axes; all lengths in units of `scale_mm`.
 
     The objective is tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency averaged over the
@@ -120,7 +127,15 @@ def overlap_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, .
     pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution still
         fits when more are appended.
     devices : number of devices as built that the objective counts. Their unknowns come last.
+    most_iterations : after which the solver gives up.
     """
+    return _problem(*overlap_draft(spec, seed, pairs, devices), most_iterations)
+
+
+def overlap_draft(
+    spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], devices: int = 0
+) -> tuple[Draft, list[Indices]]:
+    """The program of `overlap_problem` before it is given to a solver, and the places of the corners of its regions."""
     draft = _draft_in_place(spec, seed)
     grid = constraints.grid_term(spec.arrangement)
     draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
@@ -130,7 +145,7 @@ def overlap_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, .
     add_body(draft)
     add_pairs(draft, pairs)
     _add_regions(draft, built[1:], weight, _least_shares(spec))
-    return _problem(draft, regions)
+    return draft, regions
 
 
 def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...], overlap: OverlapDesign) -> Problem:
@@ -157,9 +172,9 @@ def largest_grid_error(tradeoff: float) -> float:
     return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, LEAST_TRADEOFF)))
 
 
-def _problem(draft: Draft, regions: list[Indices]) -> Problem:
+def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_ITERATIONS) -> Problem:
     return Problem(
-        solver=Solver(draft.program, SLACK_WEIGHTS),
+        solver=Solver(draft.program, SLACK_WEIGHTS, most_iterations),
         fold=draft.fold,
         centres=np.array(draft.centres),
         corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),

@@ -22,7 +22,7 @@ ELASTIC = ("spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size
 """Families of constraints that a search for feasibility may violate, each by one slack that it minimises."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """A function of a few unknowns x and parameters p, with first and second derivatives.
 

@@ -9,13 +9,20 @@ from scipy.optimize import brentq
 from shapely import Polygon
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.design.assess.layout_metrics import FARTHEST_MM, evaluate, fitted_grid, grid_error
+from mirrorcam.optics.design.assess.layout_metrics import (
+    FARTHEST_MM,
+    NEAREST_MM,
+    depth_range_mm,
+    evaluate,
+    fitted_grid,
+    grid_error,
+)
 from mirrorcam.optics.design.program.seeds import faceted_parabola, mirrors_of
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.sub_images import common_region
+from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view
 from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing, two_rectangles
 
 
@@ -240,3 +247,14 @@ def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
     assert 0.05 < thick["slab_stray_mm"].value < 1.0
     distance_mm = DEPTH_MM - float(plain.virtual_centres_in_rig_mm[:, 1].max())
     assert thick["slab_stray_px"].value == pytest.approx(1360.38 * thick["slab_stray_mm"].value / distance_mm)
+
+
+def test_a_depth_range_ends_before_the_pupil_beside_mirrors_that_fold_light_past_it() -> None:
+    # At this fold and scale the mirrors lie behind the pupil along the views, and their views overlap from there on.
+    spec = DesignSpec(rows=1, cols=2, scale_mm=400.0, fold_deg=150.0, tradeoff=0.0)
+    layout = faceted_parabola(spec)
+    views = fields_of_view(layout)
+    assert views.reach_mm < 0.0
+    found = depth_range_mm(views, [2.0, 3.0])
+    assert found is not None
+    assert found[0] == NEAREST_MM

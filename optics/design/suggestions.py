@@ -1,0 +1,235 @@
+"""What mends a spec that no layout meets: the nearest value of each parameter with which a design exists."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from math import ceil, floor, log10
+
+import numpy as np
+
+from mirrorcam.optics.base.calls import Call, Calls, in_turn
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.optimise import design_near
+from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft
+from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
+from mirrorcam.optics.design.program.relaxed import relaxed_fold, relaxed_program
+from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
+from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
+from mirrorcam.optics.geometry.design_spec import FOLD_DEG, GAVE_UP, MIRRORS, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.layout import Layout
+
+DIGITS = 3
+"""Significant digits of a suggested value."""
+
+INTERIOR = 2e-3
+"""By how much, in scales, the nearest value meets all constraints: an optimum that has no space around is not found."""
+
+BEYOND = (0.002, 0.1, 0.3)
+"""By which parts of the change a suggestion goes beyond the nearest value, until its design is found."""
+
+FIRST_CHANGE = 0.9
+"""The change from which the nearest is searched for, where a design is likely."""
+
+EASY_FOLD_DEG = 100.0
+LARGER, FARTHER, ROOM = 4.0, 4.0, 4.0
+"""Factors of scale, and of depths, up to which they are tried; the nearest depth, in scales, that leaves room."""
+
+THIN, SMALL = 0.02, 60.0
+"""Part of a thickness that hardly counts; scales, in gaps and thicknesses, at which these are small."""
+
+MOST_ITERATIONS = 220
+"""Iterations in which the nearest value is found, or not at all."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A spec that differs in one parameter from one that no layout meets, and its design.
+
+    `change` is the relative size of the change: of lengths to the larger of both, of the fold to its range, of mirrors
+    to their number.
+    """
+
+    parameter: str
+    spec: DesignSpec
+    layout: Layout
+    change: float
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A parameter that may change up to a `limit`, on which the numbers of a design's program depend linearly.
+
+    Or on its inverse. `mends` are the constraints that it relieves.
+    """
+
+    parameter: str
+    mends: frozenset[str]
+    limit: Callable[[DesignSpec], float | tuple[float, ...]]
+    inverse: bool = False
+
+    def changed(self, spec: DesignSpec, change: float) -> FloatArray:
+        """The value, or values, of the parameter between that of a spec (0) and the limit (1)."""
+        now, limit = np.atleast_1d(getattr(spec, self.parameter)), np.atleast_1d(self.limit(spec))
+        if self.inverse:
+            return np.asarray(1.0 / ((1.0 - change) / now + change / limit))
+        return np.asarray((1.0 - change) * now + change * limit)
+
+
+def _larger_scale_mm(spec: DesignSpec) -> float:
+    """Also that at which gaps and glass are small."""
+    return max(LARGER * spec.scale_mm, SMALL * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
+
+
+def _smaller_scale_mm(spec: DesignSpec) -> float:
+    return min(spec.scale_mm, *spec.depths_mm) / ROOM
+
+
+def _farther_mm(spec: DesignSpec) -> tuple[float, ...]:
+    factor = max(FARTHER, ROOM * spec.scale_mm / min(spec.depths_mm))
+    return tuple(factor * depth_mm for depth_mm in spec.depths_mm)
+
+
+ALL = frozenset({"spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size"})
+
+WAYS = (
+    _Way("spacing_mm", frozenset({"spacing"}), lambda spec: 0.0),
+    _Way("seen_gap_mm", frozenset({"seen gap"}), lambda spec: 0.0),
+    _Way("body_clearance_mm", frozenset({"body"}), lambda spec: 0.0),
+    _Way("min_edge_mm", frozenset({"size"}), lambda spec: 0.0),
+    _Way("min_area_mm2", frozenset({"size"}), lambda spec: 0.0),
+    _Way("depths_mm", frozenset({"depth", "overlap"}), _farther_mm),
+    _Way("scale_mm", ALL - {"depth"}, _larger_scale_mm, inverse=True),
+    _Way("scale_mm", frozenset({"depth"}), _smaller_scale_mm, inverse=True),
+    _Way("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: THIN * spec.thickness_mm),
+)
+"""Those that relieve a constraint most directly come first."""
+
+FOLD_MENDS = frozenset({"spacing", "occlusion", "body", "overlap"})
+FEWER_MEND = ALL - {"depth"}
+
+
+def nearest_feasible(spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn) -> list[Suggestion]:
+    """The `suggestions` for a spec, by increasing size of their changes."""
+    return sorted(suggestions(spec, refusal, calls), key=lambda suggestion: suggestion.change)
+
+
+def suggestions(
+    spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn
+) -> Generator[Suggestion, None, None]:
+    """Yield, for each parameter that mends a spec alone, the spec with the nearest value for which a design exists.
+
+    The nearest value is an unknown of the design's program, which minimises its change under all constraints; the
+    design with that value, rounded to three digits away from what it was, is then solved and verified. Parameters that
+    do not relieve the violated constraint are not tried. The search is local: a nearer value may exist, or one where
+    none is found. Devices as built do not count.
+
+    Parameters
+    ----------
+    spec
+        That `design` has refused.
+    refusal
+        With which it did.
+    calls
+        How parameters are tried, which do not depend on each other.
+    """
+    violated = ALL if refusal.constraint == GAVE_UP else {refusal.constraint}
+    tried: list[Call] = [(_mended, (spec, number)) for number, way in enumerate(WAYS) if violated & way.mends]
+    if violated & FEWER_MEND:
+        tried += [(_with_fewer, (spec, name)) for name in _that_can_be_fewer(spec)]
+    if spec.fold_deg != "auto" and violated & FOLD_MENDS:
+        tried.append((_with_fold, (spec,)))
+    with closing(calls(tried)) as found:
+        for suggestion in found:
+            if suggestion is not None:
+                yield suggestion
+
+
+def _that_can_be_fewer(spec: DesignSpec) -> Iterator[str]:
+    if spec.pattern is None:
+        for name, count, other in (("rows", spec.rows, spec.cols), ("cols", spec.cols, spec.rows)):
+            if count > MIRRORS.least and (count - 1) * other > 1:
+                yield name
+
+
+def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
+    """The suggestion of one row, or column, less."""
+    fewer = spec.replaced(**{name: getattr(spec, name) - 1})
+    outcome = optimum_from(fewer, MEETINGS[0], neighbour_pairs(fewer.arrangement))
+    layout = design_near(fewer, outcome.values) if outcome.solved else None
+    return None if layout is None else Suggestion(name, fewer, layout, 1.0 / getattr(spec, name))
+
+
+def _mended(spec: DesignSpec, number: int) -> Suggestion | None:
+    """The suggestion of one of the `WAYS`; None where it mends nothing on its own."""
+    way, now = WAYS[number], np.atleast_1d(getattr(spec, WAYS[number].parameter))
+    limit = way.changed(spec, 1.0)
+    if (limit == now).all():
+        return None
+    easy = _with_value(spec, way.parameter, limit)
+    seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
+    program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
+    outcome = _mend(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
+    if outcome is None:
+        return None
+    for beyond in BEYOND:
+        value = _rounded(now, way.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
+        mended = _with_value(spec, way.parameter, value)
+        layout = _designed(mended, outcome.values[:-1])
+        if layout is not None:
+            change = float((np.abs(value - now) / np.maximum(value, now)).max())
+            return Suggestion(way.parameter, mended, layout, change)
+    return None
+
+
+def _with_fold(spec: DesignSpec) -> Suggestion | None:
+    """The suggestion of another fold, to a tenth of a degree."""
+    asked = float(spec.fold_deg)
+    easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
+    draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
+    fold = np.deg2rad([asked, FOLD_DEG.least, FOLD_DEG.most])
+    outcome = _mend(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MOST_ITERATIONS))
+    if outcome is None:
+        return None
+    nearest = float(np.rad2deg(outcome.values[draft.fold[0]]))
+    for beyond in BEYOND:
+        found = asked + (nearest - asked) * (1.0 + beyond)
+        away = ceil if found > asked else floor
+        mended = spec.replaced(fold_deg=min(max(away(found * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
+        layout = _designed(mended, outcome.values[:-1])
+        if layout is not None:
+            change = abs(found - asked) / (FOLD_DEG.most - FOLD_DEG.least)
+            return Suggestion("fold_deg", mended, layout, change)
+    return None
+
+
+def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
+    """The design near values; None where there is none, or `design` would not even search for it."""
+    try:
+        check_at_once(spec)
+    except InfeasibleDesign:
+        return None
+    return design_near(spec, values)
+
+
+def _mend(solver: Solver) -> SolverOutcome | None:
+    """The smallest change with which all constraints are met; None where there seems to be none."""
+    outcome, missed = solver.mend(INTERIOR)
+    return outcome if outcome.solved and max(missed.values()) <= MISSED else None
+
+
+def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSpec:
+    """The spec with a value of a parameter, or several, in an array."""
+    numbers = tuple(float(number) for number in value)
+    return spec.replaced(**{parameter: numbers if isinstance(getattr(spec, parameter), tuple) else numbers[0]})
+
+
+def _rounded(now: FloatArray, values: FloatArray) -> FloatArray:
+    """Values with three significant digits, rounded away from what they are now."""
+    rounded = []
+    for before, value in zip(now, values, strict=True):
+        unit = 10.0 ** (floor(log10(value)) + 1 - DIGITS) if value > 0.0 else 1.0
+        steps = ceil(value / unit) if value > before else floor(value / unit)
+        rounded.append(float(f"{steps * unit:.{DIGITS}g}"))
+    return np.array(rounded)
