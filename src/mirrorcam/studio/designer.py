@@ -71,7 +71,10 @@ class Designer:
         self._stored = dict(stored)
 
     def solve(self, spec: DesignSpec) -> Found:
-        """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded."""
+        """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded.
+
+        Raises InputError where the process that solves it dies.
+        """
         with self._lock:
             self._newest += 1
             mine = self._newest
@@ -97,7 +100,9 @@ class Designer:
             self._solving = spec
         try:
             found: Found = self._solver.call(design_work.solve_in_two, spec)
-        except WorkerDied:
+        except WorkerDied as death:
+            if number == self._newest and not self._over:
+                raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
             raise Superseded from None
         finally:
             with self._lock:

@@ -76,11 +76,9 @@ class DesignAnswers:
 
     async def design(self, request: Request) -> Response:
         try:
-            wanted = await _asked(DesignSpec, request)
+            found = await run_in_threadpool(self._designer.solve, await _asked(DesignSpec, request))
         except InputError as error:
             return _json({"status": "refused", "constraint": "", "finding": str(error)})
-        try:
-            found = await run_in_threadpool(self._designer.solve, wanted)
         except Superseded:
             return _json({"status": "superseded"})
         if not isinstance(found, SolvedDesign):

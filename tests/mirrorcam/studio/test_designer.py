@@ -57,6 +57,14 @@ def test_a_newer_request_ends_the_older_one(designer: Designer) -> None:
     assert ended == ["superseded"]
 
 
+def test_a_solver_that_dies_is_said_and_replaced(designer: Designer) -> None:
+    killed = threading.Timer(0.5, designer._solver.kill)
+    killed.start()
+    with pytest.raises(InputError, match="ended by signal 9"):
+        designer.solve(LONG)
+    assert isinstance(designer.solve(SMALL), SolvedDesign)
+
+
 def test_what_is_near_is_solved_ahead(designer: Designer) -> None:
     designer.solve(SMALL)
     ahead = SMALL.replaced(rows=2)

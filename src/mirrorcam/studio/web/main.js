@@ -96,7 +96,7 @@
     const before = asking.exact;
     try {
       const answer = await source.preview(spec);
-      if (answer.drawing && asking.exact === before) {
+      if (answer?.drawing && asking.exact === before) {
         Object.assign(state, { drawing: answer.drawing, conflicts: [] });
         draw();
         const texts = { exact: passed(answer.drawing), parabola: "Preview: the faceted parabola", preview: "Preview" };

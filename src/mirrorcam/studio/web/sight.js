@@ -30,12 +30,12 @@
       this.byId("focus").disabled = true;
       try {
         const began = performance.now();
-        const { picture } = await Studio.post("/frame", wanted);
-        if (mine !== this.asked) return;
-        this.set("frame", picture);
+        const frame = await Studio.post("/frame", wanted);
+        if (mine !== this.asked || !frame) return;
+        this.set("frame", frame.picture);
         performance.measure("frame", { start: began, end: performance.now() });
         const decoded = await Studio.post("/decoded", wanted);
-        if (mine !== this.asked) return;
+        if (mine !== this.asked || !decoded) return;
         this.set("views", decoded.views);
         this.set("refocused", decoded.refocused);
         this.set("measured", decoded.depth);
