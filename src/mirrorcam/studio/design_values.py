@@ -88,9 +88,24 @@ class SolvedDesign:
     parabola_drawing: DesignDrawing | None
 
 
+class ViolationDrawing(Value):
+    """The mirrors that violate a request least, and where; lengths in view axes, mm.
+
+    `concerned` are the numbers of mirrors that violate the constraint, `places_mm` the ends (2, 3) of segments where
+    they do, worst first.
+    """
+
+    sensor_px: tuple[int, int]
+    body_mm: list[list[float]]
+    mirrors: list[MirrorDrawing]
+    concerned: list[int]
+    places_mm: list[list[list[float]]]
+
+
 @dataclass(frozen=True)
 class RefusedDesign:
-    """A request that no design meets: the constraint that cannot hold, and by how much it is missed."""
+    """A request that no design meets: the constraint that cannot hold, by how much it is missed, and where."""
 
     constraint: str
     finding: str
+    drawing: ViolationDrawing | None = None

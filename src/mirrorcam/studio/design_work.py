@@ -45,7 +45,10 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
     try:
         layout = design(spec, calls)
     except InfeasibleDesign as error:
-        return RefusedDesign(error.constraint, error.finding)
+        from mirrorcam.studio.drawing import violation_drawing
+
+        where = None if error.where is None else violation_drawing(spec, error.where)
+        return RefusedDesign(error.constraint, error.finding, where)
     except InputError as error:
         return RefusedDesign("", str(error))
     return described(layout.spec or spec, layout)

@@ -17,7 +17,16 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, sub_images, vertices
-from mirrorcam.studio.design_values import Curves, DesignDrawing, FigureText, Kind, MirrorDrawing, ViewRays
+from mirrorcam.optics.geometry.violation import LeastViolation
+from mirrorcam.studio.design_values import (
+    Curves,
+    DesignDrawing,
+    FigureText,
+    Kind,
+    MirrorDrawing,
+    ViewRays,
+    ViolationDrawing,
+)
 
 GROUPS: Mapping[str, Sequence[str]] = {
     "Overlap of the views": ("usable_efficiency", "pixel_efficiency", "overlap_iou", "whole_pupil", "grid_error"),
@@ -67,6 +76,29 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
         figures=_grouped(metrics),
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
+    )
+
+
+def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawing:
+    """What is drawn of a request that cannot be: mirrors, which may overlap as seen, and where they violate it."""
+    turn, camera = spec.view_from_rig.T, spec.camera
+    beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
+    body = np.zeros((0, 3)) if camera.body_mm is None else spec.kept_free_in_rig_mm
+    return ViolationDrawing(
+        sensor_px=(camera.width_px, camera.height_px),
+        body_mm=_rounded(body @ turn, MM_DECIMALS),
+        mirrors=[
+            MirrorDrawing(
+                name=name,
+                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ turn, MM_DECIMALS),
+                chief_mm=_rounded(_chief(mirror, beyond_mm) @ turn, MM_DECIMALS),
+                outline_px=_rounded(camera.pixels_from_normalized(mirror.apparent.outline_normalized), PX_DECIMALS),
+                usable_px=[],
+            )
+            for name, mirror in zip(spec.arrangement.names, where.mirrors, strict=True)
+        ],
+        concerned=sorted({number for violation in where.violations for number in violation.mirrors}),
+        places_mm=[_rounded(violation.place_in_rig_mm @ turn, MM_DECIMALS) for violation in where.violations],
     )
 
 

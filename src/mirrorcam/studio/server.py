@@ -82,7 +82,9 @@ class DesignAnswers:
         except Superseded:
             return _json({"status": "superseded"})
         if not isinstance(found, SolvedDesign):
-            return _json({"status": "refused", "constraint": found.constraint, "finding": found.finding})
+            where = found.drawing and found.drawing.model_dump(mode="json")
+            refusal = {"constraint": found.constraint, "finding": found.finding, "where": where}
+            return _json({"status": "refused"} | refusal)
         drawings = {"drawing": found.drawing, "parabola": found.parabola_drawing}
         return _json(
             {"status": "solved"} | {name: each and each.model_dump(mode="json") for name, each in drawings.items()}

@@ -19,7 +19,7 @@
     byId("stage").classList.add("flat");
     byId("flat").hidden = false;
   }
-  const state = { drawing: null, parabola: null, conflicts: [], depth: null, touched: false };
+  const state = { drawing: null, parabola: null, depth: null };
 
   const pins = new Studio.Pins(byId("compare"), (spec) => history.settle(spec));
 
@@ -64,7 +64,7 @@
   const draw = () => {
     const { drawing } = state;
     placeDepth();
-    view?.show(drawing, beside(), state.depth, state.conflicts);
+    view?.show(drawing, beside(), state.depth);
     Studio.drawSensor(byId("sensor"), drawing, beside());
     Studio.drawCameras(byId("cameras"), drawing, beside());
     drawCurves();
@@ -97,7 +97,7 @@
     try {
       const answer = await source.preview(spec);
       if (answer?.drawing && asking.exact === before) {
-        Object.assign(state, { drawing: answer.drawing, conflicts: [] });
+        state.drawing = answer.drawing;
         draw();
         const texts = { exact: passed(answer.drawing), parabola: "Preview: the faceted parabola", preview: "Preview" };
         say(answer.drawing.kind === "exact" ? "exact" : "preview", texts[answer.drawing.kind]);
@@ -137,7 +137,7 @@
     if (mine !== asking.exact || answer.status === "superseded") return;
     performance.measure("solve", { start: began, end: performance.now() });
     if (answer.status === "solved") {
-      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, conflicts: [] });
+      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });
       draw();
       say("exact", passed(answer.drawing));
       after(spec, mine);
@@ -165,9 +165,11 @@
     byId("finding").textContent = answer.finding;
     const list = byId("suggestions");
     list.replaceChildren();
-    state.conflicts = answer.conflicts_mm ?? [];
-    if (answer.drawing) state.drawing = answer.drawing;
-    if (state.drawing) draw();
+    document.body.dataset.kind = "refused";
+    if (answer.where) {
+      view?.showViolation(answer.where);
+      Studio.drawSensor(byId("sensor"), { ...answer.where, common_px: [] });
+    }
     if (!answer.constraint) return;
     byId("looking").hidden = false;
     const found = await source.suggestions(spec).catch(() => ({ suggestions: [] }));

@@ -26,10 +26,11 @@
     for (const mirror of beside?.mirrors ?? []) {
       root.append(svg("path", { d: path(mirror.outline_px), class: "ghost", "stroke-width": u * 0.25 }));
     }
-    for (const { outline_px: outline, usable_px: usable } of drawing.mirrors) {
-      root.append(svg("path", { d: path(outline), class: "mirror", "stroke-width": u * 0.3 }));
+    drawing.mirrors.forEach(({ outline_px: outline, usable_px: usable }, k) => {
+      const wrong = drawing.concerned?.includes(k) ? " wrong" : "";
+      root.append(svg("path", { d: path(outline), class: `mirror${wrong}`, "stroke-width": u * 0.3 }));
       root.append(svg("path", { d: path(usable), class: "whole", "stroke-width": u * 0.2 }));
-    }
+    });
     drawing.common_px.forEach((outlines, depth) => {
       for (const outline of outlines) {
         root.append(svg("path", { d: path(outline), class: `common depth${depth % 4}`, "stroke-width": u * 0.3 }));

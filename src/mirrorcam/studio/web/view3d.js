@@ -92,51 +92,74 @@
       return [...ring(0), ...ring(count), ...solid.slice(0, count).flatMap((p, i) => [p, solid[count + i]])];
     }
 
-    show(drawing, beside, depth, conflicts = []) {
+    ink(colour, opacity = 1) {
+      return new THREE.LineBasicMaterial({ color: colour, transparent: opacity < 1, opacity });
+    }
+
+    cross([x, y, z], size) {
+      return [[x - size, y, z], [x + size, y, z], [x, y - size, z], [x, y + size, z], [x, y, z - size], [x, y, z + size]];
+    }
+
+    // Mirrors, chief rays and the camera: what a design has, and what one that cannot be has too.
+    bodies({ mirrors: drawn, body_mm: box }, concerned = []) {
       const { colours } = this;
-      const line = (colour, opacity = 1) =>
-        new THREE.LineBasicMaterial({ color: colour, transparent: opacity < 1, opacity });
       const mirrors = new THREE.Group();
       // Double sided without normals: flat shading finds them for each face.
-      const glass = new THREE.MeshStandardMaterial({
-        color: colours.mirror, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colours.mirror, emissiveIntensity: 0.35,
-      });
+      const glass = (colour) =>
+        new THREE.MeshStandardMaterial({
+          color: colour, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colour, emissiveIntensity: 0.35,
+        });
+      const [usual, wrong] = [glass(colours.mirror), glass(colours.bad)];
       const edges = [];
-      for (const { solid_mm: solid } of drawing.mirrors) {
-        mirrors.add(new THREE.Mesh(this.prism(solid), glass));
+      drawn.forEach(({ solid_mm: solid }, k) => {
+        mirrors.add(new THREE.Mesh(this.prism(solid), concerned.includes(k) ? wrong : usual));
         edges.push(...this.edges(solid));
-      }
-      mirrors.add(this.lines(edges, line(colours.ink, 0.65)));
+      });
+      mirrors.add(this.lines(edges, this.ink(colours.ink, 0.65)));
       this.replace("mirrors", mirrors);
-
       const rays = new THREE.Group();
-      rays.add(this.lines(drawing.mirrors.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), line(colours.ray)));
+      rays.add(this.lines(drawn.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), this.ink(colours.ray)));
       this.replace("rays", rays);
+      const body = new THREE.Group();
+      body.add(this.lines(this.cross([0, 0, 0], 2), this.ink(colours.ink)));
+      if (box.length) {
+        const pairs = [];
+        box.forEach((p, i) => [1, 2, 4].forEach((bit) => !(i & bit) && pairs.push(p, box[i | bit])));
+        body.add(this.lines(pairs, this.ink(colours.soft)));
+      }
+      this.replace("body", body);
+    }
 
+    // The mirrors that violate a request least; where they do, a thick mark.
+    showViolation(drawing) {
+      this.bodies(drawing, drawing.concerned);
+      for (const name of ["cameras", "beside", "light", "device"]) this.replace(name, null);
+      const marks = new THREE.Group();
+      const size = this.size(drawing) * 0.02;
+      for (const [from, to] of drawing.places_mm) {
+        marks.add(this.lines([from, to, ...this.cross(from, size), ...this.cross(to, size)], this.ink(this.colours.bad)));
+      }
+      this.replace("places", marks);
+      this.measure(drawing);
+      this.visible();
+    }
+
+    show(drawing, beside, depth) {
+      const { colours } = this;
+      const line = (colour, opacity = 1) => this.ink(colour, opacity);
+      this.bodies(drawing);
+      this.replace("places", null);
       const cameras = new THREE.Group();
       const size = this.size(drawing) * 0.012;
-      const cross = ([x, y, z]) => [[x - size, y, z], [x + size, y, z], [x, y - size, z], [x, y + size, z], [x, y, z - size], [x, y, z + size]];
+      const cross = (point) => this.cross(point, size);
       cameras.add(this.lines(drawing.centres_mm.flatMap(cross), line(colours.view)));
       const grid = drawing.neighbours.flatMap(([i, j]) => [drawing.grid_mm[i], drawing.grid_mm[j]]);
       cameras.add(this.lines(grid, line(colours.soft, 0.6)));
       this.replace("cameras", cameras);
 
-      const body = new THREE.Group();
-      body.add(this.lines(cross([0, 0, 0]), line(colours.ink)));
-      if (drawing.body_mm.length) {
-        const pairs = [];
-        drawing.body_mm.forEach((p, i) => [1, 2, 4].forEach((bit) => !(i & bit) && pairs.push(p, drawing.body_mm[i | bit])));
-        body.add(this.lines(pairs, line(colours.soft)));
-      }
-      this.replace("body", body);
-
       const ghost = new THREE.Group();
       if (beside) ghost.add(this.lines(beside.mirrors.flatMap(({ solid_mm: s }) => this.edges(s)), line(colours.soft, 0.55)));
       this.replace("beside", ghost);
-
-      const wrong = new THREE.Group();
-      if (conflicts.length) wrong.add(this.lines(conflicts, line(colours.bad)));
-      this.replace("conflicts", wrong);
 
       this.light(drawing, depth);
       this.measure(drawing);
@@ -178,7 +201,8 @@
     // The whole is framed anew where it has become much larger or smaller, so that a drag does not shake the picture.
     measure(drawing) {
       const box = new THREE.Box3();
-      for (const point of [...drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]), ...drawing.centres_mm, ...drawing.body_mm]) {
+      const points = drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]);
+      for (const point of [...points, ...(drawing.centres_mm ?? []), ...drawing.body_mm]) {
         box.expandByPoint(new THREE.Vector3(...place(point)));
       }
       const sphere = box.getBoundingSphere(new THREE.Sphere());
