@@ -11,6 +11,8 @@ from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
+DEGREE = "\N{DEGREE SIGN}"
+
 
 class Control(Value):
     """One control: the field of the request that it sets, and the range of its slider; a number may be beyond it.
@@ -78,6 +80,21 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
     )
 
 
+def change_text(spec: DesignSpec, other: DesignSpec, parameter: str) -> str:
+    """What differs between two requests in a parameter, in words: "Scale 92 mm instead of 50 mm"."""
+    if parameter in ("rows", "cols"):
+        return f"{other.rows} x {other.cols} mirrors instead of {spec.rows} x {spec.cols}"
+    control = next(each for group in control_groups(spec) for each in group.controls if each.name == parameter)
+    texts = [_value_text(getattr(each, parameter), control.unit) for each in (other, spec)]
+    return f"{control.label} {texts[0]} instead of {texts[1]}"
+
+
+def _value_text(value: float | tuple[float, ...] | str, unit: str) -> str:
+    numbers = value if isinstance(value, tuple) else (value,)
+    text = ", ".join(number if isinstance(number, str) else f"{number:.4g}" for number in numbers)
+    return f"{text}{'' if unit in ('', DEGREE) else ' '}{unit}"
+
+
 def snapping_groups(axes: Mapping[str, Sequence[float]]) -> tuple[ControlGroup, ...]:
     """The controls of the fields in `axes` alone, which snap to the values there."""
     every = {control.name: control for control in (*_VIEWS, *_SCENE)}
@@ -114,7 +131,7 @@ _VIEWS = (
     Control(
         name="fold_deg",
         label="Fold",
-        unit="\N{DEGREE SIGN}",
+        unit=DEGREE,
         least=60,
         most=150,
         preset=120.0,
@@ -236,7 +253,7 @@ _LIMITS = (
     Control(
         name="robust_tilt_deg",
         label="Tilt to allow for",
-        unit="\N{DEGREE SIGN}",
+        unit=DEGREE,
         least=0,
         most=1,
         step=0.05,

@@ -102,6 +102,13 @@ class ViolationDrawing(Value):
     places_mm: list[list[list[float]]]
 
 
+class SuggestedRequest(Value):
+    """A request that can be met, near one that cannot, and what differs in words."""
+
+    text: str
+    spec: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class RefusedDesign:
     """A request that no design meets: the constraint that cannot hold, by how much it is missed, and where."""

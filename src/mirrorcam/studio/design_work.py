@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
+from collections.abc import Iterator
 from functools import cache
 
 from mirrorcam.optics.base.calls import Calls, beside, in_turn
@@ -13,7 +14,8 @@ from mirrorcam.optics.base.worker_process import WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.controls import change_text
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
 from mirrorcam.studio.tolerance_values import ToleranceBars
 
 PRELOAD = (
@@ -110,6 +112,28 @@ def report(layout: Layout, parabola: Layout | None) -> str:
     assert layout.spec is not None
     built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm))
     return design_report(layout, parabola, design_pictures(layout, parabola, built))
+
+
+_suggestions: list[Iterator[SuggestedRequest]] = []
+"""The search that `next_suggestion` goes on with, alone."""
+
+
+def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
+    """Begin to look for requests near one that was refused; this process answers `next_suggestion` from then on."""
+    from mirrorcam.optics.design.suggestions import suggestions
+
+    found = suggestions(spec, InfeasibleDesign(constraint, finding), beside(_partner()))
+    _suggestions[:] = [
+        (
+            SuggestedRequest(text=change_text(spec, each.spec, each.parameter), spec=each.spec.model_dump(mode="json"))
+            for each in found
+        )
+    ]
+
+
+def next_suggestion() -> SuggestedRequest | None:
+    """The next request that can be met; None where there is no other."""
+    return next(_suggestions[0], None)
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

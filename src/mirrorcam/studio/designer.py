@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from mirrorcam.optics.base.values import InputError
@@ -12,7 +13,7 @@ from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
 from mirrorcam.studio.nearby_requests import nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.tolerance_values import ToleranceBars
@@ -37,8 +38,8 @@ class Designer:
         self._solver, self._previewer, self._analyst, self._scout = (
             WorkerProcess(preload=design_work.PRELOAD) for _ in range(4)
         )
-        self._painter = WorkerProcess()
-        self._processes = (self._solver, self._previewer, self._analyst, self._scout, self._painter)
+        self._painter, self._advisor = WorkerProcess(), WorkerProcess(preload=design_work.PRELOAD)
+        self._processes = (self._solver, self._previewer, self._analyst, self._scout, self._painter, self._advisor)
         self._stored: dict[DesignSpec, Path] = {}
         self._kept: OrderedDict[DesignSpec, Found] = OrderedDict()
         self._lock, self._turn = threading.Lock(), threading.Lock()
@@ -83,6 +84,7 @@ class Designer:
             self.keep(spec, Layout.load(self._stored[spec]))
         if stale:
             self._solver.kill()
+        self._advisor.kill()
         with self._turn:
             found = self._kept.get(spec)
             if found is None:
@@ -148,6 +150,23 @@ class Designer:
         """The report of a solved design. Raises InputError for one that is not."""
         found = self.solved(spec)
         return str(self._analyst.call(design_work.report, found.layout, found.parabola))
+
+    def suggestions(self, spec: DesignSpec) -> Iterator[SuggestedRequest]:
+        """Requests near a refused one that can be met, as they are found, until another request comes.
+
+        Raises InputError for a request that was not refused.
+        """
+        refused = self._kept.get(spec)
+        if not isinstance(refused, RefusedDesign) or not refused.constraint:
+            raise InputError("this design was not refused, expected one that cannot be")
+        return self._suggested(spec, refused)
+
+    def _suggested(self, spec: DesignSpec, refused: RefusedDesign) -> Iterator[SuggestedRequest]:
+        mine, found = self._newest, None
+        with suppress(WorkerDied):  # killed as another request has come
+            self._advisor.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
+            while mine == self._newest and (found := self._advisor.call(design_work.next_suggestion)) is not None:
+                yield found
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A frame that a solved design would see. Raises InputError where there is no room for the subject."""

@@ -12,7 +12,7 @@ from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
@@ -90,6 +90,10 @@ class DesignAnswers:
             {"status": "solved"} | {name: each and each.model_dump(mode="json") for name, each in drawings.items()}
         )
 
+    async def suggestions(self, request: Request) -> Response:
+        found = self._designer.suggestions(await _asked(DesignSpec, request))
+        return StreamingResponse((f"{each.model_dump_json()}\n" for each in found), media_type="application/x-ndjson")
+
     async def tolerance(self, request: Request) -> Response:
         bars = await run_in_threadpool(self._designer.tolerance, await _asked(DesignSpec, request))
         return _json(bars.model_dump(mode="json"))
@@ -127,6 +131,7 @@ class DesignAnswers:
         answers = {
             "preview": self.preview,
             "design": self.design,
+            "suggestions": self.suggestions,
             "tolerance": self.tolerance,
             "frame": self.frame,
             "decoded": self.decoded,

@@ -162,7 +162,7 @@
     say("failed", answer.constraint ? "Cannot be" : "Not a request");
     const note = byId("infeasible");
     note.hidden = false;
-    byId("finding").textContent = answer.finding;
+    byId("finding").textContent = answer.finding.charAt(0).toUpperCase() + answer.finding.slice(1);
     const list = byId("suggestions");
     list.replaceChildren();
     document.body.dataset.kind = "refused";
@@ -172,15 +172,16 @@
     }
     if (!answer.constraint) return;
     byId("looking").hidden = false;
-    const found = await source.suggestions(spec).catch(() => ({ suggestions: [] }));
-    if (mine !== asking.exact) return;
-    byId("looking").hidden = true;
-    for (const { text, spec: other } of found.suggestions) {
+    const take = ({ text, spec: other }) => {
+      if (mine !== asking.exact) return;
       const button = element("button", { type: "button" }, text);
       button.addEventListener("click", () => history.settle(other));
       list.append(element("li", {}, button));
-    }
-    if (!found.suggestions.length) list.append(element("li", {}, "No single change was found that makes it possible."));
+    };
+    await source.suggestions(spec, take).catch(lost);
+    if (mine !== asking.exact) return;
+    byId("looking").hidden = true;
+    if (!list.children.length) list.append(element("li", {}, "No single change was found that makes it possible."));
   };
 
   // ---- the request ---------------------------------------------------------------------------------------------

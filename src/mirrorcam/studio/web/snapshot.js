@@ -17,7 +17,7 @@
   Studio.source = {
     preview: async (spec) => ({ drawing: answer(spec).drawing ?? null }),
     design: async (spec) => answer(spec),
-    suggestions: async () => ({ suggestions: [] }),
+    suggestions: async () => {},
     tolerance: async () => null,
   };
 })();
