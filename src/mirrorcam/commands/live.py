@@ -32,7 +32,7 @@ class LiveOptions(Value):
         default=None, description="board.toml of the target, to take calibration pictures and calibrate"
     )
     view_width_px: int = WIDTH_PX.field(320, "width of each view and of the refocused picture")
-    depth_width_px: int = WIDTH_PX.field(240, "width of the views that depth is measured in")
+    depth_width_px: int = WIDTH_PX.field(200, "width of the views that depth is measured in")
     port: int = PORT.field(8611, "port of the page on the loopback address; 0: any that is free")
     no_browser: bool = Field(default=False, description="do not open the browser, only print the address")
     out: Path = Field(

@@ -15,7 +15,7 @@ PictureKind = Literal["frame", "views", "refocus", "depth"]
 DECODED: tuple[PictureKind, ...] = ("frame", "views", "refocus")
 """Pictures of every frame; depth has its own rate."""
 
-FRAME_WIDTH_PX, VIEW_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320, 240
+FRAME_WIDTH_PX, VIEW_WIDTH_PX, DEPTH_WIDTH_PX = 960, 320, 200
 """Widths of the frame as shown, of each view and the refocused picture, and of the views that depth is measured in."""
 
 

@@ -1,0 +1,76 @@
+"""The picture of docs/live.md is of the live page as it is now: it is taken here, and compared with that in docs.
+
+MIRRORCAM_PICTURES=write pytest -n 0 tests/mirrorcam/studio/test_live_guide.py      # replaces that in docs
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.preview.preview_frame import preview_frame
+from tests.conftest import ROOT
+from tests.mirrorcam.studio.browser import browser_page
+from tests.mirrorcam.workflow.live_sets import repeated
+from tests.optics.drift.calibrated_device import turned
+from tests.optics.light_field.io.videos import write_mjpeg
+
+SIZE = (1400, 1430)
+COARSE = (70, 72)
+UNLIKE_GREY = 12.0
+"""Mean difference, in grey levels, at a twentieth of the size: other fonts make less, other panels more."""
+TURN_DEG = np.array([0.0, 0.5, 0.0])
+"""Of the mirror at the right of the middle: the table is to tell it."""
+LONG_MS = 90_000
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> Iterator[str]:
+    """A live page on the table-top, seen by a device of which one mirror is turned."""
+    folder = tmp_path_factory.mktemp("live_guide")
+    frame = preview_frame(turned(default_layout, 5, TURN_DEG), width_px=1280, arranged_for=default_layout)
+    default_layout.replaced(camera=frame.layout.camera).save(folder / "layout.json")
+    repeated(write_mjpeg(folder / "once.avi", [frame.picture.copy()]), folder / "camera.mkv", 6000)
+    given = [str(folder / "camera.mkv"), "--layout", str(folder / "layout.json"), "--out", str(folder / "out")]
+    command = [sys.executable, "-m", "mirrorcam", "live", *given, "--no-browser", "--port", "0"]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout is not None
+    yield process.stdout.readline().split()[1]
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 0
+
+
+def test_the_picture_of_the_guide_shows_the_page_as_it_is(browser: Any, address: str) -> None:
+    with browser_page(browser, SIZE) as watched:
+        watched.open(address)
+        watched.page.check("#align")
+        watched.page.wait_for_selector("#tilts td", timeout=LONG_MS)
+        watched.page.wait_for_selector("#depth[data-serial]", timeout=LONG_MS)
+        rows = watched.page.locator("#tilts tbody tr").all_inner_texts()
+        watched.page.wait_for_timeout(500)
+        taken = Image.open(BytesIO(watched.page.screenshot())).convert("RGB")
+    path = ROOT / "docs" / "images" / "live.jpg"
+    if os.environ.get("MIRRORCAM_PICTURES") == "write":
+        taken.save(path, quality=86)
+    assert "°" in rows[5].split("\t")[3], rows
+    before = Image.open(path)
+    assert before.size == SIZE
+    now, then = (np.asarray(image.resize(COARSE, Image.Resampling.BOX), dtype=float) for image in (taken, before))
+    assert np.abs(now - then).mean() < UNLIKE_GREY
+
+
+def test_the_guide_shows_it() -> None:
+    assert "images/live.jpg" in (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+    assert Path(ROOT / "docs" / "images" / "live.jpg").stat().st_size < 500_000
