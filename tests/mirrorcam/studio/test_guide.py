@@ -46,7 +46,7 @@ def compared(page: Watched) -> None:
 
 STATES: dict[str, tuple[str, Callable[[Watched], None]]] = {
     "design": ("", design),
-    "infeasible": ("#spacing_mm=25&rows=3&cols=5&scale_mm=50", cannot_be),
+    "infeasible": ("#rows=2&cols=2&min_edge_mm=90", cannot_be),
     "compare": ("", compared),
 }
 

@@ -94,11 +94,21 @@ def test_the_keyboard_alone_changes_a_design(page: Watched, studio: tuple[str, P
     assert page.drawn["spec"]["cols"] == 2
 
 
-def test_a_design_that_cannot_be_says_why(page: Watched, studio: tuple[str, Path]) -> None:
-    opened(page, studio, "#seen_gap_mm=200")
+def test_a_design_that_cannot_be_says_why_and_where_and_offers_the_nearest_that_can(
+    page: Watched, studio: tuple[str, Path]
+) -> None:
+    opened(page, studio, f"{SMALL}&min_edge_mm=80")
     assert page.status == "Cannot be"
-    assert page.page.is_visible("#infeasible")
-    assert "sub-images cannot be 200 mm apart" in page.page.inner_text("#finding")
+    assert "Mirrors cannot have edges of 80 mm" in page.page.inner_text("#finding")
+    assert page.page.locator("#sensor path.wrong").count() == 2
+    page.page.wait_for_selector("#looking", state="hidden")
+    offered = page.page.locator("#suggestions button").all_inner_texts()
+    assert any(text.startswith("Shortest edge 7") and text.endswith("instead of 80 mm") for text in offered)
+    page.page.click("#suggestions button >> nth=0")
+    page.page.wait_for_selector("#status.exact")
+    assert not page.page.is_visible("#infeasible")
+    page.page.click("#undo")
+    page.page.wait_for_selector("#status.failed")
 
 
 def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple[str, Path]) -> None:

@@ -162,7 +162,8 @@
     say("failed", answer.constraint ? "Cannot be" : "Not a request");
     const note = byId("infeasible");
     note.hidden = false;
-    byId("finding").textContent = answer.finding.charAt(0).toUpperCase() + answer.finding.slice(1);
+    const finding = answer.finding;
+    byId("finding").textContent = answer.constraint ? finding.charAt(0).toUpperCase() + finding.slice(1) : finding;
     const list = byId("suggestions");
     list.replaceChildren();
     document.body.dataset.kind = "refused";
