@@ -1,9 +1,9 @@
 """Speed of the optimiser: `python -m benchmarks.design [--skip-peers] [--cap SECONDS] [--picture FILE]`.
 
-Times `design` without imports: the default 3x3 and 5x5, again and again in this process and once cold in a fresh one;
-its growth with the mirror count; and the same program (objective, constraints, bounds, start, exact derivatives) solved
-by IPOPT and handed to SciPy's SLSQP and trust-constr, in the same run, until they come within 1 % of IPOPT's objective
-with no constraint missed by more than 1e-6, or until the cap.
+Times `design` without imports: the default 3x3 and 5x5, again and again in this process and in two, and once cold in a
+fresh one; its growth with the mirror count; and the same program (objective, constraints, bounds, start, exact
+derivatives) solved by IPOPT and handed to SciPy's SLSQP and trust-constr, in the same run, until they come within 1 %
+of IPOPT's objective with no constraint missed by more than 1e-6, or until the cap.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
+from mirrorcam.optics.base.calls import in_turn
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.worker_pool import in_two_processes
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
@@ -49,12 +51,18 @@ def cold_s(rows: int, cols: int) -> float:
 
 def speed() -> None:
     """Print the times that are asked for."""
-    print(f"{'design(spec)':14} {'limit s':>8} {'median':>7} {'min':>7} {'max':>7}  {'cold, once':>10}")
-    for count, limit_s in LIMITS_S.items():
-        spec = DesignSpec(rows=count[0], cols=count[1])
-        times = [seconds_of(partial(design, spec)) for _ in range(RUNS[count])]
-        figures = f"{statistics.median(times):7.2f} {min(times):7.2f} {max(times):7.2f}  {cold_s(*count):10.2f}"
-        print(f"{count[0]}x{count[1]}, {len(times)} runs {limit_s:8.1f} {figures}", flush=True)
+    print(f"{'design(spec)':27} {'limit s':>8} {'median':>7} {'min':>7} {'max':>7}  {'cold, once':>10}")
+    with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
+        for count, limit_s in LIMITS_S.items():
+            spec = DesignSpec(rows=count[0], cols=count[1])
+            for processes, make in (("1 process", in_turn), ("2 processes", calls)):
+                if make is not in_turn:
+                    design(spec, make)
+                times = [seconds_of(partial(design, spec, make)) for _ in range(RUNS[count])]
+                cold = f"{cold_s(*count):10.2f}" if make is in_turn else ""
+                figures = f"{statistics.median(times):7.2f} {min(times):7.2f} {max(times):7.2f}  {cold}"
+                name = f"{count[0]}x{count[1]}, {processes}, {len(times)} runs"
+                print(f"{name:27} {limit_s:8.1f} {figures}", flush=True)
 
 
 def growth(picture: Path | None) -> None:

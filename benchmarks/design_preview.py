@@ -1,0 +1,82 @@
+"""Previews of designs beside the exact ones: `python -m benchmarks.design_preview [--rows N] [--cols N]`.
+
+For typical steps of one parameter, the preview from the design before the step alone, and from the designs before and
+at twice the step. Prints the errors of its figures, the largest distance of a mirror's corner from the exact design's,
+the largest gap that it misses, and the time of one preview.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.preview import preview
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+
+C920 = Camera.c920()
+STEPS: tuple[tuple[str, dict[str, Any], dict[str, Any]], ...] = (
+    ("scale 90 mm", {"scale_mm": 90.0}, {"scale_mm": 100.0}),
+    ("fold 125°", {"fold_deg": 125.0}, {"fold_deg": 130.0}),
+    ("nearest depth 350 mm", {"depths_mm": (350.0, 500.0)}, {"depths_mm": (400.0, 500.0)}),
+    ("spacing 1.5 mm", {"spacing_mm": 1.5}, {"spacing_mm": 2.0}),
+    ("seen gap 1 mm", {"seen_gap_mm": 1.0}, {"seen_gap_mm": 1.5}),
+    ("thickness 2 mm", {"thickness_mm": 2.0}, {"thickness_mm": 3.0}),
+    ("trade-off 0.4", {"tradeoff": 0.4}, {"tradeoff": 0.5}),
+    (
+        "focal length + 10 %",
+        {"camera": C920.replaced(fx_px=1.1 * C920.fx_px, fy_px=1.1 * C920.fy_px)},
+        {"camera": C920.replaced(fx_px=1.2 * C920.fx_px, fy_px=1.2 * C920.fy_px)},
+    ),
+)
+GAPS = ("smallest_gap_mm", "smallest_seen_gap_mm")
+
+designed = cache(design)
+
+
+def errors(found: Layout, exact: Layout, spec: DesignSpec) -> str:
+    """A preview's errors: grid error, pixel efficiency at each depth, corner in mm, gap that is missed in mm."""
+    metrics, truth = evaluate(found, spec.depths_mm), exact.metrics
+    names = [f"pixel_efficiency_{depth:g}mm" for depth in spec.depths_mm]
+    shares = " / ".join(f"{metrics[name].value - truth[name].value:+.3f}" for name in names)
+    corners = [
+        np.linalg.norm(a.outline_in_rig_mm - b.outline_in_rig_mm, axis=1)
+        for a, b in zip(found.mirrors, exact.mirrors, strict=True)
+    ]
+    verdict = verify(found, spec)
+    missed = max((verdict[name].limit or 0.0) - verdict[name].value for name in GAPS)
+    rms = float(np.sqrt(np.mean(np.square(corners))))
+    grid = grid_error(found) - grid_error(exact)
+    return f"{grid:+.4f}  {shares}  {rms:5.2f} {np.max(corners):6.2f}  {max(missed, 0.0):5.2f}"
+
+
+def main() -> None:
+    """Print a line for each step and each choice of designs."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", type=int, default=3)
+    parser.add_argument("--cols", type=int, default=3)
+    arguments = parser.parse_args()
+    base = DesignSpec(rows=arguments.rows, cols=arguments.cols)
+    print(f"{'step':22} {'from':8} grid     efficiency       corners, mm   gap missed, mm   preview, ms")
+    for name, step, twice in STEPS:
+        spec = base.replaced(**step)
+        exact = designed(spec)
+        for label, specs in (("nearest", [base]), ("between", [base, base.replaced(**twice)])):
+            solved = [designed(each) for each in specs]
+            started = time.perf_counter()
+            found = preview(spec, solved)
+            took_ms = 1e3 * (time.perf_counter() - started)
+            text = "none" if found is None else errors(found, exact, spec)
+            print(f"{name:22} {label:8} {text}  {took_ms:5.1f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
