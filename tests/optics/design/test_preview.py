@@ -115,6 +115,16 @@ def test_where_designs_of_two_kinds_would_meet_the_nearest_serves() -> None:
     assert found.provenance["designs"] == low.identity
 
 
+def test_a_mixture_worse_than_its_parts_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    low, high = designed(SMALL), designed(SMALL.replaced(scale_mm=90.0))
+    spec = SMALL.replaced(scale_mm=82.0)
+    for worse, parts in ((0.03, 2), (-0.5, 1)):
+        monkeypatch.setattr("mirrorcam.optics.design.preview.WORSE", worse)
+        found = preview(spec, [low, high])
+        assert found is not None
+        assert len(found.provenance["designs"].split()) == parts
+
+
 def test_differences_are_by_parameter_and_antisymmetric() -> None:
     other = SMALL.replaced(scale_mm=100.0, fold_deg=125.0, depths_mm=(300.0, 600.0), spacing_mm=1.5, camera=NARROW)
     there, back = differences(SMALL, other), differences(other, SMALL)
