@@ -33,6 +33,8 @@ from mirrorcam.workflow.live_values import DECODED, FRAME_WIDTH_PX, LiveRequest,
 WANTED_HZ, WANTED_DEPTH_HZ = 15.0, 8.0
 TIMES = 5
 """How often the video that is made is shown."""
+LOOK_S = 0.004
+"""Time between two looks at what is newest."""
 SETTLED_S = 3.0
 """Time after which a session counts: programs are loaded and compiled by then."""
 
@@ -97,10 +99,10 @@ def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], sec
         time.sleep(SETTLED_S)
         start, steps = time.perf_counter(), [Steps(kind) for kind in ("views", "depth")]
         dropped = engine.status().dropped
-        while time.perf_counter() - start < seconds and not engine.status().over:
+        while time.perf_counter() - start < seconds:
             for each in steps:
                 each.note(engine)
-            time.sleep(0.001)
+            time.sleep(LOOK_S)
         status = engine.status()
         failed = "" if status.failed is None else f"; failed: {status.failed}"
         ended = " (the video ended)" if status.over else ""
