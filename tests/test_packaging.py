@@ -233,9 +233,8 @@ def test_type_checkers_see_the_types_of_the_installed_package(installed: Install
     printed = python(sys.executable, "-m", "mypy", *options, *seen_from, str(snippet), cwd=tmp_path, check=False).stdout
     layout, design = (line for line in printed.splitlines() if "Revealed type" in line)
     assert "-> mirrorcam.optics.geometry.layout.Layout" in layout
-    assert (
-        "(spec: mirrorcam.optics.geometry.design_spec.DesignSpec) -> mirrorcam.optics.geometry.layout.Layout" in design
-    )
+    assert "(spec: mirrorcam.optics.geometry.design_spec.DesignSpec" in design
+    assert "-> mirrorcam.optics.geometry.layout.Layout" in design
     assert 'snippet.py:4: error: Module has no attribute "x"' in printed
 
 
