@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.calls import beside
+from mirrorcam.optics.base.calls import Call, beside
 from mirrorcam.optics.base.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.suggestions import Suggestion, _rounded, nearest_feasible, suggestions
+from mirrorcam.optics.design.suggestions import WAYS, Suggestion, _rounded, nearest_feasible, suggestions
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
 CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
@@ -91,8 +92,15 @@ def test_they_are_the_same_in_two_processes() -> None:
 
 
 def test_what_cannot_relieve_the_constraint_is_not_tried() -> None:
-    parameters = {suggestion.parameter for suggestion in found("size")}
-    assert parameters.isdisjoint({"depths_mm", "thickness_mm", "spacing_mm", "fold_deg"})
+    tried: list[Call] = []
+
+    def noted(calls: Sequence[Call]) -> Generator[Any, None, None]:
+        tried.extend(calls)
+        yield from ()
+
+    assert list(suggestions(spec_of("size"), refusal("size"), noted)) == []
+    parameters = {WAYS[what].parameter if isinstance(what, int) else what for _, (_, what) in tried}
+    assert parameters == {"scale_mm", "min_edge_mm", "min_area_mm2"}
 
 
 def test_values_are_rounded_away_from_what_they_were() -> None:
