@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from mirrorcam.optics.base.values import InputError
@@ -47,6 +46,8 @@ class Designer:
         self._solving: DesignSpec | None = None
         self._ahead: list[DesignSpec] = []
         self._wished = threading.Condition(self._lock)
+        self._advising = 0
+        self._studied: DesignSpec | None = None
         self._over = False
 
     def start(self) -> None:
@@ -84,7 +85,8 @@ class Designer:
             self.keep(spec, Layout.load(self._stored[spec]))
         if stale:
             self._solver.kill()
-        self._advisor.kill()
+        if self._advising:  # for a request that is no longer looked at
+            threading.Thread(target=self._advisor.kill, daemon=True).start()
         with self._turn:
             found = self._kept.get(spec)
             if found is None:
@@ -128,7 +130,6 @@ class Designer:
         with self._lock:
             self._ahead = [spec]
             self._wished.notify_all()
-        self._analyst.kill()  # what it works on is no longer looked at
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
@@ -141,9 +142,18 @@ class Designer:
     def tolerance(self, spec: DesignSpec) -> ToleranceBars:
         """What devices of a solved design can be expected to reach, which takes seconds.
 
-        Raises InputError for a design that is not solved, or that cannot be built so.
+        Raises InputError for a design that is not solved, or that cannot be built so, and WorkerDied where that of
+        another design was asked for meanwhile.
         """
-        bars: ToleranceBars = self._analyst.call(design_work.tolerance, self.solved(spec).layout)
+        layout = self.solved(spec).layout
+        if self._studied not in (None, spec):  # a design that is no longer looked at
+            self._analyst.kill()
+        self._studied = spec
+        try:
+            bars: ToleranceBars = self._analyst.call(design_work.tolerance, layout)
+        finally:
+            if self._studied == spec:
+                self._studied = None
         return bars
 
     def report(self, spec: DesignSpec) -> str:
@@ -163,10 +173,15 @@ class Designer:
 
     def _suggested(self, spec: DesignSpec, refused: RefusedDesign) -> Iterator[SuggestedRequest]:
         mine, found = self._newest, None
-        with suppress(WorkerDied):  # killed as another request has come
+        self._advising += 1
+        try:
             self._advisor.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
             while mine == self._newest and (found := self._advisor.call(design_work.next_suggestion)) is not None:
                 yield found
+        except WorkerDied:
+            return  # as another request has come
+        finally:
+            self._advising -= 1
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A frame that a solved design would see. Raises InputError where there is no room for the subject."""
