@@ -69,6 +69,7 @@ class FieldsOfView:
     origins_mm : points (m, 3) where the rays leave their mirrors, one sub-image after the other.
     directions : of the rays (m, 3), of any length.
     corners_of : the rays of each mirror that sees something of the scene.
+    sub_images : the part of each sub-image that shows the scene, see `sub_images`.
     """
 
     layout: Layout
@@ -76,6 +77,7 @@ class FieldsOfView:
     origins_mm: FloatArray
     directions: FloatArray
     corners_of: dict[int, slice]
+    sub_images: tuple[Polygon, ...]
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
         """The part of the plane at a depth that each view sees; empty where it sees nothing.
@@ -119,7 +121,8 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
     """
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
-    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images(layout, pupil), strict=True)):
+    shown = tuple(sub_images(layout, pupil))
+    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
         apparent = mirror.apparent
         forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
         if len(forward) < 3:
@@ -129,7 +132,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
         leaving = np.concatenate([leaving, apparent.cut(forward) @ turn])
         directions = np.concatenate([directions, rays @ apparent.reflection @ turn])
     reach_mm = max(float((mirror.solid.corners_in_rig_mm @ turn)[:, 2].max()) for mirror in layout.mirrors)
-    return FieldsOfView(layout, reach_mm, leaving, directions, corners_of)
+    return FieldsOfView(layout, reach_mm, leaving, directions, corners_of, shown)
 
 
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:

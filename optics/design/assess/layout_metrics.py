@@ -14,8 +14,7 @@ from mirrorcam.optics.design.assess.focus import focus_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_gap_mm
-from mirrorcam.optics.geometry.pupil import PINHOLE
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, sub_images, vertices
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
 HALF = 0.5
 """Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
@@ -109,17 +108,15 @@ def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
     }
 
 
-def _usable(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def _usable(views: FieldsOfView, pinhole: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """Pixel efficiency of pixels whose whole pupil is served by one mirror, and their part of the sub-images.
 
     None for a pinhole, of which all pixels are.
     """
-    layout, camera = views.layout, views.layout.camera
+    camera = views.layout.camera
     if camera.aperture_mm == 0.0:
         return {}
-    whole, all_px = (
-        sum(_area_px(camera, shown) for shown in sub_images(layout, pupil)) for pupil in (camera.pupil, PINHOLE)
-    )
+    whole, all_px = (sum(_area_px(camera, shown) for shown in each.sub_images) for each in (views, pinhole))
     found = {"whole_pupil": Metric(value=whole / all_px, unit="of the views", lower_is_better=False)}
     for depth_mm in depths_mm:
         share = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
@@ -216,13 +213,14 @@ def _plate_offsets(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metr
     }
 
 
-def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def evaluate(layout: Layout, depths_mm: Sequence[float], whole_pupil: FieldsOfView | None = None) -> dict[str, Metric]:
     """Figures of a layout; docs/conventions.md defines them.
 
     Parameters
     ----------
     layout : of any kind.
     depths_mm : working depths; the field of view is that of the region common to all views at the farthest.
+    whole_pupil : its fields of view with the pupil of its camera, where they are known already.
 
     Returns
     -------
@@ -232,11 +230,12 @@ def evaluate(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric]:
     ------
     InputError : a depth is nearer than the mirrors, or the views lie in one place.
     """
-    views, whole = (fields_of_view(layout, pupil) for pupil in (PINHOLE, layout.camera.pupil))
+    views = fields_of_view(layout)
+    whole = fields_of_view(layout, layout.camera.pupil) if whole_pupil is None else whole_pupil
     metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
-    metrics |= _usable(whole, depths_mm)
+    metrics |= _usable(whole, views, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):

@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.studio.controls import change_text
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
+from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest
 from mirrorcam.studio.tolerance_values import ToleranceBars
 
 PRELOAD = (
@@ -26,7 +26,7 @@ PRELOAD = (
 )
 """What processes that do this work load before they are asked."""
 MOST_REMEMBERED = 300
-LOW_PRIORITY = 10
+LOW_PRIORITY = 19
 
 
 @cache
@@ -88,8 +88,8 @@ def remember(layout: Layout) -> None:
     _remembered.append(layout)
 
 
-def preview(spec: DesignSpec) -> DesignDrawing | None:
-    """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola."""
+def preview(spec: DesignSpec) -> str | None:
+    """A drawing of about what a request leads to, from designs nearby or, without, its faceted parabola, as JSON."""
     from mirrorcam.optics.design.preview import preview as preview_layout
     from mirrorcam.optics.design.program.seeds import faceted_parabola
     from mirrorcam.studio.drawing import design_drawing
@@ -97,8 +97,8 @@ def preview(spec: DesignSpec) -> DesignDrawing | None:
     layout = preview_layout(spec, list(_remembered))
     try:
         if layout is not None:
-            return design_drawing(layout, spec, "preview")
-        return design_drawing(faceted_parabola(spec), spec, "parabola")
+            return design_drawing(layout, spec, "preview").model_dump_json()
+        return design_drawing(faceted_parabola(spec), spec, "parabola").model_dump_json()
     except InputError:
         return None  # such as where a working depth is nearer than the mirrors: nothing to show
 

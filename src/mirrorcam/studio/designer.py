@@ -12,7 +12,7 @@ from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
+from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest
 from mirrorcam.studio.nearby_requests import nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.tolerance_values import ToleranceBars
@@ -51,8 +51,8 @@ class Designer:
         self._over = False
 
     def start(self) -> None:
-        """Start the processes ahead of the first request."""
-        for process in self._processes:
+        """Start what the first request needs ahead of it; other processes start when they are needed."""
+        for process in (self._previewer, self._solver):
             process.start()
         threading.Thread(target=self._look_ahead, daemon=True, name="look ahead").start()
 
@@ -121,12 +121,12 @@ class Designer:
         if isinstance(found, SolvedDesign):
             self._previewer.call(design_work.remember, found.layout)
 
-    def preview(self, spec: DesignSpec) -> DesignDrawing | None:
-        """A drawing of about what a request leads to, at once; None where nothing can be said."""
+    def preview(self, spec: DesignSpec) -> str | None:
+        """A drawing of about what a request leads to, at once, as JSON; None where nothing can be said."""
         found = self._kept.get(spec)
         if isinstance(found, SolvedDesign):
-            return found.drawing
-        drawing: DesignDrawing | None = self._previewer.call(design_work.preview, spec)
+            return found.drawing.model_dump_json()
+        drawing: str | None = self._previewer.call(design_work.preview, spec)
         with self._lock:
             self._ahead = [spec]
             self._wished.notify_all()
@@ -201,9 +201,8 @@ class Designer:
     def _look_ahead(self) -> None:
         """Solve what may be asked for next, until the end."""
         try:
-            self._painter.call(sight_work.load)
-            self._scout.call(design_work.at_low_priority)
             while (spec := self._next_ahead()) is not None:
+                self._scout.call(design_work.at_low_priority)
                 self._keep(spec, self._scout.call(design_work.solve, spec))
         except WorkerDied:
             return  # killed at the end

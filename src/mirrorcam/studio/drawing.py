@@ -16,7 +16,7 @@ from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, sub_images, vertices
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, vertices
 from mirrorcam.optics.geometry.violation import LeastViolation
 from mirrorcam.studio.design_values import (
     Curves,
@@ -50,10 +50,9 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
     where a working depth is nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
-    metrics = layout.metrics or evaluate(layout, depths_mm)
+    views = fields_of_view(layout, layout.camera.pupil)
+    metrics = layout.metrics or evaluate(layout, depths_mm, views)
     verdict = layout.verdict or ({} if kind != "exact" else verify(layout, spec))
-    pupil = layout.camera.pupil
-    views = fields_of_view(layout, pupil)
     grid, spacings = fitted_grid(layout)
     nearest, farthest = metrics.get("depth_nearest_mm"), metrics.get("depth_farthest_mm")
     return DesignDrawing(
@@ -65,7 +64,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         view_from_rig=_rounded(layout.view_from_rig, RAY_DECIMALS + 3),
         sensor_px=(layout.camera.width_px, layout.camera.height_px),
         body_mm=_rounded(_body(layout) @ layout.view_from_rig.T, MM_DECIMALS),
-        mirrors=_mirrors(layout),
+        mirrors=_mirrors(views),
         rays=_rays(views),
         common_px=[_common_px(layout, views, depth) for depth in depths_mm],
         centres_mm=_rounded(layout.virtual_centres_in_view_mm.reshape(-1, 3), MM_DECIMALS),
@@ -112,11 +111,12 @@ def _body(layout: Layout) -> FloatArray:
     return np.zeros((0, 3)) if layout.camera.body_mm is None else box_corners(*layout.camera.body_mm)
 
 
-def _mirrors(layout: Layout) -> list[MirrorDrawing]:
+def _mirrors(views: FieldsOfView) -> list[MirrorDrawing]:
     """Each mirror; its chief ray is as long beyond it as from the pupil to the farthest mirror."""
+    layout = views.layout
     turn = layout.view_from_rig.T
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in layout.mirrors)
-    usable = [vertices(part) for part in sub_images(layout, layout.camera.pupil)]
+    usable = [vertices(part) for part in views.sub_images]
     drawn = []
     for k, (mirror, name) in enumerate(zip(layout.mirrors, layout.mirror_names, strict=True)):
         drawn.append(

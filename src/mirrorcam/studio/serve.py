@@ -10,11 +10,6 @@ from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
-from mirrorcam.studio.jobs import Jobs
-from mirrorcam.studio.loopback import listening_socket, run_server
-from mirrorcam.studio.page import PageStart
-from mirrorcam.studio.server import studio_app
-from mirrorcam.studio.sweep_points import sweep_points
 from mirrorcam.workflow.design_request import read_request
 from mirrorcam.workflow.design_sweep import finished_designs
 
@@ -44,19 +39,34 @@ def opened(path: Path | None) -> Opening:
 
 
 def serve(opening: Opening, *, port: int, out: Path, browser: bool, tell: Callable[[str], None]) -> int:
-    """Serve until Ctrl-C; returns 0."""
-    listening = listening_socket(port)
+    """Serve until Ctrl-C; returns 0. Raises InputError for a port that is taken."""
     designer = Designer()
-    designer.start()
+    try:
+        designer.start()
+        _serve(opening, designer, port, out, browser=browser, tell=tell)
+    finally:
+        designer.close()
+    return 0
+
+
+def _serve(
+    opening: Opening, designer: Designer, port: int, out: Path, *, browser: bool, tell: Callable[[str], None]
+) -> None:
+    # Loaded while the processes of the designer load what they need.
+    from mirrorcam.studio.jobs import Jobs
+    from mirrorcam.studio.loopback import listening_socket, run_server
+    from mirrorcam.studio.page import PageStart
+    from mirrorcam.studio.server import studio_app
+    from mirrorcam.studio.sweep_points import sweep_points
+
+    listening = listening_socket(port)
     if opening.layout is not None:
         designer.keep(opening.spec, opening.layout)
     designer.offer({outcome.spec: path for outcome, path in opening.sweep})
-    jobs = Jobs(out)
     start = PageStart(opening.spec, tuple(sweep_points([outcome for outcome, _ in opening.sweep])))
+    jobs = Jobs(out)
     app = studio_app(start, designer, jobs, listening.getsockname()[1])
     try:
         run_server(app, listening, browser=browser, tell=tell, end=designer.close)
     finally:
         jobs.close()
-        designer.close()
-    return 0

@@ -72,7 +72,7 @@ class DesignAnswers:
 
     async def preview(self, request: Request) -> Response:
         drawing = await run_in_threadpool(self._designer.preview, await _asked(DesignSpec, request))
-        return _json({"drawing": None if drawing is None else drawing.model_dump(mode="json")})
+        return Response(f'{{"drawing": {drawing or "null"}}}', media_type="application/json")
 
     async def design(self, request: Request) -> Response:
         try:

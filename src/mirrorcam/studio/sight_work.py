@@ -51,15 +51,12 @@ def _name(layout: Layout, subject: Subject) -> str:
     return f"{layout.identity} {subject}"
 
 
-def load() -> None:
-    """Load what this work needs, which takes a second, before it is asked for."""
-    import mirrorcam.render_scenes.preview.seen_by  # noqa: F401
-
-    at_low_priority()
-
-
 def frame(layout: Layout, subject: Subject) -> Frame:
-    """A frame of the tabletop or of a board. Raises InputError where there is no room for it."""
+    """A frame of the tabletop or of a board, by this process at low priority.
+
+    Raises InputError where there is no room for it.
+    """
+    at_low_priority()
     from mirrorcam.render_scenes.preview.preview_frame import preview_frame
 
     global _frame

@@ -7,7 +7,7 @@ import pytest
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 
@@ -40,12 +40,10 @@ def test_a_preview_is_the_parabola_until_something_near_was_solved(
 ) -> None:
     monkeypatch.setattr(design_work, "_remembered", type(design_work._remembered)(maxlen=5))
     other = SMALL.replaced(scale_mm=90.0)
-    first = design_work.preview(other)
-    assert first is not None
+    first = DesignDrawing.model_validate_json(design_work.preview(other) or "")
     assert first.kind == "parabola"
     design_work.remember(small.layout)
-    second = design_work.preview(other)
-    assert second is not None
+    second = DesignDrawing.model_validate_json(design_work.preview(other) or "")
     assert second.kind == "preview"
     assert second.spec["scale_mm"] == 90.0
     assert second.verdict == []

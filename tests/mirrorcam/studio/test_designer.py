@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign
+from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
 from mirrorcam.studio.designer import Designer, Superseded
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
@@ -30,9 +30,8 @@ def test_what_was_solved_is_kept_and_previews_lie_near_it(designer: Designer) ->
     found = designer.solve(SMALL)
     assert isinstance(found, SolvedDesign)
     assert designer.solve(SMALL) is found
-    assert designer.preview(SMALL) is found.drawing
-    preview = designer.preview(SMALL.replaced(scale_mm=85.0))
-    assert preview is not None
+    assert designer.preview(SMALL) == found.drawing.model_dump_json()
+    preview = DesignDrawing.model_validate_json(designer.preview(SMALL.replaced(scale_mm=85.0)) or "")
     assert preview.kind == "preview"
     bars = designer.tolerance(SMALL)
     assert "200 devices" in bars.assumed

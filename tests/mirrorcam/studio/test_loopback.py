@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import urllib.request
 
@@ -51,3 +52,12 @@ def test_it_serves_until_it_is_told_to_end(monkeypatch: pytest.MonkeyPatch) -> N
         servers[0].should_exit = True
         served.join(20.0)
     assert ended == [True] and not served.is_alive()
+
+
+def test_answers_are_sent_at_once() -> None:
+    with listening_socket(0) as listening, socket.create_connection(listening.getsockname()) as asking:
+        accepted, _ = listening.accept()
+        with accepted:
+            # What asyncio looks at before it switches the delay of small packets off.
+            assert accepted.proto == socket.IPPROTO_TCP
+            assert asking.getpeername() == listening.getsockname()

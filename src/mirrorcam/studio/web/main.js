@@ -84,23 +84,25 @@
   };
 
   // ---- asking --------------------------------------------------------------------------------------------------
-  const asking = { exact: 0, busy: false, next: null };
+  const asking = { exact: 0, drawn: 0, busy: false, next: null };
 
-  // One preview is under way at a time; of those asked for meanwhile only the newest follows.
+  // One preview is under way at a time; of those asked for meanwhile only the newest follows. One that comes after an
+  // exact design is not drawn.
   const preview = async (spec, touchedAt) => {
     if (asking.busy) {
       asking.next = [spec, touchedAt];
       return;
     }
     asking.busy = true;
-    const before = asking.exact;
+    const before = asking.drawn;
     try {
       const answer = await source.preview(spec);
-      if (answer?.drawing && asking.exact === before) {
+      if (answer?.drawing && asking.drawn === before) {
         state.drawing = answer.drawing;
         draw();
-        const texts = { exact: passed(answer.drawing), parabola: "Preview: the faceted parabola", preview: "Preview" };
-        say(answer.drawing.kind === "exact" ? "exact" : "preview", texts[answer.drawing.kind]);
+        const texts = { parabola: "Preview: the faceted parabola", preview: "Preview" };
+        const { kind } = answer.drawing;
+        say(kind === "exact" ? "exact" : "preview", texts[kind] ?? passed(answer.drawing));
         if (touchedAt) requestAnimationFrame(() => performance.measure("preview", { start: touchedAt, end: performance.now() }));
       }
     } catch (error) {
@@ -138,6 +140,7 @@
     performance.measure("solve", { start: began, end: performance.now() });
     if (answer.status === "solved") {
       Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });
+      asking.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));
       after(spec, mine);
@@ -159,6 +162,7 @@
   };
 
   const refuse = async (answer, spec, mine) => {
+    asking.drawn += 1;
     say("failed", answer.constraint ? "Cannot be" : "Not a request");
     const note = byId("infeasible");
     note.hidden = false;
@@ -199,6 +203,7 @@
     } else preview(history.spec, Studio.touchedAt);
   });
   Studio.designer = { history, state };
+  Studio.view = view;
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
   const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
@@ -284,6 +289,6 @@
   refresh(history.spec);
   mark(history.spec);
   byId("undo").disabled = byId("redo").disabled = true;
-  preview(history.spec, 0).then(() => performance.mark("first picture"));
+  preview(history.spec, 0);
   solve(history.spec);
 })();
