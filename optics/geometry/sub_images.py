@@ -88,9 +88,11 @@ class FieldsOfView:
             raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.reach_mm:.1f} mm")
         steps = (depth_mm - self.origins_mm[:, 2]) / self.directions[:, 2]
         corners = (self.origins_mm + steps[:, None] * self.directions)[:, :2]
+        counts = [part.stop - part.start for part in self.corners_of.values()]
+        rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(counts)), counts))
         seen = [Polygon()] * len(self.layout.mirrors)
-        for k, part in self.corners_of.items():
-            seen[k] = Polygon(corners[part])
+        for k, polygon in zip(self.corners_of, shapely.polygons(rings), strict=True):
+            seen[k] = polygon
         return seen
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
