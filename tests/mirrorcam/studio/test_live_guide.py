@@ -48,7 +48,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) ->
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdout is not None
     yield process.stdout.readline().split()[1]
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)  # jobs in the background of a script ignore Ctrl-C
     assert process.wait(20) == 0
 
 
@@ -56,7 +56,7 @@ def test_the_picture_of_the_guide_shows_the_page_as_it_is(browser: Any, address:
     with browser_page(browser, SIZE) as watched:
         watched.open(address)
         watched.page.check("#align")
-        watched.page.wait_for_selector("#tilts td", timeout=LONG_MS)
+        watched.page.wait_for_selector("#tilts tbody tr:nth-child(6) td:has-text('°')", timeout=LONG_MS)
         watched.page.wait_for_selector("#depth[data-serial]", timeout=LONG_MS)
         rows = watched.page.locator("#tilts tbody tr").all_inner_texts()
         watched.page.wait_for_timeout(500)
