@@ -31,7 +31,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) ->
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdout is not None
     yield process.stdout.readline().split()[1]
-    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGTERM)  # jobs in the background of a script ignore Ctrl-C
     assert process.wait(20) == 0
 
 
