@@ -30,7 +30,7 @@ class _Server(uvicorn.Server):
 
 def listening_socket(port: int) -> socket.socket:
     """A socket on the loopback address, at any free port for 0. Raises InputError for one that is taken."""
-    # With the protocol stated, asyncio sends at once; else the body of an answer waits 40 ms for the receipt of its head.
+    # With the protocol stated, asyncio sends at once; else the body of an answer waits 40 ms for its head to arrive.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
