@@ -108,11 +108,11 @@ def _note(watched: Watched, message: Any) -> None:
 
 
 @contextmanager
-def served(folder: Path, *arguments: str) -> Iterator[str]:
-    """The address of a studio that a process of its own serves."""
-    command = [sys.executable, "-m", "mirrorcam", "studio", "--no-browser", "--port", "0", "--out", str(folder)]
+def served(folder: Path, command: str = "studio", *arguments: str) -> Iterator[str]:
+    """The address of a page that a command serves in a process of its own, which ends with 0 where it is asked to."""
+    given = [command, *arguments, "--no-browser", "--port", "0", "--out", str(folder)]
     process = subprocess.Popen(
-        [*command, *arguments],
+        [sys.executable, "-m", "mirrorcam", *given],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
@@ -120,9 +120,9 @@ def served(folder: Path, *arguments: str) -> Iterator[str]:
     assert process.stdout is not None
     line = process.stdout.readline()
     if "http" not in line:
-        raise InputError(f"the studio printed {line!r}, expected its address")
+        raise InputError(f"mirrorcam {command} printed {line!r}, expected its address")
     try:
         yield line.split()[1]
     finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(20)
+        process.send_signal(signal.SIGTERM)  # jobs in the background of a script ignore Ctrl-C
+        assert process.wait(20) == 0

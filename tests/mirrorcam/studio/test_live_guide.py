@@ -6,9 +6,6 @@ MIRRORCAM_PICTURES=write pytest -n 0 tests/mirrorcam/studio/test_live_guide.py  
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -21,7 +18,7 @@ from PIL import Image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.preview.preview_frame import preview_frame
 from tests.conftest import ROOT
-from tests.mirrorcam.studio.browser import browser_page
+from tests.mirrorcam.studio.browser import browser_page, served
 from tests.mirrorcam.workflow.live_sets import repeated
 from tests.optics.drift.calibrated_device import turned
 from tests.optics.light_field.io.videos import write_mjpeg
@@ -42,14 +39,9 @@ def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) ->
     frame = preview_frame(turned(default_layout, 5, TURN_DEG), width_px=1280, arranged_for=default_layout)
     default_layout.replaced(camera=frame.layout.camera).save(folder / "layout.json")
     repeated(write_mjpeg(folder / "once.avi", [frame.picture.copy()]), folder / "camera.mkv", 6000)
-    given = [str(folder / "camera.mkv"), "--layout", str(folder / "layout.json"), "--out", str(folder / "out")]
-    command = [sys.executable, "-m", "mirrorcam", "live", *given, "--no-browser", "--port", "0"]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    assert process.stdout is not None
-    yield process.stdout.readline().split()[1]
-    process.send_signal(signal.SIGTERM)  # jobs in the background of a script ignore Ctrl-C
-    assert process.wait(20) == 0
+    given = (str(folder / "camera.mkv"), "--layout", str(folder / "layout.json"))
+    with served(folder / "out", "live", *given) as address:
+        yield address
 
 
 def test_the_picture_of_the_guide_shows_the_page_as_it_is(browser: Any, address: str) -> None:

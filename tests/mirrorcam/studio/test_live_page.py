@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from typing import Any, Literal
 
 import pytest
 
 from mirrorcam.optics.geometry.layout import Layout
-from tests.mirrorcam.studio.browser import NARROW, WIDE, browser_page
+from tests.mirrorcam.studio.browser import NARROW, WIDE, browser_page, served
 from tests.mirrorcam.workflow.live_sets import repeated, write_live_set
 
 LONG_MS = 60_000
@@ -24,15 +20,9 @@ def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) ->
     folder = tmp_path_factory.mktemp("live_page")
     layout, video = write_live_set(folder, default_layout, frames=25)
     repeated(video, folder / "long.mkv", 400)
-    given = [str(folder / "long.mkv"), "--layout", str(layout), "--out", str(folder / "out")]
-    small = ["--view-width-px", "100", "--depth-width-px", "80"]
-    command = [sys.executable, "-m", "mirrorcam", "live", *given, *small, "--no-browser", "--port", "0"]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    assert process.stdout is not None
-    yield process.stdout.readline().split()[1]
-    process.send_signal(signal.SIGTERM)  # jobs in the background of a script ignore Ctrl-C
-    assert process.wait(20) == 0
+    small = ("--view-width-px", "100", "--depth-width-px", "80")
+    with served(folder / "out", "live", str(folder / "long.mkv"), "--layout", str(layout), *small) as address:
+        yield address
 
 
 def moved(page: Any, kind: str) -> None:
