@@ -27,7 +27,7 @@ from tests.mirrorcam.command_line import assert_refused_here
             "'--lens', expected one of brown_conrady, fisheye, rational, spline, thin_prism (see",
         ),
         ("decode a.png --layout b --to png", "'--to', expected one of hci, stanford, zarr (see"),
-        ("design --rows 3 4 5", "Unrecognized options: 4, 5"),
+        ("design --rows 3 4 5", "Unrecognized options: 5"),
         ("desing", "Unrecognized options: desing, did you mean design?"),
         ("export a.npz", "Missing from mirrorcam export: --to {colmap,"),
         ("decode a.png --layout b --reference-depth-mm x", "--reference-depth-mm: expected FLOAT, not ['x']"),
