@@ -58,6 +58,16 @@ def finished_set(set_request: SetRequest, tmp_path_factory: pytest.TempPathFacto
     return built_once(tmp_path_factory, "small_set", lambda out: render_set(set_request, out))
 
 
+@pytest.fixture
+def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A program instead of `mirrorcam` in processes of its own: what it does is in this file, script.py."""
+    fake = tmp_path / "python"
+    fake.write_text(f'#!/bin/sh\nexec {sys.executable} "{tmp_path}/script.py" "$@"\n')
+    fake.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(fake))
+    return tmp_path / "script.py"
+
+
 def dask(folder: Path, *arguments: str) -> subprocess.Popen[bytes]:
     """A scheduler or a worker of one process and one thread, which dies as a whole."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import re
-import signal
-import subprocess
-import sys
+import shlex
 import threading
-import time
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.workflow.child_command import ENDING_S, ChildCommand
 
 JobKind = Literal["parts", "set", "run"]
 State = Literal["running", "done", "failed", "cancelled"]
-LINES_KEPT = 40
 PROGRESS = re.compile(r"(\d+)/(\d+) ")
 FRAMES = 12
-CANCELLING_S = 10.0
-"""Time that a cancelled command has to finish its file; it is killed afterwards."""
 
 
 class JobReport(Value):
@@ -60,17 +54,22 @@ def plans(folder: Path) -> dict[JobKind, Plan]:
     }
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Job:
     number: int
     kind: JobKind
     design: str
     plan: Plan
-    process: subprocess.Popen[str]
-    began: float
-    lines: deque[str] = field(default_factory=lambda: deque(maxlen=LINES_KEPT))
-    ended: float | None = None
-    cancelled: bool = False
+    command: ChildCommand
+
+    @property
+    def state(self) -> State:
+        code = self.command.returncode
+        if code is None:
+            return "running"
+        if self.command.cancelled:
+            return "cancelled"
+        return "done" if code == 0 else "failed"
 
 
 class Jobs:
@@ -85,21 +84,11 @@ class Jobs:
         """Start what makes `kind` of the design in the folder of this name. Raises InputError where one works there."""
         plan = plans(self.root / design)[kind]
         with self._lock:
-            if any(job.ended is None and (job.design, job.kind) == (design, kind) for job in self._jobs.values()):
+            made = [job for job in self._jobs.values() if (job.design, job.kind) == (design, kind)]
+            if any(job.state == "running" for job in made):
                 raise InputError(f"{design}: that is being made already")
-            process = subprocess.Popen(
-                [sys.executable, "-m", "mirrorcam", *plan.arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                start_new_session=True,
-            )
-            job = _Job(len(self._jobs) + 1, kind, design, plan, process, time.monotonic())
+            job = _Job(len(self._jobs) + 1, kind, design, plan, ChildCommand(plan.arguments))
             self._jobs[job.number] = job
-        threading.Thread(target=self._follow, args=(job,), daemon=True, name=f"job {job.number}").start()
         return self._report(job)
 
     def reports(self) -> list[JobReport]:
@@ -113,29 +102,19 @@ class Jobs:
         job = self._jobs.get(number)
         if job is None:
             raise InputError(f"job {number}: not known")
-        if job.ended is None:
-            job.cancelled = True
-            job.process.send_signal(signal.SIGINT)
-            threading.Timer(CANCELLING_S, job.process.kill).start()
+        job.command.cancel()
 
     def close(self) -> None:
         """End all jobs."""
-        for job in list(self._jobs.values()):
-            if job.ended is None:
-                self.cancel(job.number)
-        for job in list(self._jobs.values()):
-            job.process.wait(CANCELLING_S + 1.0)
-
-    def _follow(self, job: _Job) -> None:
-        assert job.process.stdout is not None
-        for line in job.process.stdout:
-            job.lines.append(line.rstrip())
-        job.process.wait()
-        job.ended = time.monotonic()
+        jobs = list(self._jobs.values())
+        for job in jobs:
+            job.command.cancel()
+        for job in jobs:
+            job.command.wait(ENDING_S + 1.0)
 
     def _report(self, job: _Job) -> JobReport:
-        state = self._state(job)
-        counted = [found for line in job.lines if (found := PROGRESS.search(line))]
+        state, lines = job.state, job.command.lines
+        counted = [found for line in lines if (found := PROGRESS.search(line))]
         share = float(counted[-1][1]) / max(float(counted[-1][2]), 1.0) if counted else None
         page = f"{job.design}/{job.plan.folder}/{job.plan.page}"
         return JobReport(
@@ -144,23 +123,14 @@ class Jobs:
             design=job.design,
             command=shown(job.plan.arguments),
             state=state,
-            seconds=round((job.ended or time.monotonic()) - job.began, 1),
+            seconds=round(job.command.seconds, 1),
             progress=1.0 if state == "done" else share,
-            lines=list(job.lines),
+            lines=list(lines),
             page=page if state != "running" and (self.root / page).is_file() else "",
             folder=f"{job.design}/{job.plan.folder}",
         )
 
-    def _state(self, job: _Job) -> State:
-        if job.ended is None:
-            return "running"
-        if job.cancelled:
-            return "cancelled"
-        return "done" if job.process.returncode == 0 else "failed"
-
 
 def shown(arguments: Sequence[str]) -> str:
     """The command as one would type it."""
-    import shlex
-
     return shlex.join(["mirrorcam", *arguments])

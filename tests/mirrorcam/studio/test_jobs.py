@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 
@@ -16,16 +15,6 @@ import sys, time
 print("parts        1/4 steps after 1 s", flush=True)
 {}
 """
-
-
-@pytest.fixture
-def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A program instead of `mirrorcam`: what it does is in script.py."""
-    fake = tmp_path / "python"
-    fake.write_text(f'#!/bin/sh\nexec {sys.executable} "{tmp_path}/script.py"\n')
-    fake.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(fake))
-    return tmp_path / "script.py"
 
 
 def ended(jobs: Jobs) -> JobReport:
