@@ -58,25 +58,15 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """A layout that was solved before, with its parabola and their drawings."""
+    from mirrorcam.optics.design.parabola import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
-    parabola = parabola_of(spec)
-    drawing = None if parabola is None else design_drawing(parabola, spec, "parabola")
-    return SolvedDesign(layout, design_drawing(layout, spec, "exact"), parabola, drawing)
-
-
-def parabola_of(spec: DesignSpec) -> Layout | None:
-    """A request's faceted parabola with its figures; None where it has none."""
-    from mirrorcam.optics.design.assess.layout_metrics import evaluate
-    from mirrorcam.optics.design.assess.verify import verify
-    from mirrorcam.optics.design.program.seeds import faceted_parabola
-
+    exact = design_drawing(layout, spec, "exact")
     try:
-        layout = faceted_parabola(spec)
-        figures = {"metrics": evaluate(layout, sorted(spec.depths_mm)), "verdict": verify(layout, spec)}
-    except InputError:
-        return None
-    return layout.replaced(spec=spec, **figures)
+        parabola = assessed_parabola(spec)
+    except InputError:  # the request has none
+        return SolvedDesign(layout, exact, None, None)
+    return SolvedDesign(layout, exact, parabola, design_drawing(parabola, spec, "parabola"))
 
 
 _remembered: deque[Layout] = deque(maxlen=MOST_REMEMBERED)

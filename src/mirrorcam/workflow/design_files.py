@@ -10,9 +10,7 @@ from mirrorcam.figures.focus_figure import focus_figure
 from mirrorcam.optics.base.calls import Calls, in_turn
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design import optimise
-from mirrorcam.optics.design.assess.layout_metrics import evaluate
-from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.design.program import seeds
+from mirrorcam.optics.design.parabola import assessed_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -33,11 +31,9 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
     """
     optimised = optimise.design(spec, calls)
     try:
-        parabola = seeds.faceted_parabola(spec)
-        figures = {"metrics": evaluate(parabola, spec.depths_mm), "verdict": verify(parabola, spec)}
+        return DesignComparison(optimised, assessed_parabola(spec))
     except InputError as error:
         return DesignComparison(optimised, None, str(error))
-    return DesignComparison(optimised, parabola.replaced(spec=spec, **figures))
 
 
 def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> DesignComparison:
