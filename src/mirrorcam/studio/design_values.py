@@ -116,3 +116,7 @@ class RefusedDesign:
     constraint: str
     finding: str
     drawing: ViolationDrawing | None = None
+
+
+Found = SolvedDesign | RefusedDesign
+"""What a request leads to."""

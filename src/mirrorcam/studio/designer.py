@@ -12,14 +12,14 @@ from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest
+from mirrorcam.studio.advisor import Advisor
+from mirrorcam.studio.design_values import Found, RefusedDesign, SolvedDesign, SuggestedRequest
+from mirrorcam.studio.look_ahead import LookAhead
 from mirrorcam.studio.nearby_requests import nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.tolerance_values import ToleranceBars
 
 MOST_KEPT = 300
-
-Found = SolvedDesign | RefusedDesign
 
 
 class Superseded(Exception):
@@ -34,19 +34,14 @@ class Designer:
     """
 
     def __init__(self) -> None:
-        self._solver, self._previewer, self._analyst, self._scout = (
-            WorkerProcess(preload=design_work.PRELOAD) for _ in range(4)
-        )
-        self._painter, self._advisor = WorkerProcess(), WorkerProcess(preload=design_work.PRELOAD)
-        self._processes = (self._solver, self._previewer, self._analyst, self._scout, self._painter, self._advisor)
         self._stored: dict[DesignSpec, Path] = {}
         self._kept: OrderedDict[DesignSpec, Found] = OrderedDict()
+        self._solver, self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(3))
+        self._painter, self._advisor = WorkerProcess(), Advisor()
+        self._look_ahead = LookAhead(self._kept.__contains__, self._keep)
         self._lock, self._turn = threading.Lock(), threading.Lock()
         self._newest = 0
         self._solving: DesignSpec | None = None
-        self._ahead: list[DesignSpec] = []
-        self._wished = threading.Condition(self._lock)
-        self._advising = 0
         self._studied: DesignSpec | None = None
         self._over = False
 
@@ -54,15 +49,14 @@ class Designer:
         """Start what the first request needs ahead of it; other processes start when they are needed."""
         for process in (self._previewer, self._solver):
             process.start()
-        threading.Thread(target=self._look_ahead, daemon=True, name="look ahead").start()
+        self._look_ahead.start()
 
     def close(self) -> None:
         """End all processes."""
         with self._lock:
             self._over = True
-            self._wished.notify_all()
-        for process in self._processes:
-            process.close()
+        for each in (self._look_ahead, self._solver, self._previewer, self._analyst, self._painter, self._advisor):
+            each.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Take a design that was solved before, such as that of a file."""
@@ -85,16 +79,13 @@ class Designer:
             self.keep(spec, Layout.load(self._stored[spec]))
         if stale:
             self._solver.kill()
-        if self._advising:  # for a request that is no longer looked at
-            threading.Thread(target=self._advisor.kill, daemon=True).start()
+        self._advisor.end_searches()  # for requests that are no longer looked at
         with self._turn:
             found = self._kept.get(spec)
             if found is None:
                 found = self._solved_now(spec, mine)
                 self._keep(spec, found)
-        with self._lock:
-            self._ahead = nearby_requests(spec)
-            self._wished.notify_all()
+        self._look_ahead.wish(nearby_requests(spec))
         return found
 
     def _solved_now(self, spec: DesignSpec, number: int) -> Found:
@@ -103,7 +94,8 @@ class Designer:
                 raise Superseded
             self._solving = spec
         try:
-            found: Found = self._solver.call(design_work.solve_in_two, spec)
+            with self._look_ahead.paused():
+                found: Found = self._solver.call(design_work.solve_in_two, spec)
         except WorkerDied as death:
             if number == self._newest and not self._over:
                 raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
@@ -127,9 +119,7 @@ class Designer:
         if isinstance(found, SolvedDesign):
             return found.drawing.model_dump_json()
         drawing: str | None = self._previewer.call(design_work.preview, spec)
-        with self._lock:
-            self._ahead = [spec]
-            self._wished.notify_all()
+        self._look_ahead.wish([spec])
         return drawing
 
     def solved(self, spec: DesignSpec) -> SolvedDesign:
@@ -169,19 +159,7 @@ class Designer:
         refused = self._kept.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
             raise InputError("this design was not refused, expected one that cannot be")
-        return self._suggested(spec, refused)
-
-    def _suggested(self, spec: DesignSpec, refused: RefusedDesign) -> Iterator[SuggestedRequest]:
-        mine, found = self._newest, None
-        self._advising += 1
-        try:
-            self._advisor.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
-            while mine == self._newest and (found := self._advisor.call(design_work.next_suggestion)) is not None:
-                yield found
-        except WorkerDied:
-            return  # as another request has come
-        finally:
-            self._advising -= 1
+        return self._advisor.suggestions(spec, refused)
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A frame that a solved design would see. Raises InputError where there is no room for the subject."""
@@ -197,24 +175,3 @@ class Designer:
         """All views in focus at a depth. Raises InputError unless this design was `decoded` last."""
         picture: Frame = self._painter.call(sight_work.refocused, self.solved(spec).layout, subject, depth_mm)
         return picture
-
-    def _look_ahead(self) -> None:
-        """Solve what may be asked for next, until the end."""
-        try:
-            while (spec := self._next_ahead()) is not None:
-                self._scout.call(design_work.at_low_priority)
-                self._keep(spec, self._scout.call(design_work.solve, spec))
-        except WorkerDied:
-            return  # killed at the end
-
-    def _next_ahead(self) -> DesignSpec | None:
-        with self._lock:
-            while not self._over:
-                # Nothing is solved ahead of what is being waited for.
-                if self._solving is None:
-                    while self._ahead:
-                        spec = self._ahead.pop(0)
-                        if spec not in self._kept:
-                            return spec
-                self._wished.wait()
-        return None

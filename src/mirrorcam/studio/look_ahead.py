@@ -1,0 +1,92 @@
+"""Requests that may come next, solved ahead by a process of low priority while nobody waits."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from mirrorcam.optics.base.worker_process import WorkerProcess
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio import design_work
+from mirrorcam.studio.design_values import Found
+
+_log = logging.getLogger(__name__)
+
+
+class LookAhead:
+    """Solves requests in the order that they are wished for; any thread may call.
+
+    A request that cannot be worked on is logged as an error, and the next one is gone on with.
+
+    Parameters
+    ----------
+    known
+        Whether a request needs no solution any more.
+    keep
+        Takes the solution of a request, in a thread of this object.
+    solve
+        A function of a module, which a process can be sent.
+    """
+
+    def __init__(
+        self,
+        known: Callable[[DesignSpec], bool],
+        keep: Callable[[DesignSpec, Found], None],
+        solve: Callable[[DesignSpec], Found] = design_work.solve,
+    ) -> None:
+        self._known, self._keep, self._solve = known, keep, solve
+        self._process = WorkerProcess(preload=design_work.PRELOAD)
+        self._changed = threading.Condition()
+        self._wishes: list[DesignSpec] = []
+        self._pauses = 0
+        self._over = False
+
+    def start(self) -> None:
+        """Begin to wait for wishes."""
+        threading.Thread(target=self._work, daemon=True, name="look ahead").start()
+
+    def wish(self, specs: Sequence[DesignSpec]) -> None:
+        """Replace the requests to solve, the first one first; one that is under way is finished."""
+        with self._changed:
+            self._wishes = list(specs)
+            self._changed.notify_all()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Begin no request within the block, nor after it before the next wish."""
+        with self._changed:
+            self._pauses += 1
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._pauses -= 1
+
+    def close(self) -> None:
+        """End at once."""
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
+        self._process.close()
+
+    def _work(self) -> None:
+        while (spec := self._next()) is not None:
+            try:
+                self._process.call(design_work.at_low_priority)
+                self._keep(spec, self._process.call(self._solve, spec))
+            except Exception:  # of this request alone: the thread serves all that come
+                if not self._over:
+                    _log.exception("this request is not solved ahead: %r", spec)
+
+    def _next(self) -> DesignSpec | None:
+        """The first wish that is not known, once there is one; None at the end."""
+        with self._changed:
+            while not self._over:
+                while self._wishes and not self._pauses:
+                    spec = self._wishes.pop(0)
+                    if not self._known(spec):
+                        return spec
+                self._changed.wait()
+        return None

@@ -1,0 +1,108 @@
+"""Requests are solved ahead in their order, while nobody waits; one that cannot be worked on does not end that."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Iterator
+from queue import Queue
+
+import pytest
+
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.studio.design_values import Found, RefusedDesign
+from mirrorcam.studio.look_ahead import LookAhead
+
+FAILS, ENDS, LONG = DesignSpec(rows=4), DesignSpec(rows=5), DesignSpec(rows=6)
+ONE, TWO, THREE = (DesignSpec(rows=rows) for rows in (1, 2, 3))
+
+
+def answer(spec: DesignSpec) -> Found:
+    """What the process does for a request."""
+    if spec == FAILS:
+        raise ValueError("no such mirror")
+    if spec == ENDS:
+        os._exit(7)
+    if spec == LONG:
+        time.sleep(60.0)
+    return RefusedDesign("", f"{spec.rows} rows")
+
+
+class Ahead:
+    """A look ahead that is told what is known, and what it kept."""
+
+    def __init__(self) -> None:
+        self.known: set[DesignSpec] = set()
+        self.kept: Queue[tuple[DesignSpec, Found]] = Queue()
+        self.looking = LookAhead(self.known.__contains__, lambda spec, found: self.kept.put((spec, found)), answer)
+        self.looking.start()
+
+    def next(self) -> DesignSpec:
+        spec, found = self.kept.get(timeout=60.0)
+        assert found == RefusedDesign("", f"{spec.rows} rows")
+        return spec
+
+
+@pytest.fixture
+def ahead() -> Iterator[Ahead]:
+    made = Ahead()
+    yield made
+    made.looking.close()
+
+
+def test_wishes_are_met_in_their_order_except_what_is_known(ahead: Ahead) -> None:
+    ahead.known.add(TWO)
+    ahead.looking.wish([THREE, TWO, ONE])
+    assert [ahead.next(), ahead.next()] == [THREE, ONE]
+
+
+@pytest.mark.parametrize(("fails", "why"), [(FAILS, "no such mirror"), (ENDS, "with exit code 7")])
+def test_a_request_that_fails_is_logged_and_the_next_gone_on_with(
+    ahead: Ahead, fails: DesignSpec, why: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    ahead.looking.wish([fails, ONE])
+    assert ahead.next() == ONE
+    assert [record.levelno for record in caplog.records] == [logging.ERROR]
+    assert f"rows={fails.rows}" in caplog.text
+    assert why in caplog.text
+
+
+def test_what_keeps_a_solution_may_fail_too(caplog: pytest.LogCaptureFixture) -> None:
+    kept = threading.Event()
+
+    def keep(spec: DesignSpec, found: Found) -> None:
+        if spec == ONE:
+            raise RuntimeError("the previewer cannot work")
+        kept.set()
+
+    looking = LookAhead(set[DesignSpec]().__contains__, keep, answer)
+    looking.start()
+    looking.wish([ONE, TWO])
+    assert kept.wait(60.0)
+    assert "the previewer cannot work" in caplog.text
+    looking.close()
+
+
+def test_nothing_is_begun_during_a_pause_nor_after_it_before_the_next_wish(ahead: Ahead) -> None:
+    with ahead.looking.paused():
+        ahead.looking.wish([ONE])
+        time.sleep(0.3)
+        assert ahead.kept.empty()
+    ahead.looking.wish([TWO])
+    assert ahead.next() == TWO
+    assert ahead.kept.empty()
+
+
+def test_the_end_comes_at_once_and_is_no_error(ahead: Ahead, caplog: pytest.LogCaptureFixture) -> None:
+    ahead.looking.wish([ONE, LONG, TWO])
+    assert ahead.next() == ONE
+    time.sleep(0.3)
+    ahead.looking.close()
+    thread = next((each for each in threading.enumerate() if each.name == "look ahead"), None)
+    if thread is not None:
+        thread.join(30.0)
+        assert not thread.is_alive()
+    assert ahead.kept.empty()
+    assert not caplog.records
