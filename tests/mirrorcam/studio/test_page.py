@@ -39,6 +39,9 @@ def test_it_opens_with_the_exact_design_of_its_address(page: Watched, studio: tu
     assert len(page.drawn["mirrors"]) == 2
     assert page.page.locator("#sensor path.mirror").count() == 2
     assert page.page.locator("#stage canvas").is_visible()
+    for drawing in ("#coverage", "#cameras"):
+        assert page.page.locator(f"{drawing} path.measure").count() == 1
+        assert " mm" in page.page.inner_html(f"{drawing} text.tick")
     assert "faceted parabola" in page.page.inner_text("#figures")
 
 

@@ -12,6 +12,17 @@
   // Sizes that stay the same on the screen whatever the units of the drawing are.
   const unit = (width) => width / 100;
 
+  // A ruler of a round length at the lower left of a drawing in mm.
+  const ruler = (root, [left, top, width, height]) => {
+    const u = unit(width);
+    const length = ticks(0, width / 3, 2).at(-1) || width / 5;
+    const [x, y] = [left + u * 3, top + height - u * 3];
+    root.append(svg("path", { d: path([[x, y], [x + length, y]], false), class: "measure", "stroke-width": u * 0.5 }));
+    const text = svg("text", { x: x + length + u, y, class: "tick", "font-size": u * 3.2, "dominant-baseline": "middle" });
+    text.textContent = `${number(length)} mm`;
+    root.append(text);
+  };
+
   Studio.drawSensor = (host, drawing, beside) => {
     const [width, height] = drawing.sensor_px;
     const margin = width * 0.012;
@@ -66,13 +77,7 @@
       root.append(svg("path", { d: path(shared), class: "ghost", "stroke-width": u * 0.5 }));
     }
     root.append(svg("path", { d: path(common), class: "common solid", "stroke-width": u * 0.5 }));
-    // A ruler of a round length.
-    const length = ticks(0, side / 3, 2).at(-1) || side / 5;
-    const [x, y] = [box[0] + u * 3, box[1] + box[3] - u * 3];
-    root.append(svg("path", { d: path([[x, y], [x + length, y]], false), class: "measure", "stroke-width": u * 0.5 }));
-    const text = svg("text", { x: x + length + u, y, class: "tick", "font-size": u * 3.2, "dominant-baseline": "middle" });
-    text.textContent = `${number(length)} mm`;
-    root.append(text);
+    ruler(root, box);
     return common.length ? bounds(common) : null;
   };
 
@@ -95,12 +100,7 @@
       const place = { cx: centre[0], cy: centre[1], r: u * (k === drawing.central ? 1.7 : 1.2), class: "view" };
       root.append(svg("circle", place));
     });
-    const length = ticks(0, side / 3, 2).at(-1) || side / 5;
-    const [x, y] = [box[0] + u * 3, box[1] + box[3] - u * 3];
-    root.append(svg("path", { d: path([[x, y], [x + length, y]], false), class: "measure", "stroke-width": u * 0.5 }));
-    const text = svg("text", { x: x + length + u, y, class: "tick", "font-size": u * 3.2, "dominant-baseline": "middle" });
-    text.textContent = `${number(length)} mm`;
-    root.append(text);
+    ruler(root, box);
   };
 
   // Curves over depth: `lines` are {values, class}; the axis of depth is logarithmic, the other starts at 0.
