@@ -63,9 +63,13 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
 
 
 def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
-    """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing."""
+    """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing.
+
+    None as well for a single view, which tells no depth.
+    """
     places = _places(views, depth_mm)
-    return float(depth_sigma_mm(views.layout, places).mean()) if len(places) else None
+    tell_depth = len(places) > 0 and len(views.layout.mirrors) > 1
+    return float(depth_sigma_mm(views.layout, places).mean()) if tell_depth else None
 
 
 def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
@@ -81,10 +85,11 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
     information = np.zeros(len(points_in_view_mm))
     for along in np.column_stack([np.cos(angles), np.sin(angles)]):
         spread = np.einsum("i,nmij,j->nm", along, blur, along) * unit[:, None] ** 2
-        weights = density[..., None] * np.exp(-spread[..., None] * radii**2)
-        moved = (moves @ along)[..., None]
-        mean = (weights * moved).sum(axis=1, keepdims=True) / weights.sum(axis=1, keepdims=True)
-        information += ((weights * (moved - mean) ** 2).sum(axis=1) * radii).sum(axis=1)
+        moved = moves @ along
+        moved -= moved.mean(axis=1, keepdims=True)
+        powers = np.stack([density, density * moved, density * moved**2], axis=1)
+        total, first, second = np.moveaxis(powers @ np.exp(-spread[..., None] * radii**2), 1, 0)
+        information += (second - first**2 / total) @ radii
     # The picture of a spectrum of slopes C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
     strength = SLOPE_GREY**2 * 4.0 * SHARP_VARIANCE_PX2 / NOISE_GREY**2
     cell = unit**2 * (LARGEST_RADIUS / RADII) / ANGLES

@@ -33,6 +33,7 @@ IPOPT: dict[str, Any] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_pivot_order": 2,
     "ipopt.tol": 1e-8,
     "ipopt.acceptable_tol": 1e-6,
     "ipopt.mu_strategy": "adaptive",

@@ -16,7 +16,7 @@ from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, seen_px, vertices
+from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, images_in_rig, vertices
 from mirrorcam.optics.geometry.violation import LeastViolation
 from mirrorcam.studio.design_values import (
     Curves,
@@ -161,7 +161,7 @@ def _common_px(layout: Layout, views: FieldsOfView, depth_mm: float) -> list[lis
         return []
     # Straight edges stay straight but for a lens that distorts: a few points on each show that.
     drawn = region if not layout.camera.is_undistorted else Polygon(vertices(region))
-    return [_rounded(seen_px(layout, drawn, depth_mm, k), PX_DECIMALS) for k in range(len(layout.mirrors))]
+    return [_rounded(seen, PX_DECIMALS) for seen in layout.camera.project(images_in_rig(layout, drawn, depth_mm))]
 
 
 def _curves(
