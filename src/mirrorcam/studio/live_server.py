@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
@@ -18,11 +18,11 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import Value
 from mirrorcam.studio.live_page import live_page
-from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess
+from mirrorcam.studio.local_access import FILES, LocalAccess
 from mirrorcam.studio.loopback import listening_socket, run_server
+from mirrorcam.studio.page_requests import REFUSALS, asked
 from mirrorcam.workflow.live_engine import LiveEngine
 from mirrorcam.workflow.live_values import LiveRequest, PictureKind
 
@@ -79,11 +79,7 @@ class LiveAnswers:
         return as_json(self._status())
 
     async def order(self, request: Request) -> Response:
-        try:
-            order = LiveOrder.model_validate_json(await request.body(), strict=True)
-        except ValidationError as error:
-            raise InputError(one_line(error, LiveOrder)) from None
-        engine = self._engine
+        order, engine = await asked(LiveOrder, request), self._engine
         actions: dict[Action, Callable[[], object]] = {
             "focus": lambda: engine.focus(order.depth_mm),
             "align": lambda: engine.align(order.on),
@@ -134,16 +130,8 @@ def live_app(engine: LiveEngine, port: int) -> Starlette:
             Mount(FILES, StaticFiles(directory=engine.out, check_dir=False)),
         ],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers={InputError: _refused, BodyTooLarge: _too_large},
+        exception_handlers=REFUSALS,
     )
-
-
-async def _refused(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=422)
-
-
-async def _too_large(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=413)
 
 
 def serve_live(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 from starlette.applications import Starlette
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
@@ -17,7 +17,6 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from mirrorcam.optics.base.bounds import DEPTH_MM
-from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_process import WorkerDied
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -25,8 +24,9 @@ from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer, Superseded
 from mirrorcam.studio.jobs import JobKind, Jobs
-from mirrorcam.studio.local_access import FILES, BodyTooLarge, LocalAccess
+from mirrorcam.studio.local_access import FILES, LocalAccess
 from mirrorcam.studio.page import PageStart, studio_page
+from mirrorcam.studio.page_requests import REFUSALS, asked
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.workflow.design_request import request_of, request_toml
 
@@ -53,17 +53,6 @@ class SightRequest(Value):
     depth_mm: float = DEPTH_MM.field(300.0)
 
 
-Asked = TypeVar("Asked", bound=Value)
-
-
-async def _asked(model: type[Asked], request: Request) -> Asked:
-    """The value in the body of a request; raises InputError."""
-    try:
-        return model.model_validate_json(await request.body(), strict=True)
-    except ValidationError as error:
-        raise InputError(one_line(error, model)) from None
-
-
 class DesignAnswers:
     """Answers about designs, and the files of them."""
 
@@ -71,12 +60,12 @@ class DesignAnswers:
         self._designer = designer
 
     async def preview(self, request: Request) -> Response:
-        drawing = await run_in_threadpool(self._designer.preview, await _asked(DesignSpec, request))
+        drawing = await run_in_threadpool(self._designer.preview, await asked(DesignSpec, request))
         return Response(f'{{"drawing": {drawing or "null"}}}', media_type="application/json")
 
     async def design(self, request: Request) -> Response:
         try:
-            found = await run_in_threadpool(self._designer.solve, await _asked(DesignSpec, request))
+            found = await run_in_threadpool(self._designer.solve, await asked(DesignSpec, request))
         except InputError as error:
             return _json({"status": "refused", "constraint": "", "finding": str(error)})
         except Superseded:
@@ -91,39 +80,39 @@ class DesignAnswers:
         )
 
     async def suggestions(self, request: Request) -> Response:
-        found = self._designer.suggestions(await _asked(DesignSpec, request))
+        found = self._designer.suggestions(await asked(DesignSpec, request))
         return StreamingResponse((f"{each.model_dump_json()}\n" for each in found), media_type="application/x-ndjson")
 
     async def tolerance(self, request: Request) -> Response:
-        bars = await run_in_threadpool(self._designer.tolerance, await _asked(DesignSpec, request))
+        bars = await run_in_threadpool(self._designer.tolerance, await asked(DesignSpec, request))
         return _json(bars.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
-        wanted = await _asked(SightRequest, request)
+        wanted = await asked(SightRequest, request)
         picture = await run_in_threadpool(self._designer.frame, wanted.spec, wanted.subject)
         return _json(picture.model_dump(mode="json"))
 
     async def decoded(self, request: Request) -> Response:
-        wanted = await _asked(SightRequest, request)
+        wanted = await asked(SightRequest, request)
         pictures = await run_in_threadpool(self._designer.decoded, wanted.spec, wanted.subject)
         return _json(pictures.model_dump(mode="json"))
 
     async def refocused(self, request: Request) -> Response:
-        wanted = await _asked(SightRequest, request)
+        wanted = await asked(SightRequest, request)
         picture = await run_in_threadpool(self._designer.refocused, wanted.spec, wanted.subject, wanted.depth_mm)
         return _json(picture.model_dump(mode="json"))
 
     async def report(self, request: Request) -> Response:
-        return PlainTextResponse(await run_in_threadpool(self._designer.report, await _asked(DesignSpec, request)))
+        return PlainTextResponse(await run_in_threadpool(self._designer.report, await asked(DesignSpec, request)))
 
     async def layout(self, request: Request) -> Response:
-        return PlainTextResponse(self._designer.solved(await _asked(DesignSpec, request)).layout.text())
+        return PlainTextResponse(self._designer.solved(await asked(DesignSpec, request)).layout.text())
 
     async def toml(self, request: Request) -> Response:
-        return PlainTextResponse(request_toml(await _asked(DesignSpec, request)))
+        return PlainTextResponse(request_toml(await asked(DesignSpec, request)))
 
     async def opened(self, request: Request) -> Response:
-        file = await _asked(Opened, request)
+        file = await asked(Opened, request)
         return _json(request_of(Path(PurePath(file.name).name), file.text.encode()).model_dump(mode="json"))
 
     @property
@@ -151,7 +140,7 @@ class JobAnswers:
         self._designer, self._jobs = designer, jobs
 
     async def start(self, request: Request) -> Response:
-        wanted = await _asked(JobRequest, request)
+        wanted = await asked(JobRequest, request)
         layout = self._designer.solved(wanted.spec).layout
         name = await run_in_threadpool(write_folder, self._jobs.root, layout)
         return _json(self._jobs.start(wanted.kind, name).model_dump(mode="json"))
@@ -192,7 +181,7 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
     return Starlette(
         routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers={InputError: _refused, WorkerDied: _gone, BodyTooLarge: _too_large},
+        exception_handlers=REFUSALS | {WorkerDied: _gone},
     )
 
 
@@ -200,13 +189,5 @@ def _json(value: Any) -> Response:
     return Response(json.dumps(value, allow_nan=False), media_type="application/json")
 
 
-async def _refused(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=422)
-
-
 async def _gone(request: Request, error: Exception) -> Response:
     return _json(None)  # no longer asked for: the page looks at another design by now
-
-
-async def _too_large(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=413)

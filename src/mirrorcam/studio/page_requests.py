@@ -1,0 +1,36 @@
+"""What a page asks a server, checked; and the answers to what is refused."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from pydantic import ValidationError
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.types import HTTPExceptionHandler
+
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.studio.local_access import BodyTooLarge
+
+Asked = TypeVar("Asked", bound=Value)
+
+
+async def asked(model: type[Asked], request: Request) -> Asked:
+    """The value in the body of a request, as JSON. Raises InputError for another."""
+    try:
+        return model.model_validate_json(await request.body(), strict=True)
+    except ValidationError as error:
+        raise InputError(one_line(error, model)) from None
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), status_code=422)
+
+
+async def _too_large(request: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), status_code=413)
+
+
+REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
+"""How both servers answer what is wrong with a request: one line, as text."""
