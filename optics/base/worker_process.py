@@ -9,7 +9,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import forkserver, get_all_start_methods, get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -56,12 +56,14 @@ class _Running:
     """End of a pipe that closes with this process."""
     kill_at_exit: Finalize[None]
 
+    ending: threading.Lock = field(default_factory=threading.Lock)
+
     def ended(self) -> str:
-        """Wait for the end of the process, and say how it ended."""
-        self.connection.close()
-        self.process.join()
-        self.lifeline.close()
-        self.kill_at_exit.cancel()
+        """Wait for the end of the process, and say how it ended; any thread may."""
+        with self.ending:
+            self.process.join()
+            self.lifeline.close()
+            self.kill_at_exit.cancel()
         code = self.process.exitcode
         return f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
 
@@ -69,8 +71,8 @@ class _Running:
 class WorkerProcess:
     """A process that makes calls, one at a time, until it is ended.
 
-    It ends with this process, also if that is killed, and leaves Ctrl-C to it. It may have workers of its own. One
-    thread calls; any thread may kill.
+    It ends with this process, also if that is killed, and leaves Ctrl-C to it. It may have workers of its own. Any
+    thread may call and kill; `send` and `answer` are for one thread.
 
     Parameters
     ----------
@@ -82,6 +84,8 @@ class WorkerProcess:
 
     def __init__(self, *, preload: Sequence[str] = ()) -> None:
         self._running: _Running | None = None
+        self._asked: _Running | None = None
+        """What a call was sent to."""
         self._closed = False
         self._state, self._calling = threading.Lock(), threading.Lock()
         self._context: _Context = get_context("spawn")
@@ -118,18 +122,22 @@ class WorkerProcess:
 
     def send(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call, whose `answer` is taken later; for one thread that has several workers."""
+        self._asked = self._start()
         try:
-            self._start().connection.send((function, arguments))
+            self._asked.connection.send((function, arguments))
         except OSError:
             return  # it has died, which is noticed where its answer is awaited
 
     def answer(self) -> Any:
-        """Wait for the answer to what was sent; see `call`."""
-        running = self._start()
+        """Wait for the answer to what was sent; see `call`. Raises ValueError where nothing was."""
+        running, self._asked = self._asked, None
+        if running is None:
+            raise ValueError("nothing was sent, expected a call that is answered")
         try:
             got = running.connection.recv()
         except (EOFError, OSError):
-            raise WorkerDied(self._forget(running)) from None
+            self._forget(running)
+            raise WorkerDied(running.ended()) from None
         if isinstance(got, InputError):
             raise got
         if isinstance(got, str):
@@ -138,18 +146,20 @@ class WorkerProcess:
 
     def end(self) -> None:
         """Let the process end, which makes no call now."""
-        if self._running is not None:
-            self._forget(self._running)
+        running = self._running
+        if running is not None:
+            self._forget(running)
+            running.connection.close()
+            running.ended()
 
     def kill(self) -> None:
-        """End the process at once, in the middle of a call too; that call raises WorkerDied."""
+        """End the process at once, in the middle of a call too; that call raises WorkerDied, those that wait go on."""
         with self._state:
-            running = self._running
+            running, self._running = self._running, None
             if running is not None:
                 running.process.kill()
         if running is not None:
-            with self._calling:
-                self._forget(running)
+            running.ended()
 
     def close(self) -> None:
         """End the process at once and start no other: calls that wait, and later ones, raise WorkerDied."""
@@ -165,13 +175,11 @@ class WorkerProcess:
                 self._running = _started(self, self._context)
             return self._running
 
-    def _forget(self, running: _Running) -> str:
-        """Wait for the end of a process, unless that was done; say how it ended."""
+    def _forget(self, running: _Running) -> None:
+        """Let the next call start another process than this one."""
         with self._state:
-            if self._running is not running:
-                return "by signal 9"
-            self._running = None
-        return running.ended()
+            if self._running is running:
+                self._running = None
 
 
 def _started(worker: WorkerProcess, context: _Context) -> _Running:

@@ -19,17 +19,13 @@ class Advisor:
         self._lock = threading.Lock()
         self._searches = 0
         self._ended = 0
-        self._killing: threading.Thread | None = None
-        """The thread that ends the process of searches that were ended last."""
 
     def suggestions(self, spec: DesignSpec, refused: RefusedDesign) -> Iterator[SuggestedRequest]:
         """Requests near a refused one that can be met, as they are found, until the search is ended."""
         with self._lock:
             self._searches += 1
-            mine, killing = self._ended, self._killing
+            mine = self._ended
         try:
-            if killing is not None:
-                killing.join()  # which is to end earlier searches, not this one
             self._process.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
             while mine == self._ended and (found := self._process.call(design_work.next_suggestion)) is not None:
                 yield found
@@ -40,12 +36,11 @@ class Advisor:
                 self._searches -= 1
 
     def end_searches(self) -> None:
-        """End what is searched, without waiting for it; a later search begins anew."""
+        """End what is searched; a later search begins anew."""
         with self._lock:
             self._ended += 1
             if self._searches:
-                self._killing = threading.Thread(target=self._process.kill, daemon=True, name="end searches")
-                self._killing.start()
+                self._process.kill()
 
     def close(self) -> None:
         """End at once, for good."""

@@ -74,11 +74,10 @@ class Designer:
         with self._lock:
             self._newest += 1
             mine = self._newest
-            stale = self._solving is not None and self._solving != spec
+            if self._solving not in (None, spec):
+                self._solver.kill()
         if spec in self._stored and spec not in self._kept:
             self.keep(spec, Layout.load(self._stored[spec]))
-        if stale:
-            self._solver.kill()
         self._advisor.end_searches()  # for requests that are no longer looked at
         with self._turn:
             found = self._kept.get(spec)
@@ -136,14 +135,16 @@ class Designer:
         another design was asked for meanwhile.
         """
         layout = self.solved(spec).layout
-        if self._studied not in (None, spec):  # a design that is no longer looked at
-            self._analyst.kill()
-        self._studied = spec
+        with self._lock:
+            if self._studied not in (None, spec):  # a design that is no longer looked at
+                self._analyst.kill()
+            self._studied = spec
         try:
             bars: ToleranceBars = self._analyst.call(design_work.tolerance, layout)
         finally:
-            if self._studied == spec:
-                self._studied = None
+            with self._lock:
+                if self._studied == spec:
+                    self._studied = None
         return bars
 
     def report(self, spec: DesignSpec) -> str:

@@ -105,6 +105,36 @@ def test_another_thread_ends_a_call_in_native_code(worker: WorkerProcess, tmp_pa
     assert worker.call(os.getpid) != number
 
 
+def test_a_kill_is_of_the_call_that_is_made_not_of_those_that_wait(worker: WorkerProcess, tmp_path: Path) -> None:
+    died: list[str] = []
+
+    def call(name: str) -> None:
+        try:
+            worker.call(stuck, tmp_path / name)
+        except WorkerDied:
+            died.append(name)
+
+    threads = {name: threading.Thread(target=call, args=(name,)) for name in ("first", "second")}
+    threads["first"].start()
+    first_line(tmp_path / "first")
+    threads["second"].start()
+    killing = threading.Thread(target=worker.kill)
+    killing.start()
+    killing.join(30.0)
+    assert not killing.is_alive()
+    threads["first"].join(30.0)
+    assert died == ["first"]
+    first_line(tmp_path / "second")
+    worker.kill()
+    threads["second"].join(30.0)
+    assert died == ["first", "second"]
+
+
+def test_an_answer_that_nothing_asks_for_is_refused(worker: WorkerProcess) -> None:
+    with pytest.raises(ValueError, match="nothing was sent"):
+        worker.answer()
+
+
 def test_answers_of_several_are_waited_for(worker: WorkerProcess) -> None:
     other = WorkerProcess()
     other.send(time.sleep, 300)

@@ -1,20 +1,28 @@
 "use strict";
 // Answers of the studio's server.
 (() => {
-  const post = async (address, body, kind = "json") => {
+  const post = async (address, body, kind = "json", signal = undefined) => {
     const answer = await fetch(address, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), signal,
     });
     if (!answer.ok) throw new Error((await answer.text()) || answer.statusText);
     return kind === "body" ? answer.body : answer[kind]();
   };
-  Studio.post = post;
+  // Gives up the earlier request of the same address, which fails with AbortError: browsers keep few connections open,
+  // and what is slow and no longer wanted would hold them while previews wait.
+  const underWay = {};
+  const postNewest = (address, body, kind = "json") => {
+    underWay[address]?.abort();
+    underWay[address] = new AbortController();
+    return post(address, body, kind, underWay[address].signal);
+  };
+  Object.assign(Studio, { post, postNewest });
   Studio.source = {
     preview: (spec) => post("/preview", spec),
-    design: (spec) => post("/design", spec),
+    design: (spec) => postNewest("/design", spec),
     // As they are found: one a line.
     async suggestions(spec, take) {
-      const lines = (await post("/suggestions", spec, "body")).pipeThrough(new TextDecoderStream()).getReader();
+      const lines = (await postNewest("/suggestions", spec, "body")).pipeThrough(new TextDecoderStream()).getReader();
       let rest = "";
       for (;;) {
         const { done, value } = await lines.read();
@@ -24,6 +32,6 @@
         parts.forEach((line) => take(JSON.parse(line)));
       }
     },
-    tolerance: (spec) => post("/tolerance", spec),
+    tolerance: (spec) => postNewest("/tolerance", spec),
   };
 })();

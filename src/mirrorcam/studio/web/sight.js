@@ -30,11 +30,11 @@
       this.byId("focus").disabled = true;
       try {
         const began = performance.now();
-        const frame = await Studio.post("/frame", wanted);
+        const frame = await Studio.postNewest("/frame", wanted);
         if (mine !== this.asked || !frame) return;
         this.set("frame", frame.picture);
         performance.measure("frame", { start: began, end: performance.now() });
-        const decoded = await Studio.post("/decoded", wanted);
+        const decoded = await Studio.postNewest("/decoded", wanted);
         if (mine !== this.asked || !decoded) return;
         this.set("views", decoded.views);
         this.set("refocused", decoded.refocused);
