@@ -107,11 +107,24 @@ def test_a_design_that_cannot_be_says_why_and_where_and_offers_the_nearest_that_
     page.page.wait_for_selector("#looking", state="hidden")
     offered = page.page.locator("#suggestions button").all_inner_texts()
     assert any(text.startswith("Shortest edge 7") and text.endswith("instead of 80 mm") for text in offered)
+    assert [shift for shift in page.shifts() if shift[0] > 0.005] == []
     page.page.click("#suggestions button >> nth=0")
     page.page.wait_for_selector("#status.exact")
     assert not page.page.is_visible("#infeasible")
     page.page.click("#undo")
     page.page.wait_for_selector("#status.failed")
+
+
+def test_what_is_no_longer_wanted_holds_no_connection(page: Watched, studio: tuple[str, Path]) -> None:
+    given_up: list[str] = []
+    page.page.on("requestfailed", lambda request: given_up.append(request.url.rsplit("/", 1)[1]))
+    page.page.route("**/frame", lambda route: None)  # it takes forever
+    opened(page, studio)
+    for scale in (81, 82, 83, 84, 85, 86, 87):
+        page.page.get_by_role("spinbutton", name="Scale, number").fill(str(scale))
+        page.page.keyboard.press("Enter")
+        page.page.wait_for_selector("#status.exact")
+    assert given_up.count("frame") == 7  # a browser opens six connections to one place
 
 
 def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple[str, Path]) -> None:
