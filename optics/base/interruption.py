@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+if sys.platform == "win32":
+    SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)  # Ctrl-Break
+else:
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SECONDS_OF_ONE = 1.0
 """Signals within this time are one: `timeout`, for example, sends each to the process and to its group."""
 

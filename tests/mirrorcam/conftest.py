@@ -60,9 +60,10 @@ def finished_set(set_request: SetRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A program instead of `mirrorcam` in processes of its own: what it does is in this file, script.py."""
+    """A program instead of `python -m mirrorcam` in processes of its own: what it does is in this file, script.py."""
     fake = tmp_path / "python"
-    fake.write_text(f'#!/bin/sh\nexec {sys.executable} "{tmp_path}/script.py" "$@"\n')
+    script = f'[ "$1" = -m ] && set -- "{tmp_path}/script.py" "$@"'
+    fake.write_text(f'#!/bin/sh\n{script}\nexec {sys.executable} "$@"\n')
     fake.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(fake))
     return tmp_path / "script.py"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import threading
@@ -10,13 +9,17 @@ import time
 from collections import deque
 from collections.abc import Sequence
 
+from mirrorcam.optics.base.child_program import NEW_GROUP, supervised
+
 LINES_KEPT = 40
 ENDING_S = 10.0
-"""Time that a cancelled command has to finish its file; it is killed afterwards."""
+"""Time that a command has to finish its file when it is cancelled, or this process ends; it is killed afterwards."""
 
 
 class ChildCommand:
     """A command that has been started; any thread may ask for it or cancel it.
+
+    It ends with this process, as by Ctrl-C, also if that is killed. A Ctrl-C of the terminal is not for it.
 
     Parameters
     ----------
@@ -31,14 +34,15 @@ class ChildCommand:
         self._lock = threading.Lock()
         self._began, self._seconds = time.monotonic(), 0.0
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "mirrorcam", *arguments],
-            stdin=subprocess.DEVNULL,
+            supervised([sys.executable, "-m", "mirrorcam", *arguments], ending_s=ENDING_S),
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             encoding="utf-8",
             errors="replace",
             start_new_session=True,
+            creationflags=NEW_GROUP,
         )
         self._follower = threading.Thread(target=self._follow, daemon=True, name=f"follow {arguments[0]}")
         self._follower.start()
@@ -51,7 +55,7 @@ class ChildCommand:
 
     @property
     def returncode(self) -> int | None:
-        """Its exit code, once it has ended and all its lines are there; negative where a signal ended it."""
+        """Its exit code, once it has ended and all its lines are there; 128 and its number where a signal ended it."""
         return None if self._follower.is_alive() else self._process.returncode
 
     @property
@@ -68,12 +72,8 @@ class ChildCommand:
         """Have it end as Ctrl-C would, finished files whole, and do not wait for it; one that has ended stays so."""
         if self._process.poll() is None and not self.cancelled:
             self.cancelled = True
-            self._process.send_signal(signal.SIGINT)
-            threading.Thread(target=self._kill_late, daemon=True, name="kill late").start()
-
-    def _kill_late(self) -> None:
-        if self.wait(ENDING_S) is None:
-            self._process.kill()
+            assert self._process.stdin is not None
+            self._process.stdin.close()
 
     def _follow(self) -> None:
         with self._process:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 
 from mirrorcam.workflow import child_command
 from mirrorcam.workflow.child_command import LINES_KEPT, ChildCommand
+from tests.optics.base.processes import ended, first_line
 
 WAITS = """
 import signal, sys, time
@@ -16,6 +19,24 @@ def interrupted(number, frame):
     {}
 signal.signal(signal.SIGINT, interrupted)
 print("ready", flush=True)
+time.sleep(60)
+"""
+
+STARTER = """
+import sys, time
+from mirrorcam.workflow import child_command
+sys.executable, child_command.ENDING_S = sys.argv[1], float(sys.argv[2])
+command = child_command.ChildCommand(["render"])
+time.sleep(300)
+"""
+LEAVES_FILES = """
+import os, pathlib, signal, time
+here = pathlib.Path(__file__).parent
+def interrupted(number, frame):
+    (here / "interrupted").write_text("yes\\n")
+    {}
+signal.signal(signal.SIGINT, interrupted)
+(here / "pid").write_text(f"{{os.getpid()}}\\n")
 time.sleep(60)
 """
 
@@ -60,5 +81,21 @@ def test_one_that_does_not_end_is_killed(scripted: Path, monkeypatch: pytest.Mon
     scripted.write_text(WAITS.format('print("not yet", flush=True)'))
     command = ready(ChildCommand(["render"]))
     command.cancel()
-    assert command.wait(60.0) == -9
+    assert command.wait(60.0) == 137
     assert command.lines == ("ready", "not yet")
+
+
+@pytest.mark.parametrize(
+    ("ending_s", "then"), [(60.0, "raise SystemExit(130)"), (0.3, "pass")], ids=["ends", "goes on"]
+)
+def test_it_is_interrupted_and_then_killed_when_its_starter_is_killed(
+    scripted: Path, ending_s: float, then: str
+) -> None:
+    scripted.write_text(LEAVES_FILES.format(then))
+    starter = subprocess.Popen([sys.executable, "-c", STARTER, sys.executable, str(ending_s)])
+    pid = int(first_line(scripted.with_name("pid")))
+    assert not ended(pid, within_s=0.0)
+    starter.kill()
+    starter.wait()
+    assert ended(pid)
+    assert first_line(scripted.with_name("interrupted")) == "yes"

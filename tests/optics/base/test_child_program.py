@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.child_program import run_program
+from mirrorcam.optics.base.child_program import run_program, supervised
 from tests.optics.base.processes import ended, first_line
 
 SLEEPS = "import os, sys, time; open(sys.argv[1], 'w').write(f'{os.getpid()}\\n'); time.sleep(300)"
@@ -61,3 +61,36 @@ def test_an_exception_of_the_starter_ends_the_program(tmp_path: Path) -> None:
         signal.signal(signal.SIGALRM, before)
     assert time.monotonic() - began < 60
     assert ended(int(first_line(tmp_path / "pid")))
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+def interrupted(number, frame):
+    print("whole", flush=True)
+    {}
+if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+    signal.signal(signal.SIGINT, interrupted)
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("ending_s", "then", "code", "said"),
+    [(60.0, "sys.exit(5)", 5, "whole"), (0.3, "pass", 137, "whole"), (0.0, "sys.exit(5)", 137, "")],
+    ids=["finishes its file", "goes on", "may not"],
+)
+def test_a_program_may_finish_its_file_before_it_is_killed(ending_s: float, then: str, code: int, said: str) -> None:
+    command = supervised([sys.executable, "-c", INTERRUPTED.format(then)], ending_s=ending_s)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as for jobs in the background of a script
+    try:
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    with process:
+        assert process.stdin is not None and process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.stdin.close()
+        assert process.stdout.read().strip() == said
+    assert process.returncode == code
