@@ -92,6 +92,14 @@ def inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
+def numbered(folder: Path, stem: str, suffix: str) -> Path:
+    """The first of STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder that nothing is at; the folder need not be there."""
+    number = 1
+    while (path := folder / f"{stem}_{number:04d}{suffix}").exists():
+        number += 1
+    return path
+
+
 def linked(folder: Path) -> Path | None:
     """The first link to a file or folder in a folder, however deep; None without one."""
     for place, folders, files in os.walk(folder):

@@ -15,7 +15,8 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.optics.light_field.io.video import Video
-from mirrorcam.workflow.live_engine import LiveEngine, LiveStatus
+from mirrorcam.workflow.live_engine import LiveEngine
+from mirrorcam.workflow.live_status import LiveStatus
 from mirrorcam.workflow.live_values import LiveRequest
 from tests.mirrorcam.small_set import BOARD
 from tests.mirrorcam.workflow.live_sets import frame, repeated, small, write_live_set
@@ -26,10 +27,10 @@ LONG_S = 60.0
 
 @pytest.fixture(scope="module")
 def live_set(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> tuple[Path, Path]:
-    """layout.json, and a video of 15 s."""
+    """layout.json, and a video of 45 s: longer than numba may take to compile."""
     folder = tmp_path_factory.mktemp("live")
     layout, video = write_live_set(folder, default_layout, frames=25)
-    repeated(video, folder / "long.mkv", 15)
+    repeated(video, folder / "long.mkv", 45)
     return layout, folder / "long.mkv"
 
 
@@ -175,7 +176,7 @@ def test_a_source_that_fails_is_told(default_layout: Layout, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_memory_stays_flat_over_ten_thousand_frames(live_set: tuple[Path, Path], tmp_path: Path) -> None:
-    repeated(live_set[1], tmp_path / "hour.mkv", 27)
+    repeated(live_set[1], tmp_path / "hour.mkv", 9)
     request = LiveRequest(
         live_set[0], str(tmp_path / "hour.mkv"), frame_width_px=160, view_width_px=60, depth_width_px=60, every=True
     )

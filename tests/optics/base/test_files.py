@@ -214,3 +214,13 @@ def test_a_long_text_loses_its_middle() -> None:
     long = files.shortened("a" * 1000 + "b" * 1000)
     assert len(long) <= 300
     assert long.startswith("aaa") and long.endswith("bbb") and " ... " in long
+
+
+def test_numbered_names_are_never_those_of_something(tmp_path: Path) -> None:
+    assert files.numbered(tmp_path / "none", "a", ".png") == tmp_path / "none" / "a_0001.png"
+    (tmp_path / "a_0001.png").touch()
+    (tmp_path / "a_0003.png").touch()
+    assert files.numbered(tmp_path, "a", ".png").name == "a_0002.png"
+    (tmp_path / "a_0002.png").mkdir()
+    assert files.numbered(tmp_path, "a", ".png").name == "a_0004.png"
+    assert files.numbered(tmp_path, "a", "").name == "a_0001"
