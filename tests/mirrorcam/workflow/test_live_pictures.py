@@ -62,3 +62,17 @@ def test_a_kind_is_wanted_while_someone_waits_and_for_a_time_after(monkeypatch: 
     assert pictures.wanted("views")
     now += 0.2
     assert not pictures.wanted("views") and always.wanted("views")
+
+
+def test_a_kind_is_wanted_as_long_as_someone_waits() -> None:
+    pictures = LivePictures(0.001)
+    waiting = threading.Thread(target=pictures.wait_for, args=("views", 0, LONG_S))
+    waiting.start()
+    end = time.monotonic() + LONG_S / 2
+    while not pictures.wanted("views"):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    time.sleep(0.05)
+    assert pictures.wanted("views")
+    pictures.end()
+    waiting.join()
