@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, Literal
 
 from pydantic import Field
@@ -14,8 +15,20 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 DEGREE = "\N{DEGREE SIGN}"
 
 
+class CameraNumber(Value):
+    """A number of a camera, what it may be, and what a camera without it has."""
+
+    name: str
+    label: str
+    unit: str
+    allowed: tuple[float | None, float | None]
+    preset: float | None
+
+
 class Control(Value):
     """One control: the field of the request that it sets, and the range of its slider; a number may be beyond it.
+
+    What a number may be is `allowed`, without an end where it is None.
 
     A slider with `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
     `preset` the value when it is switched off.
@@ -30,12 +43,13 @@ class Control(Value):
     most: float = 1.0
     step: float = 1.0
     log: bool = False
+    allowed: tuple[float | None, float | None] = (None, None)
     values: tuple[float, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()
     preset: float | str | None = None
     auto: str = ""
     cameras: tuple[dict[str, Any], ...] = ()
-    numbers: tuple[dict[str, str], ...] = ()
+    numbers: tuple[CameraNumber, ...] = ()
 
 
 class ControlGroup(Value):
@@ -70,14 +84,37 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
         help="The webcam below the mirrors. Its pixels are what all views share; its lens and body decide how near "
         "mirrors can be.",
         cameras=tuple(each.model_dump(mode="json") for each in cameras),
-        numbers=tuple({"name": name, "label": label, "unit": unit} for name, label, unit in CAMERA_NUMBERS),
+        numbers=tuple(
+            CameraNumber(
+                name=name, label=label, unit=unit, allowed=_allowed(Camera, name), preset=_preset(Camera, name)
+            )
+            for name, label, unit in CAMERA_NUMBERS
+        ),
     )
     return (
-        ControlGroup(title="Camera and views", controls=(camera, *_VIEWS)),
-        ControlGroup(title="Scene", controls=_SCENE),
-        ControlGroup(title="Mirrors", controls=_MIRRORS),
-        ControlGroup(title="Limits and tolerances", open=False, controls=_LIMITS),
+        ControlGroup(title="Camera and views", controls=(camera, *map(_bounded, _VIEWS))),
+        ControlGroup(title="Scene", controls=tuple(map(_bounded, _SCENE))),
+        ControlGroup(title="Mirrors", controls=tuple(map(_bounded, _MIRRORS))),
+        ControlGroup(title="Limits and tolerances", open=False, controls=tuple(map(_bounded, _LIMITS))),
     )
+
+
+def _bounded(control: Control) -> Control:
+    return control.replaced(allowed=_allowed(DesignSpec, control.name))
+
+
+def _preset(model: type[Value], name: str) -> float | None:
+    field = model.model_fields[name]
+    return None if field.is_required() else float(field.default)
+
+
+@cache
+def _allowed(model: type[Value], name: str) -> tuple[float | None, float | None]:
+    """The least and greatest number that a field takes, or that each of its numbers may be."""
+    field = model.model_json_schema()["properties"][name]
+    parts = (field, field.get("items", {}), *field.get("anyOf", ()))
+    bounded: dict[str, float] = next((part for part in parts if "minimum" in part), {})
+    return bounded.get("minimum"), bounded.get("maximum")
 
 
 def change_text(spec: DesignSpec, other: DesignSpec, parameter: str) -> str:

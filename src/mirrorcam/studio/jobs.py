@@ -33,6 +33,8 @@ class JobReport(Value):
     page: str
     """The result to open, below the address of files; empty where there is none (yet)."""
     folder: str
+    bytes: int
+    """Size of the files in it once the job has ended; 0 before."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,13 @@ class Jobs:
             lines=list(lines),
             page=page if state != "running" and (self.root / page).is_file() else "",
             folder=f"{job.design}/{job.plan.folder}",
+            bytes=0 if state == "running" else bytes_of(self.root / job.design / job.plan.folder),
         )
+
+
+def bytes_of(folder: Path) -> int:
+    """Size of all files in a folder; 0 where there is none."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def shown(arguments: Sequence[str]) -> str:

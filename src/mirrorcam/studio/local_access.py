@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
@@ -72,8 +71,7 @@ class LocalAccess:
         return ""
 
     def _is_own(self, origin: str) -> bool:
-        parts = urlsplit(origin)
-        return parts.scheme == "http" and parts.netloc.lower() in self._hosts
+        return origin.lower() in {f"http://{host}" for host in self._hosts}
 
 
 class BodyTooLarge(Exception):

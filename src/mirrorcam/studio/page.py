@@ -41,6 +41,7 @@ def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
     """The page that a server gives, which writes into a folder; only scripts and styles with the nonce run."""
     start = {
         "spec": begin.spec.model_dump(mode="json"),
+        "defaults": DesignSpec().model_dump(mode="json"),
         "controls": [group.model_dump(mode="json") for group in control_groups(begin.spec)],
         "sweep": [point.model_dump(mode="json") for point in begin.sweep],
     }
@@ -54,7 +55,8 @@ def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
     """The page without a server: one file that shows the designs of an atlas, beginning with the nearest to `spec`."""
     groups = snapping_groups(atlas["axes"])
     controls = [group.model_dump(mode="json") for group in groups]
-    start = {"spec": spec.model_dump(mode="json"), "controls": controls, "sweep": []}
+    defaults = DesignSpec().model_dump(mode="json")
+    start = {"spec": spec.model_dump(mode="json"), "defaults": defaults, "controls": controls, "sweep": []}
     return render(
         WEB,
         "studio.html",

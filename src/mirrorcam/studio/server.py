@@ -133,6 +133,13 @@ class DesignAnswers:
         return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
 
 
+class _Files(StaticFiles):
+    """Files of a folder that is made with the first job: before it, there is none of them."""
+
+    async def check_config(self) -> None:
+        return
+
+
 class JobAnswers:
     """Answers about what is made of designs."""
 
@@ -162,7 +169,7 @@ class JobAnswers:
 
     @property
     def routes(self) -> list[BaseRoute]:
-        files = StaticFiles(directory=self._jobs.root, check_dir=False)
+        files = _Files(directory=self._jobs.root, check_dir=False)
         return [
             Route("/jobs", self.all),
             Route("/jobs", self.start, methods=["POST"]),

@@ -32,6 +32,8 @@ def read_request(path: Path) -> DesignSpec:
 
 def request_of(path: Path, raw: bytes) -> DesignSpec:
     """The request in the content of a file, or of the layout in it; the file itself is not read."""
+    if path.suffix.lower() not in (".toml", ".json"):
+        raise InputError(f"{path}: expected a design.toml or a layout.json")
     if "mirrors" not in model_of(_Anything, path, raw).keys:
         return model_of(DesignSpec, path, raw)
     layout = model_of(Layout, path, raw)

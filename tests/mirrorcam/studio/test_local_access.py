@@ -49,6 +49,7 @@ def test_a_name_that_only_leads_here_is_refused(client: TestClient, host: str) -
     [
         {"origin": "http://evil.example"},
         {"origin": "null"},
+        {"origin": "http://[bad"},
         {"origin": f"https://127.0.0.1:{PORT}"},
         {"origin": f"http://127.0.0.1:{PORT + 1}"},
         {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors"},

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import pytest
 
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.atlas import AtlasGrid, atlas
@@ -73,6 +74,30 @@ def test_a_preview_follows_the_slider_and_the_exact_design_its_release(page: Wat
     assert page.drawn["spec"]["scale_mm"] == 95.0
 
 
+@pytest.mark.parametrize("request_", [{"rows": 2}, {"scale_mm": 60.0, "depths_mm": [200.0, 400.0]}, {}, "pattern"])
+def test_an_address_leads_to_its_design_whatever_the_studio_began_with(
+    page: Watched, studio: tuple[str, Path], request_: dict[str, Any] | str
+) -> None:
+    opened(page, studio)
+    hexagonal = DesignSpec(pattern=Pattern.hexagonal(1))
+    asked = hexagonal if isinstance(request_, str) else DesignSpec().replaced(**request_)
+    defaults, begun = (each.model_dump(mode="json") for each in (DesignSpec(), DesignSpec(rows=4, fold_deg=100.0)))
+    wanted = asked.model_dump(mode="json")
+    back = "([spec, defaults, begun]) => Studio.fromAddress(`#${Studio.toAddress(spec, defaults)}`, defaults, begun)"
+    found = page.page.evaluate(back, [wanted, defaults, begun])
+    assert DesignSpec.model_validate(found) == asked
+
+
+def test_a_number_that_cannot_be_is_refused_at_its_field(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    field = page.page.get_by_role("spinbutton", name="Rows, number")
+    field.fill("99")
+    page.page.keyboard.press("Enter")
+    assert page.page.locator("input:invalid").count() == 1
+    assert page.drawn["spec"]["rows"] == 1
+    assert "rows=99" not in page.page.url
+
+
 def test_an_address_gives_the_same_design_again(browser: Any, page: Watched, studio: tuple[str, Path]) -> None:
     opened(page, studio, f"{SMALL}&scale_mm=60&surface=second")
     assert page.drawn["spec"]["surface"] == "second"
@@ -131,6 +156,7 @@ def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple
     opened(page, studio, "#rows=99")
     assert page.status == "Not a request"
     assert "rows" in page.page.inner_text("#finding")
+    assert page.page.inner_text("#infeasible-title") == "This is no request for a design"
 
 
 def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tuple[str, Path]) -> None:
@@ -142,7 +168,8 @@ def test_pinned_designs_stand_beside_the_current_one(page: Watched, studio: tupl
     text = page.page.inner_text("#compare")
     assert "1 x 2, 80 mm" in text
     assert "1 x 2, 100 mm (now)" in text
-    assert "scale_mm" in text
+    assert "Asked for differently" in text
+    assert "\nScale" in text
     page.page.click("#compare >> text=Go to")
     page.page.wait_for_selector("#status.exact")
     assert page.drawn["spec"]["scale_mm"] == 80.0

@@ -87,6 +87,19 @@ def test_files_of_the_folder_are_given_and_none_beside_it(client: TestClient) ->
         assert "outside" not in answer.text
 
 
+def test_there_are_no_files_before_the_first_job(tmp_path: Path) -> None:
+    designer = Designer()
+    app = studio_app(PageStart(DesignSpec()), designer, Jobs(tmp_path / "none"), PORT)
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as client:
+        assert client.get("/files/anything").status_code == 404
+    designer.close()
+
+
+def test_a_picture_is_no_design(client: TestClient) -> None:
+    answer = client.post("/opened", content=json.dumps({"name": "a.jpg", "text": "x"}), headers=JSON)
+    assert (answer.status_code, answer.text) == (422, "a.jpg: expected a design.toml or a layout.json")
+
+
 def test_only_what_was_solved_is_made(client: TestClient) -> None:
     body = json.dumps({"kind": "parts", "spec": {"rows": 2, "cols": 2}})
     assert client.post("/jobs", content=body, headers=JSON).status_code == 422

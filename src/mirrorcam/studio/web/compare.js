@@ -3,16 +3,20 @@
 (() => {
   const { element } = Studio;
   const MOST = 4;
-  const SAME = new Set(["camera"]);
+  const NAMES = { rows: "Rows", cols: "Columns", pattern: "Pattern" };
 
   Studio.Pins = class {
-    constructor(host, recall) {
-      Object.assign(this, { host, recall, pinned: [] });
+    constructor(host, labels, recall, changed) {
+      Object.assign(this, { host, labels, recall, changed, pinned: [] });
+    }
+
+    get full() {
+      return this.pinned.length >= MOST;
     }
 
     pin(drawing) {
-      if (drawing.kind !== "exact" || this.pinned.some((each) => each.identity === drawing.identity)) return;
-      this.pinned = [...this.pinned, drawing].slice(-MOST);
+      if (this.full || drawing.kind !== "exact" || this.pinned.some((each) => each.identity === drawing.identity)) return;
+      this.pinned = [...this.pinned, drawing];
     }
 
     text(value) {
@@ -33,13 +37,14 @@
         remove.addEventListener("click", () => {
           this.pinned = this.pinned.filter((each) => each !== drawing);
           this.draw(current);
+          this.changed();
         });
         return element("div", { class: "card" }, element("h3", {}, drawing.title), picture, element("p", { class: "key" }, recall, " ", remove));
       });
       const columns = designs.map((drawing) => [drawing === current ? `${drawing.title} (now)` : drawing.title, drawing]);
       const names = Object.keys(designs[0].spec).filter((name) => new Set(designs.map((d) => JSON.stringify(d.spec[name]))).size > 1);
       const asked = names.map((name) =>
-        element("tr", {}, element("th", { scope: "row" }, name), ...designs.map((d) => element("td", { class: "differs" }, this.text(d.spec[name])))),
+        element("tr", {}, element("th", { scope: "row" }, NAMES[name] ?? this.labels[name] ?? name), ...designs.map((d) => element("td", { class: "differs" }, this.text(d.spec[name])))),
       );
       const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
       Studio.drawFigures(table, columns, { title: true });

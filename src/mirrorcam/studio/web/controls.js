@@ -43,17 +43,17 @@
 
   const box = (control, label, history, read, write) => {
     const field = element("input", {
-      type: "number", min: control.least_allowed ?? control.least, max: control.most_allowed ?? control.most, step: "any",
+      type: "number", min: control.allowed[0], max: control.allowed[1], step: "any",
       "aria-label": `${label}, number`, readonly: control.values.length > 0,
     });
     field.addEventListener("change", () => {
       if (field.value === "" || !Number.isFinite(field.valueAsNumber)) refresh(history.spec);
-      else history.set(write(field.valueAsNumber));
+      else if (field.reportValidity()) history.set(write(field.valueAsNumber));
     });
-    const refresh = (spec) => {
+    const refresh = (spec, exact) => {
       const value = read(spec);
       field.value = typeof value === "number" ? value : "";
-      field.placeholder = typeof value === "number" ? "" : String(value);
+      field.placeholder = typeof value === "number" ? "" : String(exact?.[control.name] ?? value);
     };
     return [field, refresh];
   };
@@ -72,8 +72,8 @@
         auto.addEventListener("change", () => history.set({ [control.name]: auto.checked ? "auto" : control.preset }));
         parts.push(element("label", { class: "check" }, auto, control.auto));
       }
-      const refresh = (spec) => {
-        [first, second].forEach((each) => each(spec));
+      const refresh = (spec, exact) => {
+        [first, second].forEach((each) => each(spec, exact));
         if (auto) {
           auto.checked = spec[control.name] === "auto";
           range.disabled = auto.checked;
@@ -122,8 +122,12 @@
         const share = (depth) => Math.max(0, Math.min(1, (toSlider(control, depth) - low) / (high - low)));
         span.style.left = `${100 * share(near(spec))}%`;
         span.style.right = `${100 * (1 - share(far(spec)))}%`;
+        const between = inner(spec, low, high);
+        others.textContent = between.length ? `and ${between.map((depth) => Studio.number(depth, 4)).join(", ")} mm between` : "";
+        others.hidden = !between.length;
       };
-      return [row(control, head, axis), refresh];
+      const others = element("p", { class: "help", hidden: true });
+      return [row(control, head, axis, others), refresh];
     },
 
     choice(control, history) {
@@ -145,16 +149,17 @@
       const select = element("select", { "aria-label": control.label, "aria-describedby": "camera-help" });
       known.forEach((camera, i) => select.append(element("option", { value: i }, camera.name)));
       select.append(element("option", { value: "own" }, "Numbers of your own"));
-      const fields = control.numbers.map(({ name, label, unit }) => {
-        const field = element("input", { type: "number", step: "any", "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
+      const fields = control.numbers.map(({ name, label, unit, allowed, preset }) => {
+        const field = element("input", { type: "number", step: "any", min: allowed[0], max: allowed[1], "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
         field.addEventListener("change", () => {
           if (!Number.isFinite(field.valueAsNumber)) return refresh(history.spec);
+          if (!field.reportValidity()) return;
           const size = name === "width_px" || name === "height_px";
           history.set({ camera: { ...history.spec.camera, name: "own camera", [name]: size ? Math.round(field.valueAsNumber) : field.valueAsNumber } });
         });
-        return [name, field, element("label", { class: "number" }, element("span", {}, label), field, element("span", { class: "unit" }, unit))];
+        return [name, preset, field, element("label", { class: "number" }, element("span", {}, label), field, element("span", { class: "unit" }, unit))];
       });
-      const own = element("details", { class: "own" }, element("summary", {}, "Its numbers"), ...fields.map(([, , label]) => label));
+      const own = element("details", { class: "own" }, element("summary", {}, "Its numbers"), ...fields.map(([, , , label]) => label));
       const index = (spec) => known.findIndex((camera) => JSON.stringify(camera) === JSON.stringify(spec.camera));
       select.addEventListener("change", () => {
         if (select.value === "own") own.open = true;
@@ -163,7 +168,7 @@
       const refresh = (spec) => {
         const found = index(spec);
         select.value = found < 0 ? "own" : String(found);
-        for (const [name, field] of fields) field.value = spec.camera[name] ?? 0;
+        for (const [name, preset, field] of fields) field.value = spec.camera[name] ?? preset;
       };
       return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, own), refresh];
     },
@@ -181,6 +186,6 @@
       const group = element("details", { class: "group", open }, element("summary", {}, title), ...rows);
       host.append(group);
     }
-    return (spec) => refreshes.forEach((each) => each(spec));
+    return (spec, exact) => refreshes.forEach((each) => each(spec, exact));
   };
 })();

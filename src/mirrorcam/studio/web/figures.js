@@ -18,11 +18,12 @@
   Studio.drawTiles = (host, drawing) => {
     const tiles = HEADLINES.map(([start, label]) => {
       const found = all(drawing).filter((figure) => figure.name.startsWith(start));
-      const texts = found.map((figure) => figure.text.replace(" grid spacings", " of a spacing"));
+      const short = (number) => Studio.number(+number);
+      const texts = found.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
       // Of several depths: the nearest and the farthest.
       const unit = / \S+$/;
-    const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
-    const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
+      const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
+      const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
       return element("div", {}, element("dt", {}, label), element("dd", {}, text));
     });
     host.replaceChildren(...tiles);

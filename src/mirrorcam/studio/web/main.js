@@ -21,7 +21,12 @@
   }
   const state = { drawing: null, parabola: null, depth: null };
 
-  const pins = new Studio.Pins(byId("compare"), (spec) => history.settle(spec));
+  const labels = Object.fromEntries(start.controls.flatMap((group) => group.controls).map(({ name, label }) => [name, label]));
+  const canPin = () => {
+    byId("pin").disabled = pins.full;
+    byId("pin").title = pins.full ? "Four designs are pinned: remove one first" : "Keep this design to compare others with";
+  };
+  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), canPin);
 
   // ---- drawing -------------------------------------------------------------------------------------------------
   const beside = () => (byId("beside").checked ? state.parabola : null);
@@ -74,6 +79,8 @@
     Studio.drawFigures(byId("figures"), columns);
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
     pins.draw(drawing.kind === "exact" ? drawing : null);
+    canPin();
+    if (drawing.kind === "exact") refresh(history.spec, drawing.spec);
     document.body.dataset.kind = drawing.kind;
   };
 
@@ -167,10 +174,11 @@
     const note = byId("infeasible");
     note.hidden = false;
     const finding = answer.finding;
+    byId("infeasible-title").textContent = answer.constraint ? "This design cannot be" : "This is no request for a design";
     byId("finding").textContent = answer.constraint ? finding.charAt(0).toUpperCase() + finding.slice(1) : finding;
     const list = byId("suggestions");
     list.replaceChildren();
-    document.body.dataset.kind = "refused";
+    document.body.dataset.kind = answer.where ? "violated" : "refused";
     if (answer.where) {
       view?.showViolation(answer.where);
       Studio.drawSensor(byId("sensor"), { ...answer.where, common_px: [] });
@@ -191,14 +199,14 @@
 
   // ---- the request ---------------------------------------------------------------------------------------------
   let refresh = () => {};
-  const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.spec), (settled) => {
+  const address = () => window.history.replaceState(null, "", `#${Studio.toAddress(history.spec, start.defaults)}`);
+  const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.defaults, start.spec), (settled) => {
     refresh(history.spec);
     mark(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
-      const address = Studio.toAddress(history.spec, start.spec);
-      window.history.replaceState(null, "", address ? `#${address}` : location.pathname);
+      address();
       solve(history.spec);
     } else preview(history.spec, Studio.touchedAt);
   });
@@ -207,7 +215,7 @@
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
   const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
-  addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.spec)));
+  addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.defaults, start.spec)));
 
   byId("undo").addEventListener("click", () => history.undo());
   byId("redo").addEventListener("click", () => history.redo());
@@ -230,6 +238,7 @@
   byId("pin").addEventListener("click", () => {
     if (state.drawing) pins.pin(state.drawing);
     pins.draw(state.drawing);
+    canPin();
   });
   byId("link").addEventListener("click", async () => {
     const button = byId("link");
@@ -237,6 +246,7 @@
     setTimeout(() => (button.textContent = "Link"), 1500);
   });
   if (byId("make")) {
+    const written = byId("make-note").textContent;
     const note = (text) => (byId("make-note").textContent = text);
     const built = (design, address) => {
       if (!view || !state.drawing) return;
@@ -250,7 +260,10 @@
       button.addEventListener("click", () => maker.file(button.dataset.file, ...names[button.dataset.file]).catch((error) => note(error.message)));
     }
     for (const button of document.querySelectorAll("[data-make]")) {
-      button.addEventListener("click", () => maker.start(button.dataset.make).catch((error) => note(error.message)));
+      button.addEventListener("click", () => {
+        note(written);
+        maker.start(button.dataset.make).catch((error) => note(error.message));
+      });
     }
     byId("open").addEventListener("change", async (event) => {
       const [file] = event.target.files;
@@ -288,6 +301,7 @@
 
   refresh(history.spec);
   mark(history.spec);
+  address();
   byId("undo").disabled = byId("redo").disabled = true;
   preview(history.spec, 0);
   solve(history.spec);

@@ -5,6 +5,8 @@
   const TITLES = { parts: "Parts", set: "Calibration set", run: "Everything" };
   const STATES = { running: "works", done: "done", failed: "failed", cancelled: "cancelled" };
 
+  const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${Studio.number(bytes / 1e6, 2)} MB`);
+
   Studio.save = (name, text, type = "text/plain") => {
     const address = URL.createObjectURL(new Blob([text], { type }));
     const link = element("a", { href: address, download: name });
@@ -65,10 +67,10 @@
       }
       if (job.page) {
         actions.push(element("a", { href: `/files/${job.page}`, target: "_blank", rel: "noopener" }, "Open"));
-        actions.push(element("a", { href: `/zip/${job.folder}`, download: "" }, "ZIP"));
+        actions.push(element("a", { href: `/zip/${job.folder}`, download: "" }, `ZIP (of ${size(job.bytes)})`));
       }
-      const bar = element("progress", { max: 1, "aria-label": `Progress of ${TITLES[job.kind]}` });
-      if (job.progress !== null || job.state !== "running") bar.value = job.progress ?? 0;
+      const bar = element("progress", { max: 1, "aria-label": `Progress of ${TITLES[job.kind]}`, hidden: job.state !== "running" });
+      if (job.progress !== null) bar.value = job.progress;
       const lines = element("details", { "data-job": job.number, open }, element("summary", {}, job.command), element("pre", {}, job.lines.join("\n")));
       return element(
         "li", { class: `job ${job.state}` },

@@ -123,7 +123,9 @@
       text.textContent = format(tick);
       root.append(text);
     }
-    const round = [20, 50, 100, 200, 300, 500, 700, 1000, 2000, 5000, 10000].filter((d) => d >= depths[0] && d <= depths.at(-1));
+    const inside = [20, 50, 100, 200, 300, 500, 700, 1000, 2000, 5000, 10000].filter((d) => d >= depths[0] && d <= depths.at(-1));
+    // From the last on, which has the unit; those without room before the next are left out.
+    const round = inside.reduceRight((kept, d) => (kept.length && x(kept[0]) - x(d) < (kept.length === 1 ? 44 : 26) ? kept : [d, ...kept]), []);
     round.forEach((depth, i) => {
       const last = i === round.length - 1;
       const place = last && x(depth) > width - 40 ? { x: width - 2, "text-anchor": "end" } : { x: x(depth), "text-anchor": "middle" };
@@ -139,8 +141,8 @@
     }
     for (const { values: along, name, depths: own = depths } of lines) {
       const points = along.map((value, i) => (value === null ? null : [x(own[i]), y(value)]));
-      const inside = points.filter((point) => point && point[0] >= left - 0.5 && point[0] <= width - right + 0.5);
-      root.append(svg("path", { d: path(inside, false), class: `curve ${name}` }));
+      const shown = points.filter((point) => point && point[0] >= left - 0.5 && point[0] <= width - right + 0.5);
+      root.append(svg("path", { d: path(shown, false), class: `curve ${name}` }));
     }
   };
 })();

@@ -46,21 +46,24 @@
   }
   Studio.History = History;
 
-  // What differs from the start, so that the address stays short: #rows=2&scale_mm=60&depths_mm=200,400
-  Studio.toAddress = (spec, start) => {
+  // What differs from the defaults, so that the address stays short and leads to the same design in any studio:
+  // #rows=2&scale_mm=60&depths_mm=200,400
+  Studio.toAddress = (spec, defaults) => {
     const parts = new URLSearchParams();
     for (const [name, value] of Object.entries(spec)) {
-      if (same(value, start[name])) continue;
+      if (same(value, defaults[name])) continue;
       parts.set(name, typeof value === "object" && !Array.isArray(value) ? JSON.stringify(value) : String(value));
     }
-    return parts.toString().replaceAll("%2C", ",");
+    return parts.toString().replaceAll("%2C", ",") || "default";
   };
 
-  Studio.fromAddress = (hash, start) => {
-    const spec = { ...start };
+  // The request of an address; `start` without one.
+  Studio.fromAddress = (hash, defaults, start) => {
+    if (hash.length < 2) return { ...start };
+    const spec = { ...defaults };
     for (const [name, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
-      if (!(name in start) && name !== "pattern") continue;
-      if (Array.isArray(start[name])) spec[name] = text.split(",").map(Number);
+      if (!(name in defaults) && name !== "pattern") continue;
+      if (Array.isArray(defaults[name])) spec[name] = text.split(",").map(Number);
       else if (text.startsWith("{")) {
         try {
           spec[name] = JSON.parse(text);
@@ -68,6 +71,10 @@
           continue;
         }
       } else spec[name] = text === "" || Number.isNaN(Number(text)) ? text : Number(text);
+    }
+    if (spec.pattern) {
+      delete spec.rows;
+      delete spec.cols;
     }
     return spec;
   };

@@ -11,20 +11,26 @@
   const plot = (points, { name, x: [across, xLabel], y: [upwards, yLabel] }, go) => {
     const [width, height, left, bottom, top, right] = [460, 300, 46, 42, 26, 12];
     const values = (key) => points.map((point) => point[key]);
-    const most = { [across]: 1.06 * Math.max(...values(across)), [upwards]: 1.06 * Math.max(...values(upwards)) };
-    const x = (value) => left + (value / most[across]) * (width - left - right);
-    const y = (value) => height - bottom - (value / most[upwards]) * (height - bottom - top);
+    // Axes begin at 0, unless that left the points in less than half of the plot.
+    const range = (key) => {
+      const [low, high] = [Math.min(...values(key)), Math.max(...values(key))];
+      const spread = high - low || high;
+      return low < 0.5 * high ? [0, 1.06 * high] : [low - 0.08 * spread, high + 0.08 * spread];
+    };
+    const [[left0, right0], [low0, high0]] = [range(across), range(upwards)];
+    const x = (value) => left + ((value - left0) / (right0 - left0)) * (width - left - right);
+    const y = (value) => height - bottom - ((value - low0) / (high0 - low0)) * (height - bottom - top);
     const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": `${yLabel} over ${xLabel}` });
     const text = (content, place) => {
       const node = svg("text", { class: "tick", ...place });
       node.textContent = content;
       root.append(node);
     };
-    for (const tick of ticks(0, most[upwards], 5)) {
+    for (const tick of ticks(low0, high0, 5)) {
       root.append(svg("path", { d: path([[left, y(tick)], [width - right, y(tick)]], false), class: "rule" }));
       text(number(tick), { x: left - 6, y: y(tick), "text-anchor": "end", "dominant-baseline": "middle" });
     }
-    for (const tick of ticks(0, most[across], 6)) text(number(tick), { x: x(tick), y: height - bottom + 16, "text-anchor": "middle" });
+    for (const tick of ticks(left0, right0, 6)) text(number(tick), { x: x(tick), y: height - bottom + 16, "text-anchor": "middle" });
     text(xLabel, { x: (left + width - right) / 2, y: height - 8, "text-anchor": "middle" });
     text(yLabel, { x: left, y: 14 });
     const best = points.filter((point) => point.best.includes(name)).sort((a, b) => a[across] - b[across]);
