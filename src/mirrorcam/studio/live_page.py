@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from mirrorcam.optics.base.html.templates import render
 from mirrorcam.studio.page import WEB, script_json
-from mirrorcam.workflow.live_engine import LiveEngine
+from mirrorcam.workflow.live_engine import LEAST_PICTURES, LiveEngine
 
 SCRIPTS = ("dom.js", "server.js", "live_pictures.js", "live_meters.js", "live.js")
 
@@ -17,6 +17,7 @@ def live_page(engine: LiveEngine, *, nonce: str) -> str:
         "about": asdict(engine.about),
         "outlines": engine.outlines_px(),
         "board": engine.board is not None,
+        "least_pictures": LEAST_PICTURES,
     }
     return render(
         WEB,

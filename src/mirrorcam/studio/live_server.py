@@ -31,7 +31,7 @@ WAIT_S = 2.0
 IDLE_S = 3.0
 """Time after which pictures that no page asks for are no longer made."""
 
-Action = Literal["focus", "align", "reset_focus", "record", "stop_recording", "take_picture", "calibrate"]
+Action = Literal["play_again", "focus", "align", "reset_focus", "record", "stop_recording", "take_picture", "calibrate"]
 
 
 class LiveOrder(Value):
@@ -56,6 +56,7 @@ class LiveAnswers:
         kind, after = request.path_params["kind"], request.query_params.get("after", "0")
         if kind not in get_args(PictureKind) or not (after.isascii() and after.isdigit() and len(after) < 16):
             return PlainTextResponse("not found", status_code=404)
+        self._engine.begin()
         found = await run_in_threadpool(self._engine.wait_for, kind, int(after), WAIT_S)
         if found is None:
             return Response(status_code=204)
@@ -81,6 +82,7 @@ class LiveAnswers:
     async def order(self, request: Request) -> Response:
         order, engine = await asked(LiveOrder, request), self._engine
         actions: dict[Action, Callable[[], object]] = {
+            "play_again": engine.play_again,
             "focus": lambda: engine.focus(order.depth_mm),
             "align": lambda: engine.align(order.on),
             "reset_focus": engine.reset_focus_meter,
@@ -143,9 +145,12 @@ def serve_live(
     browser: bool,
     tell: Callable[[str], None],
 ) -> int:
-    """Serve a session until Ctrl-C; returns 0. Raises InputError where something cannot be opened."""
+    """Serve a session until Ctrl-C; returns 0. A source that ends begins when a page first asks for pictures.
+
+    Raises InputError where something cannot be opened.
+    """
     listening = listening_socket(port)
-    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S) as engine:
+    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True) as engine:
         app = live_app(engine, listening.getsockname()[1])
         run_server(app, listening, browser=browser, tell=tell, end=engine.close)
     return 0

@@ -32,6 +32,8 @@ class DecodingThread:
         Where pictures go, and what counts them.
     depth, setup
         What is given samples, frames and calibration pictures.
+    hold
+        Whether a source that ends waits for `play`.
     """
 
     def __init__(
@@ -42,9 +44,11 @@ class DecodingThread:
         meters: LiveMeters,
         depth: DepthThread,
         setup: SetupThread,
+        hold: bool = False,
     ) -> None:
         self._request, self._pictures, self._meters, self._depth, self._setup = request, pictures, meters, depth, setup
-        self._orders = Orders()
+        self._orders = Orders(plays=0 if hold else 1)
+        self._ends = False
         self._worker = LiveWorker("decoding", self._decode, meters.fail)
 
     @property
@@ -55,6 +59,7 @@ class DecodingThread:
     def open(self) -> SessionAbout:
         """Open the source. Raises InputError where that cannot be."""
         about: SessionAbout = self._worker.process.call(open_session, self._request)
+        self._ends = about.kind != "camera"
         return about
 
     def start(self) -> None:
@@ -65,6 +70,13 @@ class DecodingThread:
         """Change what is wanted of frames from the next one on, fields of `Orders`."""
         with self._worker.changed:
             self._orders = replace(self._orders, **changes)
+
+    def play(self, *, again: bool) -> None:
+        """Let a source that waits begin; `again`: let one that has ended play from its start."""
+        with self._worker.changed:
+            if self._orders.plays == 0 or again:
+                self._orders = replace(self._orders, plays=self._orders.plays + 1)
+                self._worker.changed.notify_all()
 
     def take(self, folder: Path) -> Path:
         """Have the next frame written below a folder, and return its path."""
@@ -79,6 +91,8 @@ class DecodingThread:
 
     def _decode(self) -> None:
         process, changed, ending = self._worker.process, self._worker.changed, self._worker.ending
+        with changed:
+            changed.wait_for(lambda: ending.is_set() or not self._ends or self._orders.plays > 0)
         while not ending.is_set():
             orders = self._ordered()
             try:
@@ -92,12 +106,22 @@ class DecodingThread:
                 continue
             self._hand_on(answer, orders)
             if answer.over:
-                with changed:
-                    changed.wait_for(ending.is_set, timeout=OVER_S)
+                self._rest(orders.plays)
         try:
             process.call(close_session)
         except (InputError, RuntimeError, WorkerDied) as error:
             self._meters.say(str(error))
+
+    def _rest(self, plays: int) -> None:
+        """After the end of a source that has played a number of times: wait for more to do."""
+        with self._worker.changed:
+            if self._orders.plays == plays:
+                # What frames went to ends with them: played again, they begin anew.
+                if self._orders.take is not None:
+                    self._meters.say("the source has ended before the calibration picture was taken")
+                self._orders = replace(self._orders, record=None, take=None)
+            ending = self._worker.ending
+            self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=OVER_S)
 
     def _ordered(self) -> Orders:
         """What is ordered, without what nobody waits for, and with what depth and setup want."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ class DepthThread:
         self._pictures, self._meters = pictures, meters
         self._on = True
         self._input: tuple[Shown, NDArray[np.uint8]] | None = None
-        self._worker = LiveWorker("depth", self._measure, meters.say)
+        self._worker = LiveWorker("depth", self._measure, partial(meters.fail_part, "depth"))
 
     @property
     def wants_samples(self) -> bool:

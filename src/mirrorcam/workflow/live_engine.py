@@ -15,6 +15,7 @@ import numpy as np
 
 from mirrorcam.optics.base.files import numbered
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.live_calibration import CalibrationRun
 from mirrorcam.workflow.live_decoding_thread import DecodingThread
@@ -26,6 +27,8 @@ from mirrorcam.workflow.live_values import DECODED, LiveRequest, PictureKind, Se
 
 OUTLINE_POINTS = 8
 """Points of an edge of an outline."""
+LEAST_PICTURES = MIN_FRAMES
+"""Calibration pictures without which no calibration is begun: its report asks for as many in every view."""
 
 
 class LiveEngine:
@@ -42,6 +45,8 @@ class LiveEngine:
     idle_s
         Time after which pictures of a kind that `wait_for` was not asked for are no longer made; by default they always
         are.
+    hold
+        Whether a source that ends (a video, a folder) waits for `begin`; a camera does not.
 
     Attributes
     ----------
@@ -61,13 +66,14 @@ class LiveEngine:
         out: Path = Path("output/live"),
         board: Path | None = None,
         idle_s: float | None = None,
+        hold: bool = False,
     ) -> None:
         self.request, self.out, self.board = request, out, board
         self._pictures, self._meters = LivePictures(idle_s), LiveMeters()
         self._depth = DepthThread(request.layout, request.depth_width_px, self._pictures, self._meters)
         self._setup = SetupThread(request.layout, board, self._meters)
         self._decoding = DecodingThread(
-            request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup
+            request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup, hold=hold
         )
         self._calibration: CalibrationRun | None = None
         self._closed = threading.Event()
@@ -107,6 +113,17 @@ class LiveEngine:
             outline = layout.outline_px(k, points_per_edge=OUTLINE_POINTS, usable=True)
             found[name] = outline[np.isfinite(outline).all(axis=1)].round(1).tolist()
         return found
+
+    def begin(self) -> None:
+        """Let a source that waits begin; nothing where it has begun."""
+        self._decoding.play(again=False)
+
+    def play_again(self) -> None:
+        """Show a source that has ended from its start. Raises InputError where it has not, or has failed."""
+        status = self.status()
+        if status.failed is not None or not status.over:
+            raise InputError(f"{self.about.source} plays, or has failed, expected a source that has ended")
+        self._decoding.play(again=True)
 
     def latest(self, kind: PictureKind) -> LivePicture | None:
         """The newest picture of a kind; None before the first."""
@@ -163,13 +180,15 @@ class LiveEngine:
     def calibrate(self) -> Path:
         """Calibrate from the pictures taken, in a process of its own; returns the folder that the result will be in.
 
-        Raises InputError without pictures, or while another calibration runs.
+        Raises InputError with fewer than LEAST_PICTURES pictures, and while another calibration runs.
         """
         if self.board is None:
             raise InputError("no board is stated, expected --board board.toml to calibrate")
         pictures = self.out / "pictures"
-        if not any(pictures.glob("picture_*.png")):
-            raise InputError(f"{pictures}: holds no picture, expected calibration pictures to be taken first")
+        if (count := self._pictures_kept()) < LEAST_PICTURES:
+            raise InputError(
+                f"{pictures}: number of calibration pictures is {count}, expected {LEAST_PICTURES} or more"
+            )
         if self._calibration is not None and self._calibration.state().state == "running":
             raise InputError("a calibration runs already, expected it to end first")
         out = numbered(self.out / "calibrations", "calibration", "")
@@ -179,11 +198,16 @@ class LiveEngine:
     def status(self) -> LiveStatus:
         """How the session goes."""
         return self._meters.status(
+            aligning=self._setup.aligning,
             alignment=self._setup.report,
             hint=self._setup.hint,
+            pictures_kept=self._pictures_kept(),
             recording=self._decoding.recording,
             calibration=None if self._calibration is None else self._calibration.state(),
         )
+
+    def _pictures_kept(self) -> int:
+        return sum(1 for _ in (self.out / "pictures").glob("picture_*.png"))
 
     def _refuse_ended(self) -> None:
         if self._meters.ended:

@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ class ViewsPicture:
 
 
 class LiveSession:
-    """Decodes the newest frames of a source into pictures.
+    """Decodes the newest frames of a source into pictures; one that ends is not read before orders say so.
 
     Raises InputError where the layout or the source cannot be opened, or views share no field.
     """
@@ -94,9 +95,13 @@ class LiveSession:
         self._recorder: FrameRecorder | None = None
         self._recorded = 0
         self.opened = open_source(request.source, camera, self._lines.append)
-        self._newest = NewestFrame(
-            self.opened.source, paced=self.opened.paced and not request.every, every=request.every
-        )
+        self._every, self._plays = request.every, 0
+        self._newest: NewestFrame | None = None
+        self._dropped = self._lost = 0
+        self._last: Arrived | None = None
+        self._made: dict[PictureKind, float | None] = {}
+        if not self.opened.ends:
+            self._read()
 
     @property
     def about(self) -> SessionAbout:
@@ -129,17 +134,29 @@ class LiveSession:
             self._meter.reset()
         if orders.record is None and self._recorder is not None:
             self._stop_recording()
-        arrived = self._newest.take(orders.timeout_s)
-        shown = None if arrived is None else self._shown(arrived, orders)
+        if orders.plays > self._plays and self.opened.ends:
+            self._plays = orders.plays
+            if self._newest is None or self._newest.over:
+                self._read()
+        arrived = None if self._newest is None else self._newest.take(orders.timeout_s)
+        over = self._newest is not None and self._newest.over
+        shown = None
+        if arrived is not None:
+            self._last, self._made = arrived, {}
+            shown = self._shown(arrived, orders)
+        elif over and self._last is not None:
+            shown = self._shown_again(self._last, orders)
         source = self.opened.source
         live = source if isinstance(source, LiveCamera) else None
         lines = tuple(self._lines)
         self._lines.clear()
         return Answer(
             shown,
-            over=self._newest.over,
-            dropped=self._newest.dropped + (0 if live is None else live.dropped),
-            lost=self._newest.lost,
+            over=over,
+            dropped=self._dropped
+            + (0 if self._newest is None else self._newest.dropped)
+            + (0 if live is None else live.dropped),
+            lost=self._lost + (0 if self._newest is None else self._newest.lost),
             outages=0 if live is None else live.outages,
             recorded=self._recorded,
             memory_mb=resident_mb(),
@@ -149,7 +166,30 @@ class LiveSession:
     def close(self) -> None:
         """Finish the recording, and let go of the source."""
         self._stop_recording()
-        self._newest.stop()
+        if self._newest is None:
+            self.opened.source.stop()
+        else:
+            self._newest.stop()
+
+    def _read(self) -> None:
+        """Read the source, from its start where it ends."""
+        if self._newest is not None:
+            self._dropped += self._newest.dropped
+            self._lost += self._newest.lost
+        self._newest = NewestFrame(self.opened.source, paced=self.opened.paced and not self._every, every=self._every)
+
+    def _shown_again(self, last: Arrived, orders: Orders) -> Shown | None:
+        """What is ordered and the last frame has not become yet: of other kinds, in another focus, for depth."""
+        kinds = tuple(
+            kind
+            for kind in orders.kinds
+            if kind not in self._made or (kind == "refocus" and self._made[kind] != orders.focus_mm)
+        )
+        depth = orders.depth and "depth" not in self._made
+        if not kinds and not depth:
+            return None
+        wanted = replace(orders, kinds=kinds, depth=depth, frames=False, record=None, take=None)
+        return replace(self._shown(replace(last, moment=time.monotonic()), wanted), again=True)
 
     def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
         frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
@@ -163,6 +203,7 @@ class LiveSession:
                 depth = light_field.reference_depth_mm if orders.focus_mm is None else orders.focus_mm
                 jpegs["refocus"] = _jpeg(to_bytes(refocus(light_field, FocalPlane.at_depth(light_field, depth))))
         done = time.monotonic()
+        self._made |= dict.fromkeys(jpegs, orders.focus_mm) | ({"depth": None} if orders.depth else {})
         samples = self._small.decode(frame.pixels).samples if orders.depth else None
         self._record(frame, orders.record)
         measured = done - self._measured_s >= METER_S

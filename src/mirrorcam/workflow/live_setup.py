@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -19,6 +20,8 @@ from mirrorcam.optics.drift.drift import LEAST_MIRRORS
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
 
+Aligning = Literal["off", "waiting", "measuring"]
+"""Whether mirrors are compared with the layout: not, of the frames to come, or of frames that are there."""
 FRAMES = 3
 """Frames in which points of the scene are matched."""
 

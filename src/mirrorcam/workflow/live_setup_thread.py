@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.workflow.live_setup import AlignmentReport, PoseHint, add_picture, align_mirrors, open_setup
+from mirrorcam.workflow.live_setup import (
+    Aligning,
+    AlignmentReport,
+    PoseHint,
+    add_picture,
+    align_mirrors,
+    open_setup,
+)
 from mirrorcam.workflow.live_status import LiveMeters
 from mirrorcam.workflow.live_worker import LiveWorker
 
@@ -28,17 +36,23 @@ class SetupThread:
 
     def __init__(self, layout: Path, board: Path | None, meters: LiveMeters) -> None:
         self._layout, self._board = layout, board
-        self._aligning, self._anew = False, True
+        self._aligning, self._anew, self._switched = False, True, 0
         self._frames: tuple[NDArray[np.uint8], ...] = ()
         self._pictures: deque[Path] = deque()
         self._report: AlignmentReport | None = None
         self._hint: PoseHint | None = None
-        self._worker = LiveWorker("setup", self._work, meters.say)
+        self._worker = LiveWorker("setup", self._work, partial(meters.fail_part, "setup"))
 
     @property
     def report(self) -> AlignmentReport | None:
-        """What the last frames tell of the mirrors."""
+        """What the last frames tell of the mirrors; None before the first answer since that was switched on."""
         return self._report
+
+    @property
+    def aligning(self) -> Aligning:
+        """Whether mirrors are compared with the layout."""
+        with self._worker.changed:
+            return "off" if not self._aligning else "measuring" if self._frames else "waiting"
 
     @property
     def hint(self) -> PoseHint | None:
@@ -55,6 +69,8 @@ class SetupThread:
         """Compare the mirrors with the layout, again and again; switched on, from the start."""
         with self._worker.changed:
             self._aligning, self._anew, self._frames = on, True, ()
+            if on:
+                self._switched, self._report = self._switched + 1, None
 
     def give_frames(self, frames: tuple[NDArray[np.uint8], ...]) -> None:
         """Have mirrors compared in frames (h, w), grey."""
@@ -85,12 +101,13 @@ class SetupThread:
                 if ending.is_set():
                     return
                 path = self._pictures.popleft() if self._pictures else None
-                frames, anew = self._frames, self._anew
+                frames, anew, switched = self._frames, self._anew, self._switched
                 if path is None:
                     self._anew = False
             if path is not None:
                 self._hint = process.call(add_picture, path)
                 continue
-            self._report = process.call(align_mirrors, frames, anew)
+            report: AlignmentReport = process.call(align_mirrors, frames, anew)
             with changed:
-                self._frames = ()
+                if self._switched == switched:
+                    self._report, self._frames = report, ()

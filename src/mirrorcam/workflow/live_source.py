@@ -62,9 +62,14 @@ class LiveSource:
     kind: Kind
 
     @property
+    def ends(self) -> bool:
+        """Whether it ends, and may then be read again from its start: files do, cameras do not."""
+        return self.kind != "camera"
+
+    @property
     def paced(self) -> bool:
         """Whether frames of a file are to be shown when their times say."""
-        return self.kind != "camera"
+        return self.ends
 
 
 def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda line: None) -> LiveSource:

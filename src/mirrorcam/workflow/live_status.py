@@ -13,7 +13,7 @@ import numpy as np
 
 from mirrorcam.optics.alignment.exposure_meter import Exposure
 from mirrorcam.workflow.live_calibration import CalibrationState
-from mirrorcam.workflow.live_setup import AlignmentReport, PoseHint
+from mirrorcam.workflow.live_setup import Aligning, AlignmentReport, PoseHint
 from mirrorcam.workflow.live_values import Answer, Shown
 
 REMEMBERED = 120
@@ -46,12 +46,16 @@ class LiveStatus:
         Of each mirror, relative to its best so far; NaN where it cannot be told.
     exposure
         Exposure.
+    aligning
+        Whether mirrors are compared with the layout.
     alignment
-        What the last frames tell of the mirrors.
+        What the last frames tell of the mirrors; None before the first answer since that was switched on.
     hint
         What the last calibration picture showed, and where the board should be in the next one.
-    pictures
-        Number of calibration pictures taken.
+    pictures, taken
+        Number of calibration pictures taken, and the last of them.
+    pictures_kept
+        Number of all that a calibration would use, with those of earlier sessions.
     recording
         The file that frames go to, and their number.
     calibration
@@ -62,6 +66,8 @@ class LiveStatus:
         The last messages.
     failed
         Why the session has ended before its source; None where it has not.
+    failed_parts
+        Why "depth" or "setup" has ended, where it has.
     """
 
     frames: int
@@ -77,14 +83,18 @@ class LiveStatus:
     memory_mb: float
     sharpness: tuple[float, ...]
     exposure: Exposure | None
+    aligning: Aligning
     alignment: AlignmentReport | None
     hint: PoseHint | None
     pictures: int
+    taken: Path | None
+    pictures_kept: int
     recording: tuple[Path, int] | None
     calibration: CalibrationState | None
     depth_median_mm: float | None
     lines: tuple[str, ...]
     failed: str | None
+    failed_parts: dict[str, str]
 
 
 class LiveMeters:
@@ -102,6 +112,8 @@ class LiveMeters:
         self._depth_median_mm: float | None = None
         self._lines: deque[str] = deque(maxlen=LINES_KEPT)
         self._failed: str | None = None
+        self._taken: Path | None = None
+        self._failed_parts: dict[str, str] = {}
 
     @property
     def ended(self) -> bool:
@@ -117,12 +129,14 @@ class LiveMeters:
             shown = answer.shown
             if shown is None:
                 return
-            self._frames += 1
-            self._arrivals.append(shown.done_s)
-            self._latencies.append(1e3 * (shown.done_s - shown.arrived_s))
+            if not shown.again:
+                self._frames += 1
+                self._arrivals.append(shown.done_s)
+                self._latencies.append(1e3 * (shown.done_s - shown.arrived_s))
             self._sharpness = self._sharpness if shown.sharpness is None else shown.sharpness
             self._exposure = self._exposure if shown.exposure is None else shown.exposure
-            self._pictures += shown.taken is not None
+            if shown.taken is not None:
+                self._pictures, self._taken = self._pictures + 1, shown.taken
 
     def note_depth(self, shown: Shown, median_mm: float) -> None:
         """Count that depth of a frame has been measured now; the median is NaN where it is not known."""
@@ -142,11 +156,19 @@ class LiveMeters:
             self._lines.append(reason)
             self._failed = reason
 
+    def fail_part(self, part: str, reason: str) -> None:
+        """Say why "depth" or "setup" has ended; the session goes on."""
+        with self._lock:
+            self._lines.append(reason)
+            self._failed_parts[part] = reason
+
     def status(
         self,
         *,
         alignment: AlignmentReport | None,
         hint: PoseHint | None,
+        aligning: Aligning = "off",
+        pictures_kept: int = 0,
         recording: Path | None,
         calibration: CalibrationState | None,
     ) -> LiveStatus:
@@ -169,14 +191,18 @@ class LiveMeters:
                 memory_mb=0.0 if answer is None else answer.memory_mb,
                 sharpness=self._sharpness,
                 exposure=self._exposure,
+                aligning=aligning,
                 alignment=alignment,
                 hint=hint,
                 pictures=self._pictures,
+                taken=self._taken,
+                pictures_kept=pictures_kept,
                 recording=None if recording is None else (recording, 0 if answer is None else answer.recorded),
                 calibration=calibration,
                 depth_median_mm=self._depth_median_mm,
                 lines=tuple(self._lines),
                 failed=self._failed,
+                failed_parts=dict(self._failed_parts),
             )
 
 

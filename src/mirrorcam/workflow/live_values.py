@@ -82,6 +82,9 @@ class Orders:
         File that the next frame becomes, without loss.
     reset_focus
         Whether the focus meter forgets the best so far.
+    plays
+        How often a source that ends has been told to play: 0, it has not begun; once more than it has, it plays again
+        from its start, if it has ended. A camera always plays.
     timeout_s
         How long a frame is waited for.
     """
@@ -93,6 +96,7 @@ class Orders:
     record: Path | None = None
     take: Path | None = None
     reset_focus: bool = False
+    plays: int = 1
     timeout_s: float = 1.0
 
 
@@ -118,6 +122,8 @@ class Shown:
         Some of the last frames (h, w), grey.
     taken
         The file that the frame became.
+    again
+        Whether this is the last frame of a source that has ended, once more, in pictures that it has not become before.
     """
 
     number: int
@@ -130,6 +136,7 @@ class Shown:
     samples: NDArray[np.uint8] | None = None
     frames: tuple[NDArray[np.uint8], ...] = ()
     taken: Path | None = None
+    again: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,6 +105,8 @@ def test_orders_are_done_or_refused_in_one_line(client: TestClient, engine: Live
     until(client, "recording")
     assert ordered(client, "stop_recording").status_code == 200
     assert recording.parent == engine.out / "recordings"
+    playing = ordered(client, "play_again")
+    assert playing.status_code == 422 and "expected a source that has ended" in playing.text
     for wrong in ({"action": "explode"}, {"action": "focus"}, {"action": "focus", "depth_mm": -1.0}, {"on": True}):
         answer = client.post("/order", content=json.dumps(wrong), headers=JSON)
         assert answer.status_code == 422 and "\n" not in answer.text and answer.text

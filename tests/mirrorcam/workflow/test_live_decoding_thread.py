@@ -25,13 +25,13 @@ LONG_S = 60.0
 class Parts:
     """A decoding thread, and what it feeds, of which nothing else is started."""
 
-    def __init__(self, layout: Path, source: Path) -> None:
+    def __init__(self, layout: Path, source: Path, *, hold: bool = False) -> None:
         request = LiveRequest(layout, str(source), frame_width_px=160, view_width_px=60, depth_width_px=60)
         self.pictures, self.meters = LivePictures(None), LiveMeters()
         self.depth = DepthThread(layout, 60, self.pictures, self.meters)
         self.setup = SetupThread(layout, None, self.meters)
         self.decoding = DecodingThread(
-            request, pictures=self.pictures, meters=self.meters, depth=self.depth, setup=self.setup
+            request, pictures=self.pictures, meters=self.meters, depth=self.depth, setup=self.setup, hold=hold
         )
 
     @property
@@ -102,6 +102,27 @@ def test_a_file_that_cannot_be_written_ends_what_it_was_for_alone(parts: Parts, 
     assert "a.mkv" in status.lines[0]
     parts.until(lambda later: later.recording is None and later.frames > status.frames + 3)
     assert parts.status.failed is None and not parts.meters.ended
+
+
+def test_a_recording_ends_with_its_source_and_so_does_what_was_not_taken_in_time(
+    tmp_path: Path, default_layout: Layout
+) -> None:
+    layout, video = write_live_set(tmp_path, default_layout, frames=25)
+    parts = Parts(layout, video, hold=True)
+    parts.decoding.open()
+    parts.decoding.order(record=tmp_path / "a.mkv")
+    parts.decoding.start()
+    parts.decoding.play(again=False)
+    parts.until(lambda status: status.over and status.recording is None)
+    parts.until(lambda status: any("a.mkv written" in line for line in status.lines))
+    parts.decoding.take(tmp_path)
+    parts.until(lambda status: any("before the calibration picture" in line for line in status.lines))
+    shown = parts.status.frames
+    parts.decoding.play(again=False)
+    parts.decoding.play(again=True)
+    parts.until(lambda status: status.over and status.frames > shown)
+    assert parts.status.pictures == 0 and parts.status.failed is None
+    parts.decoding.close()
 
 
 def test_a_source_that_is_not_there_is_refused(live_set: tuple[Path, Path], tmp_path: Path) -> None:

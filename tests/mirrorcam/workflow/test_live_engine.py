@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from shutil import copyfile
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.optics.light_field.io.video import Video
-from mirrorcam.workflow.live_engine import LiveEngine
+from mirrorcam.workflow.live_engine import LEAST_PICTURES, LiveEngine
 from mirrorcam.workflow.live_status import LiveStatus
 from mirrorcam.workflow.live_values import LiveRequest
 from tests.mirrorcam.small_set import BOARD
@@ -137,10 +138,13 @@ def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path)
     layout, frames = finished_set / "layout.json", finished_set / "frames"
     request = LiveRequest(layout, str(frames), view_width_px=60, depth_width_px=60)
     with LiveEngine(request, out=tmp_path, board=finished_set / "board.toml") as engine:
-        with pytest.raises(InputError, match="holds no picture"):
-            engine.calibrate()
-        engine.take_picture()
+        taken = engine.take_picture()
         until(engine, lambda status: status.pictures == 1)
+        with pytest.raises(InputError, match=r"number of calibration pictures is 1, expected 5 or more"):
+            engine.calibrate()
+        for number in range(2, LEAST_PICTURES + 1):
+            copyfile(taken, taken.with_name(f"picture_{number:04}.png"))
+        assert engine.status().pictures_kept == LEAST_PICTURES and engine.status().taken == taken
         out = engine.calibrate()
         assert out == tmp_path / "calibrations" / "calibration_0001"
         with pytest.raises(InputError, match="a calibration runs already"):
@@ -148,6 +152,28 @@ def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path)
         ended = until(engine, lambda status: status.calibration is not None and status.calibration.state != "running")
         assert ended.calibration is not None and ended.calibration.state == "failed"
         assert "corners" in ended.calibration.lines[-1]
+
+
+def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
+    default_layout: Layout, tmp_path: Path
+) -> None:
+    layout, video = write_live_set(tmp_path, default_layout)
+    request = LiveRequest(layout, str(video), frame_width_px=240, view_width_px=100, depth_width_px=80, every=True)
+    with LiveEngine(request, out=tmp_path / "out", hold=True) as engine:
+        assert engine.wait_for("frame", 0, 2.0) is None and engine.status().frames == 0
+        with pytest.raises(InputError, match="expected a source that has ended"):
+            engine.play_again()
+        engine.begin()
+        engine.begin()
+        assert until(engine, lambda status: status.over).frames == 12
+        last = engine.wait_for("frame", 0, LONG_S)
+        with pytest.raises(InputError, match="has ended"):
+            engine.record()
+        engine.play_again()
+        assert until(engine, lambda status: status.over and status.frames > 12).frames == 24
+        again = engine.wait_for("frame", 0, LONG_S)
+        assert last is not None and again is not None
+        assert again.frame == last.frame == 11 and again.jpeg == last.jpeg and again.serial == 2 * last.serial
 
 
 def test_what_cannot_be_opened_is_refused_and_leaves_no_process(live_set: tuple[Path, Path], tmp_path: Path) -> None:

@@ -62,6 +62,41 @@ def test_the_source_ends_after_every_frame(session: LiveSession) -> None:
     assert numbers == list(range(12)) and answer.dropped == 0 and answer.lost == 0
 
 
+def test_a_video_waits_for_its_orders_and_plays_as_often_as_they_say(session: LiveSession) -> None:
+    waiting = session.next(Orders(plays=0))
+    assert waiting.shown is None and not waiting.over
+    numbers = []
+    for plays in (1, 2):
+        over = False
+        while not over:
+            answer = session.next(Orders(kinds=(), plays=plays))
+            over = answer.over
+            numbers += [] if answer.shown is None else [answer.shown.number]
+    assert numbers == 2 * list(range(12))
+
+
+def test_an_order_to_play_again_before_the_end_changes_nothing(session: LiveSession) -> None:
+    numbers = []
+    for plays in (1, 1, 2, 3):
+        shown = session.next(Orders(kinds=(), plays=plays)).shown
+        assert shown is not None
+        numbers.append(shown.number)
+    assert numbers == [0, 1, 2, 3]
+
+
+def test_the_last_frame_becomes_what_is_ordered_after_the_end_once(session: LiveSession) -> None:
+    while not session.next(Orders(kinds=("frame",))).over:
+        pass
+    orders = Orders(kinds=("frame", "views", "refocus"), depth=True)
+    shown = session.next(orders).shown
+    assert shown is not None and shown.again and shown.number == 11
+    assert set(shown.jpegs) == {"views", "refocus"} and shown.samples is not None
+    assert session.next(orders).shown is None
+    focused = session.next(replace(orders, focus_mm=230.0)).shown
+    assert focused is not None and set(focused.jpegs) == {"refocus"} and focused.samples is None
+    assert focused.jpegs["refocus"] != shown.jpegs["refocus"]
+
+
 def test_the_views_picture_is_that_of_tiles(default_layout: Layout) -> None:
     layout = small(default_layout)
     light_field = Decoder(layout, width_px=100).decode(frame(layout))

@@ -46,13 +46,14 @@ def thread(tmp_path: Path, device: Layout) -> Iterator[SetupThread]:
 
 
 def test_frames_are_wanted_while_aligning_is_on_and_none_wait(thread: SetupThread, device: Layout) -> None:
-    assert not thread.wants_frames
+    assert not thread.wants_frames and thread.aligning == "off"
     thread.align(True)
-    assert thread.wants_frames
+    assert thread.wants_frames and thread.aligning == "waiting"
     thread.give_frames((frame(device)[..., 0],))
     assert not thread.wants_frames
+    assert thread.aligning == "measuring"
     thread.align(False)
-    assert not thread.wants_frames
+    assert not thread.wants_frames and thread.aligning == "off"
 
 
 def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, device: Layout, tmp_path: Path) -> None:
@@ -65,6 +66,10 @@ def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, devi
     until(lambda: thread.report is not None)
     assert thread.hint is not None and thread.hint.picture == "a.png"
     until(lambda: thread.wants_frames)
+    thread.align(False)
+    assert thread.report is not None
+    thread.align(True)
+    assert thread.report is None
 
 
 def test_a_picture_that_cannot_be_read_is_told(thread: SetupThread, tmp_path: Path) -> None:
@@ -75,3 +80,5 @@ def test_a_picture_that_cannot_be_read_is_told(thread: SetupThread, tmp_path: Pa
     until(lambda: bool(lines(meters)))
     other.close()
     assert "none.png" in lines(meters)[0] and not meters.ended
+    failed = meters.status(alignment=None, hint=None, recording=None, calibration=None).failed_parts
+    assert failed == {"setup": lines(meters)[0]}

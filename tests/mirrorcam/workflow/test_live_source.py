@@ -25,7 +25,13 @@ def test_a_video_and_a_folder_are_told_apart(tmp_path: Path) -> None:
     for number, picture in enumerate(shown):
         write_image(tmp_path / "frames" / f"{number}.png", picture)
     opened = open_source(str(video), CAMERA)
-    assert opened.kind == "video" and opened.name == "a.avi" and opened.paced and isinstance(opened.source, Video)
+    assert (
+        opened.kind == "video"
+        and opened.name == "a.avi"
+        and opened.paced
+        and opened.ends
+        and isinstance(opened.source, Video)
+    )
     opened = open_source(str(tmp_path / "frames"), CAMERA)
     assert opened.kind == "folder" and opened.paced
     read = [item for item in opened.source.frames() if isinstance(item, Frame)]

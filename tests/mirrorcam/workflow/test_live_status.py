@@ -51,6 +51,23 @@ def test_what_was_not_measured_stays_as_it_was() -> None:
     meters.note(answer(None))
     found = status(meters)
     assert found.sharpness == (0.5, 1.0) and found.frames == 2 and found.pictures == 1
+    assert found.taken == Path("a.png")
+
+
+def test_the_last_frame_once_more_is_no_other_frame() -> None:
+    meters, now = LiveMeters(), time.monotonic()
+    meters.note(answer(shown(now, 10.0)))
+    meters.note(answer(shown(now, 500.0, again=True), over=True))
+    found = status(meters)
+    assert found.frames == 1 and found.latency_p95_ms == pytest.approx(10.0) and found.over
+
+
+def test_a_part_that_fails_does_not_end_the_session() -> None:
+    meters = LiveMeters()
+    meters.fail_part("depth", "views share no field")
+    found = status(meters)
+    assert found.failed_parts == {"depth": "views share no field"} and found.lines == ("views share no field",)
+    assert not meters.ended
 
 
 def test_depth_has_its_own_rate_and_is_not_known_everywhere() -> None:

@@ -3,9 +3,11 @@
 (() => {
   const BINS = 32;
   const POLL_MS = 250;
+  const MEASURING = "Measuring … The first answer takes some seconds.";
   const start = JSON.parse(document.getElementById("start").textContent);
   const { about } = start;
   const at = (id) => document.getElementById(id);
+  const UNTICKED = at("camera").textContent;
   const names = Object.keys(start.outlines);
   const overlay = new Studio.Overlay(at("overlay"), about, start.outlines);
   const sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
@@ -16,6 +18,13 @@
     at("recorded").textContent = error.message;
   };
   const order = (action, fields) => Studio.order(action, fields).catch(told);
+  const allow = (id, reason) => {
+    const button = at(id);
+    if (!button) return;
+    button.disabled = reason !== null;
+    button.title = reason ?? "";
+  };
+  const fileName = (path) => path.split(/[\\/]/).pop();
 
   // The slider is even in 1 / depth, as focus is.
   const [nearest, farthest] = [Math.max(about.near_mm, about.least_focus_mm + 1), about.far_mm * 2];
@@ -63,15 +72,37 @@
   };
 
   at("outlines").addEventListener("change", (event) => overlay.show(event.target.checked));
-  at("align").addEventListener("change", (event) => order("align", { on: event.target.checked }));
+  // What the server answers about the time before a tick is not shown after it.
+  let ticks = 0;
+  let ticking = false;
+  at("align").addEventListener("change", async (event) => {
+    const tick = (ticks += 1);
+    ticking = true;
+    if (event.target.checked) {
+      at("camera").textContent = MEASURING;
+      at("tilts").replaceChildren();
+    } else at("camera").textContent = at("tilts").children.length ? at("camera").textContent : UNTICKED;
+    await order("align", { on: event.target.checked });
+    if (tick === ticks) ticking = false;
+  });
   at("reset").addEventListener("click", () => order("reset_focus"));
   at("record").addEventListener("click", () => order(at("record").classList.contains("on") ? "stop_recording" : "record"));
-  at("take")?.addEventListener("click", () => order("take_picture"));
+  at("again")?.addEventListener("click", () => order("play_again"));
+  at("take")?.addEventListener("click", () => {
+    taking = at("hint").textContent;
+    at("hint").textContent = "Taking the next frame …";
+    Studio.order("take_picture").catch((error) => {
+      told(error);
+      at("hint").textContent = taking;
+      taking = null;
+    });
+  });
   at("calibrate")?.addEventListener("click", () => order("calibrate"));
 
   const STATES = { running: "calibrating …", done: "calibrated", alarm: "calibrated, with an alarm", failed: "no calibration", cancelled: "cancelled" };
   let drawn = "";
-  let hinted = "";
+  let taken = 0;
+  let taking = null; // the hint before a picture that is being taken
 
   const showMeters = (status) => {
     sharpness.show(status.sharpness);
@@ -80,15 +111,41 @@
     at("advice").textContent = `exposure: ${status.exposure.advice}`;
   };
 
+  // A picture that is saved is told at once; what it shows, when that has been found.
+  const showHint = (status) => {
+    if (taking !== null) {
+      if (status.pictures === taken && !status.over) return;
+      at("hint").textContent = taking;
+      taking = null;
+    }
+    taken = status.pictures;
+    if (!status.taken) return;
+    const { hint } = status;
+    const name = fileName(status.taken);
+    const found = hint?.picture === name ? `${hint.views} of ${names.length} mirrors show the board; ${hint.sentence}` : status.failed_parts.setup ?? "finding the board in it …";
+    const text = `Picture ${status.pictures_kept} is saved, ${name}: ${found}`;
+    if (text !== at("hint").textContent) at("hint").textContent = text;
+  };
+
+  const allowButtons = (status) => {
+    const { calibration, pictures_kept: kept } = status;
+    const ended = status.failed ? "the session has ended" : status.over ? `${about.source} has ended: play it again first` : null;
+    allow("again", status.over && !status.failed ? null : status.failed ? "the session has ended" : `${about.source} plays now`);
+    allow("record", status.recording ? null : ended);
+    allow("take", ended);
+    const few = kept < start.least_pictures ? `${kept} calibration pictures are there, calibration needs ${start.least_pictures} or more` : null;
+    allow("calibrate", calibration?.state === "running" ? "a calibration runs" : few);
+  };
+
   const showFiles = (status) => {
+    allowButtons(status);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
     if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
     if (!start.board) return;
-    const { hint, calibration } = status;
-    const text = hint ? `${hint.picture}: ${hint.views} of ${names.length} mirrors show the board; ${hint.sentence}` : "";
-    if (text && text !== hinted) at("hint").textContent = hinted = text;
+    showHint(status);
+    const { calibration } = status;
     if (!calibration) return;
     const link = calibration.page ? [" ", Studio.element("a", { href: calibration.page, target: "_blank", rel: "noopener" }, "Report")] : [];
     const words = STATES[calibration.state];
@@ -99,14 +156,19 @@
     at("lines").textContent = calibration.lines.join("\n");
   };
 
-  const showAlignment = (alignment) => {
+  const showAlignment = (status) => {
+    const { alignment, aligning } = status;
     overlay.edges(at("align").checked ? alignment : null);
-    if (!alignment) return;
+    if (!alignment) {
+      const ended = status.over ? `${about.source} has ended: play it again to compare the mirrors.` : MEASURING;
+      if (aligning !== "off") at("camera").textContent = status.failed_parts.setup ?? (aligning === "waiting" ? ended : MEASURING);
+      return;
+    }
     at("camera").textContent = `By edges: ${alignment.camera}. By points: ${alignment.points} matched. Where a tilt says right, the mirror turns its view to the right, by twice as much.`;
     Studio.drawTilts(at("tilts"), alignment);
   };
 
-  const show = (status) => {
+  const show = (status, ticked) => {
     const line = at("status");
     const late = status.latency_ms === null ? "" : `, ${status.latency_ms.toFixed(0)} ms late`;
     line.className = `status ${status.failed ? "failed" : status.over ? "preview" : status.frames ? "exact" : "solving"}`;
@@ -115,18 +177,28 @@
     at("failed").textContent = status.failed ?? "";
     const gone = status.outages ? `, gone ${status.outages} times` : "";
     at("counts").textContent = `frame ${status.frames}, ${status.dropped} dropped, ${status.lost} lost${gone}; ${(status.memory_mb ?? 0).toFixed(0)} MB`;
-    const unknown = about.layout_kind === "nominal" ? ", not known in the middle: calibrate first" : ", not known in the middle";
-    const middle = status.depth_median_mm === null ? unknown : `, ${status.depth_median_mm.toFixed(0)} mm in the middle; click to focus there`;
-    if (!pointed) at("depth-text").textContent = `${status.depth_hz.toFixed(1)} a second${middle}`;
+    if (!pointed) at("depth-text").textContent = depthText(status);
     showMeters(status);
     showFiles(status);
-    showAlignment(status.alignment);
+    if (!ticking && ticked === ticks) {
+      at("align").checked = status.aligning !== "off";
+      showAlignment(status);
+    }
+  };
+
+  const depthText = (status) => {
+    if (status.failed_parts.depth) return status.failed_parts.depth;
+    if (!at("depth").dataset.serial) return "starting …";
+    const unknown = about.layout_kind === "nominal" ? "not known in the middle: calibrate first" : "not known in the middle";
+    const middle = status.depth_median_mm === null ? unknown : `${status.depth_median_mm.toFixed(0)} mm in the middle; click to focus there`;
+    return status.over ? middle : `${status.depth_hz.toFixed(1)} a second, ${middle}`;
   };
 
   const follow = async () => {
     for (;;) {
       try {
-        show(await (await fetch("/status")).json());
+        const ticked = ticking ? -1 : ticks;
+        show(await (await fetch("/status")).json(), ticked);
         if (pointed) {
           const found = await depthAt(...pointed);
           at("depth-text").textContent = found === null ? "not known there" : `${found} mm there; click to focus`;

@@ -3,6 +3,7 @@
 (() => {
   const { element, svg, path } = Studio;
   const LARGER = 5;
+  const LETTER_PX = 14;
 
   Studio.Overlay = class {
     constructor(host, about, outlines) {
@@ -10,13 +11,27 @@
       host.setAttribute("viewBox", `0 0 ${about.camera_px[0]} ${about.camera_px[1]}`);
       host.setAttribute("preserveAspectRatio", "none");
       this.outlines = svg("g");
+      this.labels = [];
       this.seen = svg("g");
       for (const [name, points] of Object.entries(outlines)) {
         const [left, top, right, bottom] = Studio.bounds(points);
-        const label = svg("text", { x: (left + right) / 2, y: (top + bottom) / 2 + 12 }, name);
-        this.outlines.append(svg("path", { d: path(points), class: "outline" }), label);
+        const label = { x: (left + right) / 2, y: (top + bottom) / 2, width: right - left, letters: name.length, plate: svg("rect"), text: svg("text", {}, name) };
+        this.labels.push(label);
+        this.outlines.append(svg("path", { d: path(points), class: "outline" }), label.plate, label.text);
       }
       host.append(this.outlines, this.seen);
+      new ResizeObserver(() => this.fit(about.camera_px[0] / Math.max(host.clientWidth, 1))).observe(host);
+    }
+
+    // Names have one size on the screen, however large the frame is drawn, and a plate; both fit into their sub-images.
+    fit(scale) {
+      for (const { x, y, width, letters, plate, text } of this.labels) {
+        const size = Math.min(LETTER_PX * scale, (0.9 * width) / (0.6 * letters + 0.8));
+        const wide = (0.6 * letters + 0.8) * size;
+        const at = { x: x - wide / 2, y: y - 0.75 * size, width: wide, height: 1.5 * size, rx: 0.35 * size };
+        for (const [key, value] of Object.entries(at)) plate.setAttribute(key, value.toFixed(1));
+        for (const [key, value] of Object.entries({ x, y: y + 0.35 * size, "font-size": size })) text.setAttribute(key, value.toFixed(1));
+      }
     }
 
     show(on) {
