@@ -36,7 +36,9 @@ def write_device(
 ) -> dict[str, Metric]:
     """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
-    made: list[Call] = [(make_part, (plan, device.hardware.printer, out, previous)) for plan in plans]
+    made: list[Call] = [
+        (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
+    ]
     done, total = 0, len(made) + 3 + PICTURES
 
     def step() -> None:

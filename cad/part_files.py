@@ -7,7 +7,8 @@ from pathlib import Path, PurePosixPath
 
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.documents import write_drawing
-from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.cad.documents.title_block import issue_date
+from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
 from mirrorcam.cad.write.slicer import slicer_version
@@ -30,13 +31,15 @@ class _Record(Value):
     part: BuiltPart
 
 
-def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None) -> BuiltPart:
+def make_part(
+    part: PartPlan, printer: Printer, out: Path, previous: Path | None, screw: Fastening = HARDWARE.screw
+) -> BuiltPart:
     """Make and check the files of a part in `out`, or take them over from `previous`, an earlier folder.
 
     `out/parts` gets NAME.step, .stl and .3mf, `out/drawings` NAME.svg and .pdf. Raises InputError where the part cannot
-    be made.
+    be made. `screw` says on the drawing which holes are for inserts and nuts.
     """
-    key = _key(part, printer)
+    key = _key(part, printer, screw)
     if previous and (built := _take_over(part, key, out, previous)):
         return built
     solid = part.make(part.plan)
@@ -46,7 +49,7 @@ def make_part(part: PartPlan, printer: Printer, out: Path, previous: Path | None
     write_step(step, solid)
     write_stl(stl, solid)
     write_3mf(threemf, stl, part, printer)
-    drawings = write_drawing(out / "drawings", solid, part, printer)
+    drawings = write_drawing(out / "drawings", solid, part, printer, screw)
     mass = mass_properties(solid, printer.plastic_g_per_cm3)
     built = BuiltPart.of(part, folder, mass, check_part(part, folder, printer))
     files = {path.relative_to(out).as_posix(): file_digest(path) for path in (step, stl, threemf, *drawings)}
@@ -84,10 +87,15 @@ def _record_path(out: Path, part: PartPlan) -> Path:
     return out / "parts" / f".{part.name}.json"
 
 
-def _key(part: PartPlan, printer: Printer) -> str:
-    """Return what decides about a part's files: its plan, how it lies and is called, the printer, code, libraries."""
+def _key(part: PartPlan, printer: Printer, screw: Fastening) -> str:
+    """Return what decides about a part's files: its plan, place and name, printer, screws, date, code, libraries."""
     return Fingerprint(
-        parameters={"part": plain(part), "printer": plain(printer)},
+        parameters={
+            "part": plain(part),
+            "printer": plain(printer),
+            "screw": plain(screw),
+            "date": issue_date(),
+        },
         sources={module: source_digest(module) for module in SOURCES},
         versions=versions("cad") | {"slicer": slicer_version() or NOT_INSTALLED},
     ).digest

@@ -1,4 +1,4 @@
-"""Dimensions on the views of a drawing: tiers of dimension lines below and left of a view, notes of holes above it."""
+"""Dimensions on the views of a drawing: each in the view that shows it best, and notes of holes above the views."""
 
 from __future__ import annotations
 
@@ -8,35 +8,32 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from shapely import MultiLineString, Polygon
+from shapely import LineString, MultiLineString, Polygon
 
-from mirrorcam.cad.documents.drawing_sheet import ARROW_MM, INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.dimension_lines import (
+    BESIDE_MM,
+    FIRST_TIER_MM,
+    LINE_MM,
+    TEXT_MM,
+    TIERS_MM,
+    LinearDimension,
+    draw_tiers,
+    has_room,
+)
+from mirrorcam.cad.documents.drawing_sheet import INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.hole_callouts import DEPTH
 from mirrorcam.cad.documents.part_views import PlacedView
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.optics.base.values import FloatArray
 
-LINE_MM = 0.18
-TEXT_MM = 2.5
-FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
+AXIS_MM = 0.13
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
 # Leaders lean by this much per mm upwards, so that they differ from edges of the part.
 LEAN = 0.27
-BESIDE_MM = 1.0
 PARALLEL = 1e-4
+# Where along an aligned dimension its text is tried: the middle first.
+ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
-
-
-@dataclass(frozen=True)
-class LinearDimension:
-    """A dimension along x or y: coordinates (2,) along and across it of both its ends, mm on paper, and its text."""
-
-    along: FloatArray
-    across: FloatArray
-    words: str
-
-    @property
-    def span(self) -> float:
-        return float(np.ptp(self.along))
 
 
 @dataclass(frozen=True)
@@ -71,8 +68,16 @@ def number(value_mm: float) -> str:
     return f"{value_mm:.2f}".rstrip("0").rstrip(".")
 
 
-def annotate(sheet: DrawingSheet, placed: Sequence[PlacedView], dimensions: Iterable[Length | Hole]) -> None:
-    """Draw overall dimensions and those of the plan, each in the view that shows it best."""
+def annotate(
+    sheet: DrawingSheet,
+    placed: Sequence[PlacedView],
+    dimensions: Iterable[Length | Hole],
+    room_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
+) -> None:
+    """Draw overall dimensions and those of the plan, each in the view that shows it best.
+
+    `room_mm` is free left of the views and below them.
+    """
     jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
     holes: dict[tuple[int, str], list[Hole]] = defaultdict(list)
@@ -82,16 +87,24 @@ def annotate(sheet: DrawingSheet, placed: Sequence[PlacedView], dimensions: Iter
         else:
             axis = dimension.axis_in_rig / np.linalg.norm(dimension.axis_in_rig)
             facing = [abs(float(view.view.axes_in_rig[2] @ axis)) for view in placed]
-            words = f"Ø{number(dimension.diameter_mm)} {dimension.text}".strip()
-            holes[int(np.argmax(np.round(facing, 6))), words].append(dimension)
+            index = int(np.argmax(np.round(facing, 6)))
+            holes[index, _callout(dimension, axis @ placed[index].view.axes_in_rig[2])].append(dimension)
     for (index, words), group in holes.items():
         _holes(sheet, placed[index], jobs[index], words, group)
     for view, job in zip(placed, jobs, strict=True):
-        _draw_tiers(sheet, view.box, job.below, upright=False)
-        _draw_tiers(sheet, view.box, job.left, upright=True)
+        draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False)
+        draw_tiers(sheet, view.box, job.left, room_mm[0], upright=True)
         for aligned in job.askew:
             _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
+
+
+def _callout(hole: Hole, away: float) -> str:
+    """The words at a hole, whose axis points `away` from the viewer by this cosine."""
+    size = number(hole.diameter_mm)
+    words = f"hex {size} A/F {hole.text}" if hole.form == "hexagon" else f"Ø{size} {hole.text}"
+    blind = hole.cut_mm is not None and DEPTH in hole.text
+    return f"{words.strip()} (far side)" if blind and away > 0.5 else words.strip()
 
 
 def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
@@ -137,7 +150,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
     radius = group[0].diameter_mm / 2.0 * placed.scale
     arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
     marks = [centre + turned for centre in centres for turned in (arms, arms[:, ::-1])]
-    sheet.lines(marks, 0.13, INK, CENTRE_DASHES_MM)
+    sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
     count = f"{len(group)}x " if len(group) > 1 else ""
     # The hole whose leader is shortest.
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
@@ -150,8 +163,15 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
         places = np.unique(np.round(centres[:, coordinate], 3))
         if len(places) > 4:
             continue
+        middle = float(placed.box[:, coordinate].mean())
+        edge = float(places[0] - low[coordinate])
+        if abs(places.mean() - middle) < 1e-2 and not has_room(edge, number(edge / placed.scale)):
+            # Symmetric, as the axis says: only how far the holes are apart.
+            _axis(sheet, placed.box, coordinate, middle)
+            stops = []
+        else:
+            stops = [(float(low[coordinate]), float(low[1 - coordinate]))]
         nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in places]
-        stops = [(float(low[coordinate]), float(low[1 - coordinate]))]
         stops += [(float(at), float(start)) for at, start in zip(places, nearest, strict=True)]
         for (here, from_here), (there, from_there) in pairwise(stops):
             if there - here < 1e-3:
@@ -160,58 +180,12 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
             _add(tier, LinearDimension(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
 
 
-def _draw_tiers(sheet: DrawingSheet, box: FloatArray, linears: Sequence[LinearDimension], *, upright: bool) -> None:
-    """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line."""
-    tiers: list[list[tuple[float, float]]] = []
-    chosen = []
-    for linear in sorted(linears, key=lambda item: (item.span, item.along.min(), item.words)):
-        width = text_width_mm(linear.words, TEXT_MM)
-        low, high = _covers(linear, width)
-        busy = [k for k, tier in enumerate(tiers) if any(low < b + 1.0 and high > a - 1.0 for a, b in tier)]
-        level = max(busy) + 1 if busy else 0
-        if level == len(tiers):
-            tiers.append([])
-        tiers[level].append((low, high))
-        chosen.append((level, linear, width))
-    pitch = min(TIER_PITCH_MM, (TIERS_MM - FIRST_TIER_MM - BESIDE_MM) / max(len(tiers) - 1, 1))
-    edge = float(box[0, 0 if upright else 1])
-    for level, linear, width in chosen:
-        _draw_linear(sheet, linear, edge - FIRST_TIER_MM - level * pitch, width, upright=upright)
-
-
-def _fits(linear: LinearDimension, width: float) -> bool:
-    return linear.span >= width + 2.0 * ARROW_MM[0] + 1.0
-
-
-def _covers(linear: LinearDimension, width: float) -> tuple[float, float]:
-    """The stretch of a tier that a dimension line and its text take up."""
-    low, high = float(linear.along.min()), float(linear.along.max())
-    return (low, high) if _fits(linear, width) else (low - ARROW_MM[0] - 1.5, high + ARROW_MM[0] + width + 2.0)
-
-
-def _draw_linear(sheet: DrawingSheet, linear: LinearDimension, tier: float, width: float, *, upright: bool) -> None:
-    def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
-        array = np.array(points)
-        return array[:, ::-1] if upright else array
-
-    order = np.argsort(linear.along)
-    (low, high), starts = linear.along[order], linear.across[order]
-    lines = [
-        on_sheet([(at, start - BESIDE_MM), (at, tier - 1.5)]) for at, start in zip((low, high), starts, strict=True)
-    ]
-    inside = _fits(linear, width)
-    reach = 0.0 if inside else ARROW_MM[0] + 1.5
-    end = high + reach + (0.0 if inside else width)
-    lines.append(on_sheet([(low - reach, tier), (end, tier)]))
-    sheet.lines(lines, LINE_MM)
-    sign = -1.0 if inside else 1.0
-    for tip, direction in ((low, sign), (high, -sign)):
-        sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
-    middle = (low + high) / 2.0 if inside else high + reach + width / 2.0
-    if upright:
-        sheet.text((tier - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
-    else:
-        sheet.text((middle, tier + 0.9), linear.words, TEXT_MM, align="center")
+def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
+    """The axis of symmetry of a view, across x or y."""
+    ends = np.array([[at, box[0, 1] - 3.0], [at, box[1, 1] + 3.0]])
+    if coordinate:
+        ends = np.array([[box[0, 0] - 3.0, at], [box[1, 0] + 3.0, at]])
+    sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
 
 
 def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
@@ -235,7 +209,17 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     sheet.arrow_head(ends[0], -along)
     sheet.arrow_head(ends[1], along)
     angle = float(np.degrees(np.arctan2(along[1], along[0])))
-    sheet.text(ends.mean(axis=0) + 0.9 * normal, aligned.words, TEXT_MM, align="center", turn_deg=angle)
+    half = text_width_mm(aligned.words, TEXT_MM) / 2.0 * along
+    drawn = [line for line, _ in sheet.drawn]
+
+    def crossings(middle: FloatArray) -> int:
+        box = Polygon(
+            [middle - half, middle + half, middle + half + TEXT_MM * normal, middle - half + TEXT_MM * normal]
+        )
+        return sum(box.intersects(LineString(line)) for line in drawn)
+
+    middles = [start + out + share * (end - start) + 0.9 * normal for share in ALONG]
+    sheet.text(min(middles, key=crossings), aligned.words, TEXT_MM, align="center", turn_deg=angle)
 
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mirrorcam.cad.documents.hole_callouts import DEPTH
 from mirrorcam.cad.holder.holder_plan import HolderPlan
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole
 from mirrorcam.cad.plan.seats import newell_normal
@@ -15,9 +16,9 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     screw = plan.screw
     if screw.kind == "insert":
-        diameter, text = screw.insert_hole_mm, f"depth {screw.insert_depth_mm:g}, M3 heat-set insert (far side)"
+        diameter, text = screw.insert_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g}, insert M3 (far side)"
     else:
-        diameter, text = screw.clearance_hole_mm, "for M3, captive nut (far side)"
+        diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g}, slot for nut M3 (far side)"
     return tuple(
         Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -33,13 +33,16 @@ class Length:
 class Hole:
     """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
-    Holes of one diameter, axis and text are drawn as one: "4x Ø3.4".
+    Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
+    the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats.
     """
 
     centre_in_rig: FloatArray
     axis_in_rig: FloatArray
     diameter_mm: float
     text: str = ""
+    cut_mm: float | None = None
+    form: Literal["round", "hexagon"] = "round"
 
 
 @dataclass(frozen=True)

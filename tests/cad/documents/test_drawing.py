@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -18,9 +21,12 @@ from shapely import LineString, Polygon
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.documents.annotation import number
-from mirrorcam.cad.documents.drawing import MATERIAL_MM, SMALL_MM, VISIBLE_MM, draw, write_drawing
+from mirrorcam.cad.documents.dimension_lines import LINE_MM
+from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.documents.title_block import GENERAL_TOLERANCE, MATERIAL_MM
 from mirrorcam.cad.plan.cuts import PiecePlan
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from tests.hostile_names import ACCEPTED
@@ -50,6 +56,14 @@ def crossed(sheet: DrawingSheet) -> list[str]:
         words.text
         for words in sheet.words
         if any(Polygon(words.corners).buffer(-0.1).intersects(edge) for edge in edges)
+    ]
+
+
+def struck(sheet: DrawingSheet) -> list[str]:
+    """Words that a dimension, extension or leader line runs through."""
+    lines = [LineString(line) for line, width in sheet.drawn if width == LINE_MM]
+    return [
+        words.text for words in sheet.words if any(Polygon(words.corners).buffer(-0.2).intersects(a) for a in lines)
     ]
 
 
@@ -115,13 +129,56 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
     assert "40" not in said
 
 
-@pytest.mark.parametrize("name", ["mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"])
-def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
+NAMES = ("mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
+
+
+@cache
+def drawn(device: Device, name: str) -> DrawingSheet:
+    """The drawing of a part of the default device."""
     part = next(part for part in parts_of(device) if part.name == name)
-    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    return draw(part.make(part.plan), part, HARDWARE.printer)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
+    sheet = drawn(device, name)
     assert overlaps(sheet) == []
     assert outside(sheet) == []
     assert crossed(sheet) == []
+    assert struck(sheet) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
+    """By its size, as often as the plan has it, each with its depth or that it goes through."""
+    plan = next(part.plan for part in parts_of(device) if part.name == name)
+    wanted: Counter[str] = Counter()
+    for cut in plan.cuts:
+        if isinstance(cut, Bore):
+            wanted[f"Ø{number(2.0 * cut.radius_mm)}"] += 1
+        elif isinstance(cut, Hexagon):
+            wanted[f"hex {number(cut.flats_mm)}"] += 1
+    assert called_out(drawn(device, name)) == wanted
+
+
+def called_out(sheet: DrawingSheet) -> Counter[str]:
+    """How often a drawing calls out holes of each size with a depth or as through."""
+    found: Counter[str] = Counter()
+    for words in sheet.words:
+        if match := re.fullmatch(r"(?:(\d+)x )?(Ø[\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text):
+            found[match[2]] += int(match[1] or 1)
+    return found
+
+
+def test_a_drawing_states_one_general_tolerance_its_revision_and_its_date(
+    block: Callable[..., PartPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    part = block()
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    assert [text for text in said if "±" in text or "2768" in text] == [GENERAL_TOLERANCE]
+    assert part.identity in said
+    assert "2023-11-14" in said
 
 
 def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None:
@@ -138,7 +195,7 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     apart = np.ptp(holder.holes_in_mount_mm, axis=0)
     assert f"{number(apart[1])} head screws" in said
     assert number(apart[0]) in said
-    assert "4x Ø3.4" in said
+    assert "4x Ø3.4 through M3" in said
 
 
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:

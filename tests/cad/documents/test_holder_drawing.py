@@ -38,6 +38,7 @@ def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout
     said = [words.text for words in sheet.words]
     assert overlaps(sheet) == []
     assert outside(sheet) == []
+    assert "4x Ø4 ↧6.7 insert M3 (far side)" in said
     # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
     back = part.print_from_rig[2, :3]
     for index, mirror in enumerate(layout.mirrors):

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hole_dimensions import holes
 
 
-def test_holes_are_read_from_the_cuts_without_the_drivers_ways() -> None:
-    down, at = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0])
+def test_every_hole_is_read_from_the_cuts_with_what_its_tool_cuts() -> None:
+    down, at, up = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0])
     screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
-    slot = Bore(np.zeros(3), down, 1.7, 4.0, np.array([1.0, 0.0, 0.0]), 8.0)
-    found = holes((screw, driver, slot, "another cut"))
-    assert [(hole.diameter_mm, hole.text) for hole in found] == [(3.4, ""), (3.4, "slot, 8 travel")]
-    # Beside the screw, the same wide bore is a hole of its own.
-    assert len(holes((screw, replace(driver, mouth=np.array([9.0, 0.0, 0.0]))))) == 2
+    slot, nut = Bore(np.zeros(3), down, 1.7, 4.0, up, 8.0), Hexagon(at, down, up, 5.7, 2.6)
+    found = holes((screw, driver, slot, nut, "another cut"))
+    assert [(hole.diameter_mm, hole.text) for hole in found] == [
+        (3.4, ""),
+        (6.4, ""),
+        (3.4, "slot, 8 travel"),
+        (5.7, ""),
+    ]
+    assert [hole.form for hole in found] == ["round", "round", "round", "hexagon"]
+    # A bore begins a little outside the material; what is cut is counted from its face.
+    for hole, cut in zip(found, (screw, driver, slot, nut), strict=True):
+        assert hole.cut_mm is not None
+        end = hole.centre_in_rig + hole.cut_mm * hole.axis_in_rig
+        np.testing.assert_allclose(end, cut.mouth + cut.depth_mm * cut.axis, atol=1e-12)

@@ -1,0 +1,107 @@
+"""Dimension lines along x and y of a view, in tiers below and left of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.documents.drawing_sheet import ARROW_MM, DrawingSheet, text_width_mm
+from mirrorcam.optics.base.values import FloatArray
+
+LINE_MM = 0.15
+TEXT_MM = 2.5
+FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
+BESIDE_MM = 1.0
+# Dimension lines that meet in an arrow head overlap by no more than this.
+TOUCH_MM = 0.05
+
+
+@dataclass(frozen=True)
+class LinearDimension:
+    """A dimension along x or y: coordinates (2,) along and across it of both its ends, mm on paper, and its text."""
+
+    along: FloatArray
+    across: FloatArray
+    words: str
+
+    @property
+    def span(self) -> float:
+        return float(np.ptp(self.along))
+
+
+def has_room(span: float, words: str) -> bool:
+    """Whether the words of a dimension have room between its arrows."""
+    return span >= text_width_mm(words, TEXT_MM) + 2.0 * ARROW_MM[0] + 1.0
+
+
+def draw_tiers(
+    sheet: DrawingSheet, box: FloatArray, linears: Sequence[LinearDimension], room_mm: float, *, upright: bool
+) -> None:
+    """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line.
+
+    Dimensions that follow each other share a line.
+    """
+    tiers: list[list[tuple[float, float]]] = []
+    chosen = []
+    ends = np.concatenate([linear.along for linear in linears]) if linears else np.zeros(0)
+    for linear in sorted(linears, key=lambda item: (item.span, item.along.min(), item.words)):
+        width = text_width_mm(linear.words, TEXT_MM)
+        before = upright and _struck(linear, width, ends) and not _struck(linear, width, ends, before=True)
+        low, high = _covers(linear, width, before=before)
+        busy = [k for k, tier in enumerate(tiers) if any(low < b - TOUCH_MM and high > a + TOUCH_MM for a, b in tier)]
+        level = max(busy) + 1 if busy else 0
+        if level == len(tiers):
+            tiers.append([])
+        tiers[level].append((low, high))
+        chosen.append((level, linear, width, before))
+    pitch = min(TIER_PITCH_MM, (room_mm - FIRST_TIER_MM - BESIDE_MM) / max(len(tiers) - 1, 1))
+    edge = float(box[0, 0 if upright else 1])
+    for level, linear, width, before in chosen:
+        _draw_linear(sheet, linear, edge - FIRST_TIER_MM - level * pitch, width, upright=upright, before=before)
+
+
+def _covers(linear: LinearDimension, width: float, *, before: bool = False) -> tuple[float, float]:
+    """The stretch of a tier that a dimension line and its text take up; text that does not fit lies beside it."""
+    low, high = float(linear.along.min()), float(linear.along.max())
+    if has_room(linear.span, linear.words):
+        return low, high
+    short, long = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
+    return (low - long, high + short) if before else (low - short, high + long)
+
+
+def _struck(linear: LinearDimension, width: float, ends: FloatArray, *, before: bool = False) -> bool:
+    """Whether an extension line, one of `ends`, may cross the text that a dimension has beside itself."""
+    covers = _covers(linear, width, before=before)
+    low, high = (covers[0], float(linear.along.min())) if before else (float(linear.along.max()), covers[1])
+    return bool(((ends > low + 1e-3) & (ends < high - 1e-3)).any())
+
+
+def _draw_linear(
+    sheet: DrawingSheet, linear: LinearDimension, tier: float, width: float, *, upright: bool, before: bool = False
+) -> None:
+    def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
+        array = np.array(points)
+        return array[:, ::-1] if upright else array
+
+    order = np.argsort(linear.along)
+    (low, high), starts = linear.along[order], linear.across[order]
+    lines = [
+        on_sheet([(at, start - BESIDE_MM), (at, tier - 1.5)]) for at, start in zip((low, high), starts, strict=True)
+    ]
+    inside = has_room(linear.span, linear.words)
+    reach = 0.0 if inside else ARROW_MM[0] + 1.5
+    beyond = 0.0 if inside else width
+    line = (low - reach - beyond, high + reach) if before else (low - reach, high + reach + beyond)
+    lines.append(on_sheet([(line[0], tier), (line[1], tier)]))
+    sheet.lines(lines, LINE_MM)
+    sign = -1.0 if inside else 1.0
+    for tip, direction in ((low, sign), (high, -sign)):
+        sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
+    outside = low - reach - width / 2.0 if before else high + reach + width / 2.0
+    middle = (low + high) / 2.0 if inside else outside
+    if upright:
+        sheet.text((tier - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
+    else:
+        sheet.text((middle, tier + 0.9), linear.words, TEXT_MM, align="center")

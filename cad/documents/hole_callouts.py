@@ -1,0 +1,123 @@
+"""What a drawing says of a hole: its size, its depth in the material or that it goes through, and what it is for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from build123d import Part
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
+from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+from OCP.TopAbs import TopAbs_State
+
+from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM
+from mirrorcam.cad.plan.hardware import Fastening
+from mirrorcam.optics.base.values import FloatArray
+
+THROUGH = "through"
+DEPTH = "↧"
+"""The symbol of depth (ISO 129-1)."""
+
+# The wall of a hole is looked for this far outside it, its floor or shoulder at this share of its radius.
+BESIDE_MM = 0.05
+INWARD = 0.9
+BEYOND_MM = 0.03
+SAME_MM = 1e-3
+
+
+class Material:
+    """Where a solid has material, asked along lines and at points in rig, mm."""
+
+    def __init__(self, solid: Part) -> None:
+        shape = solid.wrapped
+        self._inside = BRepClass3d_SolidClassifier(shape)
+        self._crossed = IntCurvesFace_ShapeIntersector()
+        self._crossed.Load(shape, 1e-6)
+
+    def holds(self, point: FloatArray) -> bool:
+        """Whether a point (3,) lies inside the material."""
+        self._inside.Perform(gp_Pnt(*point.tolist()), 1e-6)
+        return bool(self._inside.State() == TopAbs_State.TopAbs_IN)
+
+    def along(self, start: FloatArray, way: FloatArray, length_mm: float) -> list[tuple[float, float]]:
+        """The stretches (from, to) of a line from a point (3,) along a unit vector (3,) that run in the material."""
+        self._crossed.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*way.tolist())), 0.0, length_mm)
+        found = [self._crossed.WParameter(i + 1) for i in range(self._crossed.NbPnt())]
+        stops = np.unique(np.round([0.0, *found, length_mm], 6))
+        return [
+            (float(low), float(high))
+            for low, high in pairwise(stops)
+            if high - low > SAME_MM and self.holds(start + (low + high) / 2.0 * way)
+        ]
+
+
+def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening) -> tuple[Hole, ...]:
+    """The holes with their full text; the axis of a blind one then runs from its open end into the material.
+
+    Parameters
+    ----------
+    holes : iterable of Hole
+        Those without `cut_mm` stay as they are.
+    solid : Part
+        The part, in rig.
+    screw : Fastening
+        What says which holes are for an insert, a nut or a screw.
+    """
+    material = Material(solid)
+    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw) for hole in holes)
+
+
+def _called_out(hole: Hole, material: Material, screw: Fastening) -> Hole:
+    axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
+    assert hole.cut_mm is not None
+    start, end = hole.centre_in_rig, hole.centre_in_rig + hole.cut_mm * axis
+    across = _across(axis)
+    radius = hole.diameter_mm / 2.0
+
+    def floor(at: FloatArray) -> bool:
+        """Whether material faces the tool's end: all round, so that another cut beside it is not taken for none."""
+        return sum(material.holds(at + INWARD * radius * way) for way in across) >= len(across) / 2
+
+    closed_start = floor(start - (OUTSIDE_MM + BEYOND_MM) * axis)
+    closed_end = floor(end + BEYOND_MM * axis)
+    if closed_start == closed_end:
+        return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
+    # From its closed end to the last of the walls that follow.
+    origin, way = (end, -axis) if closed_end else (start, axis)
+    walls = [
+        high
+        for side in across
+        for _, high in material.along(origin + (radius + BESIDE_MM) * side, way, hole.cut_mm)[-1:]
+    ]
+    deep = max(walls, default=hole.cut_mm)
+    depth = f"{DEPTH}{deep:.2f}".rstrip("0").rstrip(".")
+    text = _joined(hole.text, depth, _purpose(hole, screw, through=False))
+    return replace(hole, text=text, centre_in_rig=origin + deep * way, axis_in_rig=-way)
+
+
+def _across(axis: FloatArray) -> list[FloatArray]:
+    """Eight directions (3,) across an axis (3,)."""
+    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turns = np.deg2rad(22.5 + 45.0 * np.arange(8))
+    return [np.cos(turn) * first + np.sin(turn) * second for turn in turns]
+
+
+def _purpose(hole: Hole, screw: Fastening, *, through: bool) -> str:
+    def same(size_mm: float) -> bool:
+        return abs(hole.diameter_mm - size_mm) < SAME_MM
+
+    if hole.form == "hexagon":
+        return "nut M3" if same(screw.nut_flats_mm + NUT_FIT_MM) else ""
+    if screw.kind == "insert" and not through and same(screw.insert_hole_mm):
+        return "insert M3"
+    return "M3" if through and same(screw.clearance_hole_mm) else ""
+
+
+def _joined(*texts: str) -> str:
+    return " ".join(text for text in texts if text)
