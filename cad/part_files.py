@@ -87,7 +87,7 @@ def _record_path(out: Path, part: PartPlan) -> Path:
     return out / "parts" / f".{part.name}.json"
 
 
-def _key(part: PartPlan, printer: Printer, screw: Fastening) -> str:
+def _key(part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> str:
     """Return what decides about a part's files: its plan, place and name, printer, screws, date, code, libraries."""
     return Fingerprint(
         parameters={

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from shapely import LineString, MultiLineString, Polygon
+from shapely import LineString, MultiLineString, MultiPoint, Polygon
 
 from mirrorcam.cad.documents.dimension_lines import (
     BESIDE_MM,
@@ -31,6 +31,8 @@ FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
 # Leaders lean by this much per mm upwards, so that they differ from edges of the part.
 LEAN = 0.27
 PARALLEL = 1e-4
+# Share of its area by which a symmetric outline may differ from its mirror image.
+ASYMMETRY = 0.01
 # Where along an aligned dimension its text is tried: the middle first.
 ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
@@ -165,7 +167,11 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
             continue
         middle = float(placed.box[:, coordinate].mean())
         edge = float(places[0] - low[coordinate])
-        if abs(places.mean() - middle) < 1e-2 and not has_room(edge, number(edge / placed.scale)):
+        if (
+            abs(places.mean() - middle) < 1e-2
+            and _symmetric(placed, coordinate)
+            and not has_room(edge, number(edge / placed.scale))
+        ):
             # Symmetric, as the axis says: only how far the holes are apart.
             _axis(sheet, placed.box, coordinate, middle)
             stops = []
@@ -178,6 +184,15 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
                 continue
             ends = np.array([here, there])
             _add(tier, LinearDimension(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
+
+
+def _symmetric(placed: PlacedView, coordinate: int) -> bool:
+    """Whether the outline of a view, its convex hull, is symmetric about its middle along x or y."""
+    points = np.concatenate(placed.view.visible)
+    mirrored = points.copy()
+    mirrored[:, coordinate] = placed.view.box[:, coordinate].sum() - points[:, coordinate]
+    hull, other = (MultiPoint(each).convex_hull for each in (points, mirrored))
+    return bool(hull.symmetric_difference(other).area < ASYMMETRY * hull.area)
 
 
 def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:

@@ -8,18 +8,21 @@ from pathlib import Path
 import numpy as np
 from build123d import Part
 
-from mirrorcam.cad.documents.annotation import TIERS_MM, WORDS_MM, annotate
+from mirrorcam.cad.documents.annotation import WORDS_MM, annotate
+from mirrorcam.cad.documents.dimension_lines import TIERS_MM
 from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, text_width_mm
 from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
 from mirrorcam.cad.documents.hole_callouts import called_out
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
-from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block, printed_of
+from mirrorcam.cad.documents.sections import LETTER_MM, Section, cut, draw_trace, hatch, section_plane, trace_in
+from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block, printed_of, ratio
 from mirrorcam.cad.holder.holder_plan import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.optics.base.values import FloatArray
 
 SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 VISIBLE_MM, SMALL_MM, HIDDEN_MM = 0.35, 0.25, 0.18
@@ -27,6 +30,8 @@ HIDDEN_DASHES_MM = (1.6, 0.8)
 HIDDEN_COLOUR = "#5d6778"
 TEXT_MM, NOTE_MM = 2.5, 2.0
 ROW_MM = 4.4
+NAME_MM = 8.0
+"""Height of the name of a section over it."""
 
 
 def write_drawing(
@@ -44,17 +49,25 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
     sheet = DrawingSheet(*A3_MM)
-    table_left = _draw_tables(sheet, tables)
+    table_left, table_low = _draw_tables(sheet, tables)
     placed, scale, room_mm = _arrange(top, front, right, table_left)
-    corner = _isometric(isometric, placed, table_left)
-    for view in (*placed, corner):
+    dimensions = dimensions_of(part, solid, screw)
+    section = _section_of(part, solid, dimensions)
+    free = _free(placed, table_left, table_low)
+    cut_at, corner_low, corner_high = _place_section(section, free, scale)
+    corner = _isometric(isometric, placed, corner_low, corner_high)
+    if section and cut_at:
+        hatch(sheet, section.faces, cut_at.scale, cut_at.shift)
+    for view in (*placed, corner, *([cut_at] if cut_at else [])):
         visible, hidden = on_paper(view.view, view.scale)
         if hidden:
             sheet.lines([line + view.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
         # Small views have their edges close together.
         width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
         sheet.lines([line + view.shift for line in visible], width)
-    annotate(sheet, placed, dimensions_of(part, solid, screw), room_mm)
+    annotate(sheet, placed, dimensions, room_mm)
+    if section and cut_at:
+        _draw_section_marks(sheet, placed, section, cut_at, bed_from_rig)
     if isinstance(whole, HolderPlan):
         low, high = placed[0].box
         for name, middle in seat_names(whole):
@@ -71,7 +84,7 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
     """The dimensions of a part's plan, without those on other pieces of a part that is split."""
     lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
     holes = (each for each in offered(part.plan) if isinstance(each, Hole))
-    dimensions = (*called_out(holes, solid, screw), *lengths)
+    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
     box = solid.bounding_box()
@@ -111,17 +124,74 @@ def _arrange(
     return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale, room_mm
 
 
-def _isometric(view: PartView, placed: Sequence[PlacedView], right_end: float) -> PlacedView:
-    """The isometric fills what is free above the view from the right."""
-    top, _, right = placed
-    low = np.array([top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0])
-    high = np.array([right_end - 6.0, A3_MM[1] - BORDER_MM - 8.0])
-    scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * top.scale)
+def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
+    """The isometric fills a rectangle that is left free."""
+    scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * placed[0].scale)
     return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
 
 
-def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> float:
-    """Draw tables in the upper right corner, below each other; returns where the free area left of them ends."""
+def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]) -> Section | None:
+    """The section that shows the cavities of a part."""
+    bed_from_rig = part.print_from_rig[:3, :3]
+    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    plane = section_plane(whole, [each for each in dimensions if isinstance(each, Hole)], bed_from_rig)
+    return cut(solid, *plane, bed_from_rig) if plane else None
+
+
+def _free(placed: Sequence[PlacedView], right_end: float, table_low: float) -> tuple[FloatArray, ...]:
+    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables."""
+    top, _, right = placed
+    high_y = A3_MM[1] - BORDER_MM - 8.0
+    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
+    low_y = BORDER_MM + BLOCK_MM + 8.0
+    beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + WORDS_MM - 8.0)])
+    below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
+    return above, beside, below
+
+
+def _place_section(
+    section: Section | None, free: Sequence[FloatArray], scale: float
+) -> tuple[PlacedView | None, FloatArray, FloatArray]:
+    """Place a section at the views' scale or the next ones; returns it and the rectangle left for the isometric."""
+    above, beside, below = free
+    if section is None:
+        return None, above[0], above[1]
+    for smaller in (each for each in SCALES if each <= scale):
+        size = np.ptp(section.view.box, axis=0) * smaller + (0.0, NAME_MM)
+        for rectangle in (below, beside):
+            if (size <= rectangle[1] - rectangle[0]).all():
+                return _in_rectangle(section.view, smaller, rectangle), above[0], above[1]
+        room = above[1] - above[0]
+        for axis, share in ((0, 0.55), (1, 0.6)):
+            if size[axis] <= share * room[axis] and size[1 - axis] <= room[1 - axis]:
+                # Left of the isometric, or below it.
+                end = above[1].copy()
+                end[axis] = above[0, axis] + size[axis]
+                low = above[0].copy()
+                low[axis] = end[axis] + 8.0
+                return _in_rectangle(section.view, smaller, np.array([above[0], end])), low, above[1]
+    return None, above[0], above[1]
+
+
+def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
+    """A view in the middle of a rectangle (2, 2), with room for its name over it."""
+    middle = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
+    return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
+
+
+def _draw_section_marks(
+    sheet: DrawingSheet, placed: Sequence[PlacedView], section: Section, cut_at: PlacedView, bed_from_rig: FloatArray
+) -> None:
+    """The name of a section over it, with its scale where that is another one, and its trace in a view."""
+    name = "A-A" if cut_at.scale == placed[0].scale else f"A-A ({ratio(cut_at.scale)})"
+    box = cut_at.box
+    sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)
+    traces = [trace for view in placed if (trace := trace_in(view, section, bed_from_rig))]
+    draw_trace(sheet, traces, "A")
+
+
+def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> tuple[float, float]:
+    """Draw tables in the upper right corner, below each other; returns where the area left of and below them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:
@@ -149,4 +219,4 @@ def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> float:
     if tables:
         left -= 6.0
         sheet.lines([np.array([(left, BORDER_MM + BLOCK_MM), (left, A3_MM[1] - BORDER_MM)])], 0.1, SOFT)
-    return left
+    return left, top

@@ -16,9 +16,9 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
     screw = plan.screw
     if screw.kind == "insert":
-        diameter, text = screw.insert_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g}, insert M3 (far side)"
+        diameter, text = screw.insert_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} insert M3 (far side)"
     else:
-        diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g}, slot for nut M3 (far side)"
+        diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} slot for nut M3 (far side)"
     return tuple(
         Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
     )

@@ -73,17 +73,22 @@ def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) ->
     """Project a solid along the third row of `axes_in_rig` by the kernel's hidden-line algorithm."""
     _, up, towards = axes_in_rig
     visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
-    return PartView(axes_in_rig, tuple(_polylines(visible)), tuple(_polylines(hidden) if hidden_too else ()))
+    return PartView(axes_in_rig, tuple(_flat(visible)), tuple(_flat(hidden) if hidden_too else ()))
 
 
-def _polylines(edges: Iterable[Edge]) -> list[FloatArray]:
+def _flat(edges: Iterable[Edge]) -> list[FloatArray]:
+    return [line[:, :2] for line in polylines(edges)]
+
+
+def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
+    """Edges as polylines (n, 3), mm."""
     lines = []
     for edge in edges:
         # What build123d offers for this takes ten times as long, and there are thousands.
         curve = BRepAdaptor_Curve(edge.wrapped)
         count = 2 if curve.GetType() == GeomAbs_CurveType.GeomAbs_Line else CURVE_STEPS + 1
         points = [curve.Value(step) for step in np.linspace(curve.FirstParameter(), curve.LastParameter(), count)]
-        lines.append(np.array([(point.X(), point.Y()) for point in points]))
+        lines.append(np.array([(point.X(), point.Y(), point.Z()) for point in points]))
     return lines
 
 

@@ -11,7 +11,7 @@ import pytest
 from build123d import Part
 
 from mirrorcam.cad import part_files
-from mirrorcam.cad.plan.hardware import Printer
+from mirrorcam.cad.plan.hardware import HARDWARE, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties, PartPlan
 from mirrorcam.optics.base.fingerprint import distributions, file_digest
 
@@ -44,6 +44,12 @@ def test_other_numbers_are_another_part_and_the_same_numbers_the_same(key: str) 
     assert part_files._key(replace(PART), Printer()) == key
     assert part_files._key(replace(PART, plan=(1.0, 2.5)), Printer()) != key
     assert part_files._key(PART, Printer(plastic_g_per_cm3=1.0)) != key
+    assert part_files._key(PART, Printer(), HARDWARE.screw.replaced(kind="nut")) != key
+
+
+def test_a_drawing_of_another_date_is_made_again(key: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    assert part_files._key(PART, Printer()) != key
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from mirrorcam.cad.documents.annotation import number
 from mirrorcam.cad.documents.dimension_lines import LINE_MM
 from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.documents.sections import HATCH_LINE_MM
 from mirrorcam.cad.documents.title_block import GENERAL_TOLERANCE, MATERIAL_MM
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
@@ -159,6 +160,15 @@ def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name:
         elif isinstance(cut, Hexagon):
             wanted[f"hex {number(cut.flats_mm)}"] += 1
     assert called_out(drawn(device, name)) == wanted
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: str) -> None:
+    sheet = drawn(device, name)
+    said = [words.text for words in sheet.words]
+    assert said.count("A") == 2
+    assert len([text for text in said if re.match(r"A-A( \(|$)", text)]) == 1
+    assert sum(width == HATCH_LINE_MM for _, width in sheet.drawn) > 10
 
 
 def called_out(sheet: DrawingSheet) -> Counter[str]:

@@ -21,7 +21,8 @@ def test_every_hole_is_read_from_the_cuts_with_what_its_tool_cuts() -> None:
     ]
     assert [hole.form for hole in found] == ["round", "round", "round", "hexagon"]
     # A bore begins a little outside the material; what is cut is counted from its face.
-    for hole, cut in zip(found, (screw, driver, slot, nut), strict=True):
+    cuts: tuple[Bore | Hexagon, ...] = (screw, driver, slot, nut)
+    for hole, cut in zip(found, cuts, strict=True):
         assert hole.cut_mm is not None
         end = hole.centre_in_rig + hole.cut_mm * hole.axis_in_rig
         np.testing.assert_allclose(end, cut.mouth + cut.depth_mm * cut.axis, atol=1e-12)
