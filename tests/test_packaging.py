@@ -113,7 +113,13 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installa
 def test_the_wheel_holds_every_file_of_the_tree_and_nothing_else(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert differences(names, files_of_the_tree()) == []
-    assert {"mirrorcam/py.typed", "mirrorcam/cad/cameras/c920.toml", "mirrorcam/cad/web/page.html"} <= set(names)
+    expected = {
+        "py.typed",
+        "optics/geometry/cameras/c920.toml",
+        "optics/geometry/cameras/d435.toml",
+        "cad/web/page.html",
+    }
+    assert {f"mirrorcam/{name}" for name in expected} <= set(names)
 
 
 def test_the_check_sees_what_is_missing_and_what_does_not_belong() -> None:

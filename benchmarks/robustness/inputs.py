@@ -15,13 +15,14 @@ import numpy as np
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
-from mirrorcam.cad.plan.hardware import CAMERAS, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cli import camera_from_text
 from mirrorcam.commands.option_texts import sensor_from_text
 from mirrorcam.figures.board_print import page_for
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import CAMERAS, read_body
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
@@ -92,7 +93,7 @@ def _use_hardware(path: Path) -> None:
 
 
 def _use_body(path: Path) -> None:
-    read_camera(str(path))
+    read_body(str(path))
 
 
 def _use_dataset(path: Path) -> None:

@@ -22,13 +22,15 @@ from markdown_it import MarkdownIt
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.cad.documents.assembly_guide import camera_toml
-from mirrorcam.cad.plan.hardware import CameraBody, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine, as_csv, as_markdown
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.fingerprint import digest
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
+from mirrorcam.optics.geometry.camera_body import CameraBody
+from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
 from mirrorcam.workflow.output_folder import output_folder
@@ -236,7 +238,7 @@ def layout(folder: Path, random: np.random.Generator) -> str:
 
 def profile(folder: Path, random: np.random.Generator) -> str:
     """Write the name of a camera of a profile as the documents of a device do."""
-    body = read_camera("c920").model_dump(mode="json") | {"name": _odd(ODD_TEXTS, random, folder)}
+    body = read_body("c920").model_dump(mode="json") | {"name": _odd(ODD_TEXTS, random, folder)}
     wrist = {"name": _odd(ODD_TEXTS, random, folder), "link": _odd(ODD_TEXTS, random, folder)}
     (folder / "hardware.json").write_text(json.dumps({"camera": body, "wrist": wrist if random.random() < 0.3 else {}}))
     camera = read_model(Hardware, folder / "hardware.json").camera

@@ -19,8 +19,8 @@ from build123d import (
     extrude,
 )
 
-from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 
 ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
 BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)

@@ -14,11 +14,11 @@ from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.bed_placement import turn
 from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount, make_ring
 from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.hardware import Lips
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.splitting.split import Pieces, split
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Which way a part stands when printed: rows are the bed's x, y and z in rig.

@@ -14,12 +14,13 @@ from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import DOT_MM, DOTS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
-from mirrorcam.cad.plan.hardware import CameraBody, field_of_view
+from mirrorcam.cad.plan.hardware import field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.optics.base.figure_texts import number_word
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
+from mirrorcam.optics.geometry.camera_body import CameraBody
 
 WEB = Path(__file__).parents[1] / "web"
 
@@ -73,7 +74,7 @@ def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
 
 
 def camera_toml(camera: CameraBody) -> str:
-    """A camera's body as the text of its TOML file, which `read_camera` reads."""
+    """A camera's body as the text of its TOML file, which `read_body` reads."""
     body = camera.model_dump(mode="json", exclude_none=True)
     held_by = body.pop("held_by")
     return "\n".join([*_toml_lines(body), "", "[held_by]", *_toml_lines(held_by)])

@@ -9,11 +9,12 @@ import numpy as np
 
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
-from mirrorcam.cad.plan.hardware import BoardHoles, CameraBody, Fastening, Hardware, Lips
+from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.prisms import along_y, box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 
 UP = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
@@ -34,10 +35,8 @@ class BodyBox:
 
 def body_box(camera: CameraBody) -> BodyBox:
     """The camera's body with its entrance pupil at the origin."""
-    half = np.array([camera.width_mm, camera.height_mm]) / 2.0
-    middle = -np.array([camera.lens_x_mm, camera.lens_y_mm])
-    front = camera.pupil_behind_front_mm
-    return BodyBox(np.append(middle - half, front - camera.depth_mm), np.append(middle + half, front))
+    low, high = camera.box_mm
+    return BodyBox(np.array(low), np.array(high))
 
 
 @dataclass(frozen=True)

@@ -1,38 +1,26 @@
 """Bought hardware, fits and the printer: the one table of dimensions that parts are drawn from.
 
-The table is data: a TOML file may replace any of it, and a camera's body is a TOML file of its own (`cad/cameras/` has
-some). Lengths in mm.
+The table is data: a TOML file may replace any of it. A camera's body comes from the library of cameras
+(`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
 """
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.bounds import PART_GAP_MM, PART_MM, Bounds
 from mirrorcam.optics.base.names import Link, Name
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_body import CameraBody
+from mirrorcam.optics.geometry.camera_library import read_body
 
 OTHER_VIEW = 0.1  # relative difference of half fields of view, from which a camera is another one
-CAMERAS = Path(__file__).parents[1] / "cameras"
 
-
-PART_GAP_MM = PART_MM.cut(least=0.0)
-PART_OFFSET_MM = PART_MM.cut(least=-PART_MM.most)
 _Size = Annotated[float, PART_MM.each]
-_Place = Annotated[float, PART_OFFSET_MM.each]
-
-
-def _with_tuples(value: Any) -> Any:
-    """Nested tables with tuples for lists: strict reading asks for them in a table that was looked at before."""
-    if isinstance(value, dict):
-        return {name: _with_tuples(each) for name, each in value.items()}
-    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
 
 
 def _positive(default: float, description: str) -> Any:
@@ -155,61 +143,6 @@ class Cutting(Value):
     mark_mm: float = _positive(5.0, "height of the mark engraved on the back of a mirror")
 
 
-class Lips(Value):
-    """A body that is held by its front: lips along its upper and lower edge, screws that press it against them."""
-
-    kind: Literal["lips"] = "lips"
-    lip_mm: float = PART_MM.field(
-        description="how far the lips may reach over the front, from its upper and lower edge"
-    )
-
-
-class BoardHoles(Value):
-    """A bare board, screwed to posts behind it."""
-
-    kind: Literal["board"] = "board"
-    holes_mm: tuple[tuple[_Place, _Place], ...] = Field(
-        min_length=2, description="hole centres from the lens axis: x right, y down as in the image"
-    )
-    hole_mm: float = PART_MM.field(description="diameter of the holes")
-    post_mm: float = PART_MM.field(description="height of the posts: space for what is soldered to the board's back")
-    screw_mm: float = _positive(2.0, "thread of the screws, which cut it in the posts themselves")
-    screw_length_mm: float = _positive(6.0, "length of these screws")
-
-
-ViewAngle = Annotated[float, Field(gt=1, lt=179)]
-
-
-class CameraBody(Value):
-    """A camera from outside, seen along its lens axis: x along its image's x, y along its image's y, z out of the lens.
-
-    Everything marked "measure me" is not published: the fit coupon and the assembly guide say how to measure it.
-    """
-
-    name: Name = Field(description="maker and model")
-    width_mm: float = PART_MM.field(description="length of the body along the image's x")
-    height_mm: float = PART_MM.field(description="length of the body along the image's y")
-    depth_mm: float = PART_MM.field(description="length of the body along the lens axis, without lens ring and hinge")
-    lens_x_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's x")
-    lens_y_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's y")
-    pupil_behind_front_mm: float = PART_OFFSET_MM.field(
-        description="entrance pupil behind the front of the body; negative: before it (measure me)"
-    )
-    lens_ring_mm: float = PART_MM.field(description="diameter of the lens ring or barrel (measure me)")
-    lens_protrusion_mm: float = PART_GAP_MM.field(description="lens ring or barrel before the front (measure me)")
-    hinge_mm: float = PART_GAP_MM.field(0.0, "width along x of what sticks out of the body's scene side")
-    hinge_from_back_mm: float = PART_GAP_MM.field(
-        0.0, "how far from the back the hinge reaches along the lens axis (measure me)"
-    )
-    cable_mm: float = PART_MM.field(description="diameter of the cable")
-    cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
-    mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
-    field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
-        default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"
-    )
-    held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")
-
-
 class Wrist(Value):
     """The last shell of the robot's arm that the adapter is clamped to: Kinova MICO, which has no published bolts."""
 
@@ -222,14 +155,6 @@ class Wrist(Value):
     length_mm: float = _positive(17.0, "length of the cylindrical shell")
     riser_mm: float = _positive(16.0, "material between the shell and the mount's foot")
     joint_mm: float = _positive(6.0, "space over the shell beside the clamp, for the joint's ring")
-
-
-def read_camera(name: str) -> CameraBody:
-    """Read a camera's body: one of `cad/cameras/` by its name, or a TOML file by its path."""
-    known = {path.stem: path for path in sorted(CAMERAS.glob("*.toml"))}
-    if name not in known and not name.endswith(".toml"):
-        raise InputError(f"camera body {shortened(name, 80)!r}: expected one of {', '.join(known)}, or a .toml file")
-    return read_model(CameraBody, known.get(name) or Path(name))
 
 
 def field_of_view(camera: Camera) -> str:
@@ -257,14 +182,14 @@ def require_same_camera(camera: Camera, body: CameraBody) -> None:
 
 
 def _named(camera: object) -> object:
-    return read_camera(camera) if isinstance(camera, str) else _with_tuples(camera)
+    return read_body(camera) if isinstance(camera, str) else with_tuples(camera)
 
 
 class Hardware(Value):
     """All dimensions that do not come from a layout, in mm; every part of a device is drawn from these and the layout.
 
     Read from a TOML file by `read_model(Hardware, path)`, which may give any part of it; a camera is given by its name
-    in `cad/cameras/`, the path of a TOML file, or its own table.
+    in the library of cameras, the path of a TOML file, or its body's own table.
     """
 
     fit: Fits = Fits()
@@ -276,7 +201,7 @@ class Hardware(Value):
     cutting: Cutting = Cutting()
     wrist: Wrist = Wrist()
     camera: Annotated[CameraBody, BeforeValidator(_named)] = Field(
-        default_factory=lambda: read_camera("c920"), description="body, name in cad/cameras/, or path of a TOML file"
+        default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )
 
 

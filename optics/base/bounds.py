@@ -45,6 +45,8 @@ GAP_MM = Bounds(0.0, 1e5)
 OFFSET_MM = Bounds(-1e5, 1e5)
 PART_MM = Bounds(0.001, 1e4)
 """Dimensions of parts of a device."""
+PART_GAP_MM = PART_MM.cut(least=0.0)
+PART_OFFSET_MM = PART_MM.cut(least=-PART_MM.most)
 APERTURE_MM = Bounds(0.0, 1000.0)
 DEPTH_MM = Bounds(0.001, 1e6)
 DEPTH_OR_INF_MM = Bounds(0.001, np.inf, "0.001 to 1000000 or inf")

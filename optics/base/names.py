@@ -26,6 +26,9 @@ def _printable(name: str) -> str:
 Name = Annotated[str, Field(max_length=LONGEST), AfterValidator(_printable)]
 """A name in a file: printable, in one line."""
 
+Line = Annotated[str, Field(max_length=500), AfterValidator(_printable)]
+"""A longer text in a file: printable, in one line."""
+
 Link = Annotated[str, Field(max_length=LONGEST, pattern=r"^[A-Za-z0-9_]+([/.-][A-Za-z0-9_]+)*$")]
 """The name of a link of a robot, which URDF and xacro take as it is."""
 

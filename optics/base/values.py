@@ -67,6 +67,13 @@ def _is_numbers(value: Any) -> bool:
     return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def with_tuples(value: Any) -> Any:
+    """Nested tables with tuples for lists: strict reading asks for them in a table that was looked at before."""
+    if isinstance(value, dict):
+        return {name: with_tuples(each) for name, each in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
 Vector3 = Annotated[FloatArray, Shaped((3,))]
 Points3 = Annotated[FloatArray, Shaped((None, 3))]
 Matrix3 = Annotated[FloatArray, Shaped((3, 3))]

@@ -98,7 +98,7 @@ class Camera(Value):
     def c920(cls) -> Self:
         """Logitech C920 at 1920x1080: 70.42 deg x 43.3 deg field of view, so 1360.38 px of focal length.
 
-        Its lens is f/2 of 3.67 mm, in focus at half a metre. Its body is that of `cad/cameras/c920.toml`.
+        Its lens is f/2 of 3.67 mm, in focus at half a metre. Its body is that of `cameras/c920.toml`.
         """
         return cls(
             name="Logitech C920",

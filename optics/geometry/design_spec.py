@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from mirrorcam.optics.base.bounds import (
     AREA_MM2,
@@ -19,9 +19,10 @@ from mirrorcam.optics.base.bounds import (
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.optics.base.values import FloatArray, InputError, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import read_camera
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
@@ -40,13 +41,20 @@ def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
     return np.array([[x, y, z] for x in (a, d) for y in (b, e) for z in (c, f)])
 
 
+def _named_camera(camera: object) -> object:
+    return read_camera(camera) if isinstance(camera, str) else with_tuples(camera)
+
+
 class DesignSpec(Value):
     """Specification of a mirror layout, for which `design` finds a `Layout` or names the constraint that cannot be met.
 
     Lengths are in mm, angles in degrees.
     """
 
-    camera: Camera = Field(default_factory=Camera.c920, description="the base camera: c920, or a JSON or TOML file")
+    camera: Annotated[Camera, BeforeValidator(_named_camera)] = Field(
+        default_factory=Camera.c920,
+        description="the base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
+    )
     rows: int = MIRRORS.field(3, "rows of mirrors, one row of views each")
     cols: int = MIRRORS.field(3, "columns of mirrors")
     pattern: Pattern | None = Field(

@@ -29,6 +29,7 @@ from mirrorcam.commands import (
     board,
     cad,
     calibrate,
+    camera,
     cameras,
     compare,
     decode,
@@ -67,6 +68,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     studio.StudioOptions: studio.run,
     sweep.SweepOptions: sweep.run,
     cad.CadOptions: cad.run,
+    camera.CameraOptions: camera.run,
     board.BoardOptions: board.run,
     render.RenderOptions: render.run,
     scene.SceneOptions: scene.run,
@@ -100,6 +102,7 @@ class Command:
         | Annotated[studio.StudioOptions, subcommand("studio")]
         | Annotated[sweep.SweepOptions, subcommand("sweep")]
         | Annotated[cad.CadOptions, subcommand("cad")]
+        | Annotated[camera.CameraOptions, subcommand("camera")]
         | Annotated[board.BoardOptions, subcommand("board")]
         | Annotated[render.RenderOptions, subcommand("render")]
         | Annotated[scene.SceneOptions, subcommand("scene")]
@@ -124,12 +127,10 @@ class Command:
 
 
 def camera_from_text(text: str) -> Camera:
-    """A camera by its preset's name, or read from a JSON or TOML file."""
-    if text == "c920":
-        return Camera.c920()
-    from mirrorcam.optics.base.files import read_model
+    """A camera of the library by its name, or read from a JSON or TOML file."""
+    from mirrorcam.optics.geometry.camera_library import read_camera
 
-    return read_model(Camera, Path(text))
+    return read_camera(text)
 
 
 def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | None:
@@ -137,7 +138,7 @@ def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | 
         return None
     return PrimitiveConstructorSpec(
         nargs=1,
-        metavar="c920|FILE",
+        metavar="NAME|FILE",
         instance_from_str=lambda texts: camera_from_text(texts[0]),
         is_instance=lambda value: isinstance(value, Camera),
         str_from_instance=lambda camera: ["c920" if camera == Camera.c920() else camera.name],

@@ -32,8 +32,8 @@ class CadOptions(Value):
         default=None, description="TOML file with values that replace those of the table of dimensions (docs/cad.md)"
     )
     camera: Annotated[
-        str | None, tyro.conf.arg(metavar="NAME|PATH", help_behavior_hint="(as in --hardware, else c920)")
-    ] = Field(default=None, description="body of the camera: c920, board_38 or a TOML file")
+        str | None, tyro.conf.arg(metavar="NAME|PATH", help_behavior_hint="(as in --hardware, else the layout's)")
+    ] = Field(default=None, description="body of the camera: a name that `mirrorcam camera list` shows, or a TOML file")
     fasteners: Annotated[
         Literal["insert", "nut"] | None,
         tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
@@ -50,7 +50,7 @@ def run(options: CadOptions) -> int:
     from mirrorcam.workflow.device_folder import read_hardware, write_device
 
     layout = Layout.load(options.layout)
-    hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners)
+    hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners, layout=layout)
     if hardware.camera.field_of_view_deg is None:
         body, seen = hardware.camera.name, field_of_view(layout.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import library
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 DEGREE = "\N{DEGREE SIGN}"
@@ -73,8 +74,8 @@ CAMERA_NUMBERS = (
 
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
-    """All controls; a camera that is no preset, as in a file that was opened, is offered beside the presets."""
-    cameras = [Camera.c920()]
+    """All controls; a camera that is not of the library, as in a file that was opened, is offered beside it."""
+    cameras = [Camera.c920(), *_others()]
     if spec.camera not in cameras:
         cameras.append(spec.camera)
     camera = Control(
@@ -97,6 +98,13 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
         ControlGroup(title="Mirrors", controls=tuple(map(_bounded, _MIRRORS))),
         ControlGroup(title="Limits and tolerances", open=False, controls=tuple(map(_bounded, _LIMITS))),
     )
+
+
+@cache
+def _others() -> tuple[Camera, ...]:
+    """Cameras of the library other than the default one."""
+    cameras = (profile.camera for profile in library().values() if profile.optics)
+    return tuple(camera for camera in cameras if camera != Camera.c920())
 
 
 def _bounded(control: Control) -> Control:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.optics.geometry.camera_library import profile_of, read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
@@ -36,15 +37,23 @@ FILES = (
 
 
 def read_hardware(
-    table: Path | None = None, *, camera: str | None = None, fasteners: Literal["insert", "nut"] | None = None
+    table: Path | None = None,
+    *,
+    camera: str | None = None,
+    fasteners: Literal["insert", "nut"] | None = None,
+    layout: Layout | None = None,
 ) -> Hardware:
     """The table of dimensions of a TOML file, else the default one, with another camera or other fasteners.
 
-    `camera` is the name of a known camera or a TOML file. Raises InputError for a file that is not valid.
+    `camera` is the name of a camera of the library or a TOML file. Where neither it nor the table states one, the body
+    is that of the camera of the library that the layout is made for, else that of the C920. Raises InputError for a
+    file that is not valid.
     """
     hardware = HARDWARE if table is None else read_model(Hardware, table)
     if camera:
-        hardware = hardware.replaced(camera=read_camera(camera))
+        hardware = hardware.replaced(camera=read_body(camera))
+    elif layout is not None and "camera" not in hardware.model_fields_set and (known := profile_of(layout.camera)):
+        hardware = hardware.replaced(camera=known.body)
     if fasteners:
         hardware = hardware.replaced(screw=hardware.screw.replaced(kind=fasteners))
     return hardware

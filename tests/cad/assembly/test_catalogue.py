@@ -12,13 +12,14 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
-from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 POCKETS = ("mount", "camera_clip", "adapter_saddle")
-BOARD = HARDWARE.replaced(camera=read_camera("board_38"))
+BOARD = HARDWARE.replaced(camera=read_body("board_38"))
 
 
 @pytest.fixture(scope="module", params=[HARDWARE, NUTS, BOARD], ids=["insert", "nut", "board"])

@@ -22,9 +22,10 @@ from mirrorcam.cad.assembly.pieces import (
     mirror_pieces,
     pieces_of,
 )
-from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.assembly.bought import item
 
 
@@ -110,7 +111,7 @@ def test_a_mirror_goes_with_the_nearest_piece_of_a_split_holder(device: Device, 
 def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
     device: Device, parts: list[BuiltPart], name: str, out: tuple[float, float, float]
 ) -> None:
-    camera = read_camera(name)
+    camera = read_body(name)
     clip = pieces_of(device, parts)[1]
     piece = camera_piece(replace(device, hardware=HARDWARE.replaced(camera=camera)), clip)
     np.testing.assert_allclose(piece.explode_mm, clip.explode_mm + out)

@@ -15,13 +15,14 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
-from mirrorcam.cad.plan.hardware import Hardware, read_camera
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.write.bill_of_materials import bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.documents.conftest import Made
 
 
@@ -111,9 +112,9 @@ def test_the_bare_camera_is_photographed_before_it_meets_the_mirrors(made: Made)
 
 @pytest.mark.parametrize("name", ["c920", "board_38"])
 def test_the_camera_in_the_guide_is_a_file_that_can_be_read_back(name: str, tmp_path: Path) -> None:
-    camera = read_camera(name)
+    camera = read_body(name)
     (tmp_path / "mine.toml").write_text(camera_toml(camera), encoding="utf-8")
-    assert read_camera(str(tmp_path / "mine.toml")) == camera
+    assert read_body(str(tmp_path / "mine.toml")) == camera
 
 
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:

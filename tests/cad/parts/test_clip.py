@@ -11,11 +11,12 @@ import pytest
 from mirrorcam.cad.parts.clip import ClipPlan, body_box, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.fasteners import Bore
-from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, read_camera
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, moved, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import read_body
 
 THIRD = """
 name = "Some webcam"
@@ -38,7 +39,7 @@ lip_mm = 2.5
 
 
 def test_the_body_of_the_c920_is_that_of_its_camera() -> None:
-    box = body_box(read_camera("c920"))
+    box = body_box(read_body("c920"))
     np.testing.assert_allclose(np.array(Camera.c920().body_mm), [box.low, box.high])
 
 
@@ -48,7 +49,7 @@ def hardware(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Hardwar
     if name == "third":
         name = str(tmp_path / "third.toml")
         Path(name).write_text(THIRD)
-    yield HARDWARE.replaced(camera=read_camera(name))
+    yield HARDWARE.replaced(camera=read_body(name))
 
 
 def deepest(plan: ClipPlan, solid: Frustum) -> float:

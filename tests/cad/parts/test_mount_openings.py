@@ -11,7 +11,8 @@ from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.parts.mount_openings import _scale
 from mirrorcam.cad.plan.fasteners import Bore
-from mirrorcam.cad.plan.hardware import HARDWARE, read_camera
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
@@ -47,7 +48,7 @@ def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bea
 def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
     fold_90_layout: Layout, camera: str, longest_mm: float
 ) -> None:
-    hardware = HARDWARE.replaced(camera=read_camera(camera))
+    hardware = HARDWARE.replaced(camera=read_body(camera))
     clip, holder = plan_clip(hardware), plan_holder(fold_90_layout, hardware)
     mount = plan_mount(fold_90_layout, holder, clip, hardware)
     scale = _scale(clip, mount.half_width_mm, hardware)

@@ -28,7 +28,7 @@ def test_without_a_layout_it_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("--camera nikon", "camera body 'nikon': expected one of board_38, c920, or a .toml file"),
+        ("--camera nikon", "camera 'nikon': expected one of arducam_b0196, board_38, brio, c920, c922, d435"),
         ("--camera nikon.toml", "nikon.toml: no such file"),
         ("--hardware mine.toml", "mine.toml: no such file"),
         ("--fasteners glue", "invalid choice 'glue' for argument '--fasteners'"),

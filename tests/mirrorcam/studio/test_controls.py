@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import library, read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import Control, control_groups, snapping_groups
 
@@ -30,7 +31,15 @@ def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: C
 def test_a_camera_of_a_file_is_offered_beside_the_presets() -> None:
     own = Camera.c920().replaced(name="mine", fx_px=900.0)
     (camera,) = (c for c in control_groups(DesignSpec(camera=own))[0].controls if c.kind == "camera")
-    assert [each["name"] for each in camera.cameras] == ["Logitech C920", "mine"]
+    names = [each["name"] for each in camera.cameras]
+    assert (names[0], names[-1]) == ("Logitech C920", "mine")
+    assert sorted(names[:-1]) == sorted(profile.name for profile in library().values() if profile.optics)
+
+
+def test_a_camera_of_the_library_is_offered_once() -> None:
+    (camera,) = (c for c in control_groups(DesignSpec(camera=read_camera("d435")))[0].controls if c.kind == "camera")
+    assert [each["name"] for each in camera.cameras].count("Intel RealSense D435, colour") == 1
+    assert len(camera.cameras) == len({each["name"] for each in camera.cameras})
 
 
 def test_an_atlas_snaps_to_its_values() -> None:

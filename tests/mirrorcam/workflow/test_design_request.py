@@ -9,6 +9,7 @@ import pytest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.design_request import read_request, request_of, request_toml
@@ -26,6 +27,19 @@ def test_a_request_is_read_as_it_was_written(spec: DesignSpec, tmp_path: Path) -
     path.write_text(request_toml(spec), encoding="utf-8")
     assert read_request(path) == spec
     assert request_of(Path("design.json"), spec.model_dump_json().encode()) == spec
+
+
+def test_a_request_names_a_camera_of_the_library_or_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "design.toml"
+    path.write_text('camera = "pi_camera_3"\nscale_mm = 70.0\n', encoding="utf-8")
+    assert read_request(path) == DesignSpec(camera=read_camera("pi_camera_3"), scale_mm=70.0)
+    (tmp_path / "own.json").write_text(Camera.c920().replaced(name="own").model_dump_json(), encoding="utf-8")
+    path.write_text(f"camera = '{tmp_path / 'own.json'}'\n", encoding="utf-8")
+    assert read_request(path).camera.name == "own"
+    path.write_text('camera = "nikon"\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"design\.toml: camera: .*camera 'nikon': expected one of .*c920") as caught:
+        read_request(path)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_layout_gives_the_request_that_led_to_it(default_layout: Layout, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from mirrorcam.cad.assembly.catalogue import EXPLODE
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera_library import read_body, read_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.device_folder import FILES, read_hardware, write_device
 
@@ -21,6 +22,22 @@ def test_what_is_not_named_stays_as_it_is() -> None:
     assert other.camera.name != HARDWARE.camera.name
     assert other.screw.kind == "nut"
     assert other.replaced(camera=HARDWARE.camera, screw=HARDWARE.screw) == HARDWARE
+
+
+def test_the_body_is_that_of_the_layouts_camera_unless_another_is_stated(
+    default_layout: Layout, tmp_path: Path
+) -> None:
+    other = default_layout.replaced(camera=read_camera("d435"))
+    assert read_hardware(layout=default_layout) == HARDWARE
+    assert read_hardware(layout=other) == HARDWARE.replaced(camera=read_body("d435"))
+    assert read_hardware(layout=other, camera="brio").camera == read_body("brio")
+    unknown = other.replaced(camera=other.camera.replaced(name="mine"))
+    assert read_hardware(layout=unknown) == HARDWARE
+    table = tmp_path / "hardware.toml"
+    table.write_text('[screw]\nkind = "nut"\n', encoding="utf-8")
+    assert read_hardware(table, layout=other).camera == read_body("d435")
+    table.write_text('camera = "oak_d"\n', encoding="utf-8")
+    assert read_hardware(table, layout=other).camera == read_body("oak_d")
 
 
 def test_a_file_replaces_dimensions_and_a_bad_one_is_refused(tmp_path: Path) -> None:

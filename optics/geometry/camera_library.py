@@ -1,0 +1,244 @@
+"""The library of cameras: optics and body of cameras that people own, as published, with their sources.
+
+Each is a TOML file in `optics/geometry/cameras/`. What is published is kept beside what the optics make of it, so that
+the two can be compared, and what nobody publishes is listed as guessed.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import ConfigDict, Field, model_validator
+
+from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, Bounds
+from mirrorcam.optics.base.files import model_of, read_bytes, shortened
+from mirrorcam.optics.base.names import Line, Name
+from mirrorcam.optics.base.values import InputError, Value, with_tuples
+from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
+from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
+
+CAMERAS = Path(__file__).parent / "cameras"
+AGREE = 0.03
+"""Largest relative difference between a published figure and that of the optics."""
+_PIXEL_UM = Bounds(0.1, 100.0)
+
+
+class Source(Value):
+    """Where figures come from."""
+
+    title: Line
+    url: Annotated[Line, Field(pattern=r"^https?://\S+$")]
+    gives: Line = Field(description="which figures it gives")
+    from_memory: bool = Field(
+        default=False, description="figures were written down from memory, and not read there again"
+    )
+
+
+class Published(Value):
+    """Figures of a camera as its maker states them; those that are not published are left out."""
+
+    focal_mm: float | None = Bounds(0.01, 1e4).field(None, "focal length")
+    f_number: float | None = Bounds(0.1, 100.0).field(None, "f-number")
+    pixel_um: float | None = _PIXEL_UM.field(None, "pitch of the sensor's pixels")
+    horizontal_deg: ViewAngle | None = Field(default=None, description="field of view along the image's x")
+    vertical_deg: ViewAngle | None = Field(default=None, description="field of view along the image's y")
+    diagonal_deg: ViewAngle | None = Field(default=None, description="field of view along the diagonal")
+    view_px: tuple[Annotated[int, SENSOR_PX.each], Annotated[int, SENSOR_PX.each]] | None = Field(
+        default=None, description="pixels of the sensor over which it states this field; left out, those of the picture"
+    )
+    nearest_mm: float | None = Bounds(DEPTH_OR_INF_MM.least, 1e5).field(None, "nearest distance that it focuses on")
+
+
+class CameraProfile(Value):
+    """One camera of the library.
+
+    Attributes
+    ----------
+    name : str
+        Maker and model, the name of optics and body.
+    mode : str
+        The mode that the optics are of: how a picture comes from the sensor.
+    sensor_px_per_px : float
+        Pixels of the sensor per pixel of the picture along an axis, for binned or scaled pictures.
+    optics : Camera, optional
+        Its optics without body; none of a board for lenses of any focal length.
+    body : CameraBody
+        Its body, with the field of view that the optics have.
+    sources : tuple of Source
+        Where all this comes from.
+    published : Published
+        What makers state of the optics.
+    set_aside : dict
+        Figures of `published` that the optics do not follow, each with the reason.
+    guessed : tuple of str
+        Fields of `optics` that nobody publishes; `body.guessed` has those of the body.
+    notes : str
+        What else a user should know.
+    """
+
+    name: Name
+    mode: Line = ""
+    sensor_px_per_px: float = Bounds(0.01, 100.0).field(1.0)
+    optics: Camera | None = None
+    body: CameraBody
+    sources: tuple[Source, ...] = Field(min_length=1)
+    published: Published = Published()
+    set_aside: dict[str, Line] = Field(default_factory=dict)
+    guessed: tuple[Name, ...] = ()
+    notes: Line = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _whole(cls, data: Any) -> Any:
+        """Name, principal point in the middle, square pixels and field of view are written once."""
+        if not isinstance(data, dict):
+            return data
+        data = with_tuples(data)
+        optics, body = data.get("optics"), data.get("body")
+        named = {"name": data["name"]} if "name" in data else {}
+        if isinstance(optics, dict):
+            optics = (
+                named
+                | {f"c{axis}_px": (optics.get(size, 0) - 1) / 2.0 for axis, size in _AXES if _is_size(optics, size)}
+                | optics
+            )
+            if "fx_px" in optics:
+                optics = {"fy_px": optics["fx_px"]} | optics
+            data["optics"] = optics
+        if isinstance(body, dict):
+            data["body"] = named | _view_of(optics) | body
+        return data
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.optics is not None and self.optics.body_mm is not None:
+            raise ValueError("optics.body_mm is given, expected it to follow from the body alone")
+        if unknown := [name for name in self.guessed if self.optics is None or name not in Camera.model_fields]:
+            raise ValueError(f"guessed: {unknown[0]} is no figure of the optics")
+        if unknown := [name for name in self.set_aside if getattr(self.published, name, None) is None]:
+            raise ValueError(f"set_aside: {unknown[0]} is not published")
+        return self
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that a layout is designed for, with the box around its body; InputError without optics."""
+        if self.optics is None:
+            raise InputError(f"camera {self.name}: its lens has any focal length, expected a camera with [optics]")
+        return self.optics.replaced(body_mm=self.body.box_mm)
+
+    @property
+    def disagreements(self) -> dict[str, float]:
+        """Relative difference of the optics from each published figure that they can be compared with."""
+        if self.optics is None:
+            return {}
+        told, optics = self.published, self.optics
+        focal = optics.fx_px * self.sensor_px_per_px
+        width, height = told.view_px or (
+            optics.width_px * self.sensor_px_per_px,
+            optics.height_px * self.sensor_px_per_px,
+        )
+        sides = {"horizontal_deg": width, "vertical_deg": height, "diagonal_deg": math.hypot(width, height)}
+        seen = {name: math.degrees(2.0 * math.atan(side / focal / 2.0)) for name, side in sides.items()}
+        if told.pixel_um is not None:
+            seen["focal_mm"] = focal * told.pixel_um / 1000.0
+        if told.focal_mm is not None and optics.aperture_mm > 0.0:
+            seen["f_number"] = told.focal_mm / optics.aperture_mm
+        stated = {name: getattr(told, name) for name in seen}
+        return {name: seen[name] / value - 1.0 for name, value in stated.items() if value is not None}
+
+
+_AXES = (("x", "width_px"), ("y", "height_px"))
+
+
+def _is_size(optics: dict[str, Any], name: str) -> bool:
+    return type(optics.get(name)) is int and optics[name] > 0
+
+
+def _view_of(optics: Any) -> dict[str, Any]:
+    """The field of view along x and y that a table of optics has, to a tenth of a degree; nothing of a faulty one."""
+    if not isinstance(optics, dict) or not all(_is_size(optics, size) for _, size in _AXES):
+        return {}
+    focal = [optics.get(f"f{axis}_px") for axis, _ in _AXES]
+    if not all(isinstance(each, int | float) and each > 0 for each in focal):
+        return {}
+    sizes = (optics[size] for _, size in _AXES)
+    angles = (2.0 * math.atan(size / each / 2.0) for size, each in zip(sizes, focal, strict=True))
+    return {"field_of_view_deg": tuple(round(math.degrees(angle), 1) for angle in angles)}
+
+
+class _Table(Value):
+    """A file of which only the keys matter."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+@cache
+def library() -> dict[str, CameraProfile]:
+    """All cameras of the library by their names, in the order of these."""
+    return {path.stem: _profile(path) for path in sorted(CAMERAS.glob("*.toml"))}
+
+
+def _profile(path: Path) -> CameraProfile:
+    return model_of(CameraProfile, path, read_bytes(path))
+
+
+def camera_names() -> tuple[str, ...]:
+    """Names of the cameras of the library."""
+    return tuple(sorted(path.stem for path in CAMERAS.glob("*.toml")))
+
+
+def read_profile(name: str) -> CameraProfile:
+    """A camera of the library by its name, or of a TOML file with `[optics]` and `[body]` by its path.
+
+    Raises InputError for a name that is not known, and a file that is not valid.
+    """
+    if name in camera_names():
+        return library()[name]
+    return _profile(_path(name, ".toml"))
+
+
+def read_camera(name: str) -> Camera:
+    """Optics of a camera of the library by its name, or of a TOML or JSON file: of a camera's profile or a `Camera`.
+
+    Raises InputError for a name that is not known, a file that is not valid, and a camera without optics.
+    """
+    if name in camera_names():
+        return library()[name].camera
+    path = _path(name, ".toml", ".json")
+    raw = read_bytes(path)
+    return model_of(CameraProfile, path, raw).camera if _is_profile(path, raw) else model_of(Camera, path, raw)
+
+
+def read_body(name: str) -> CameraBody:
+    """Body of a camera of the library by its name, or of a TOML file: of a camera's profile or a `CameraBody`.
+
+    Raises InputError for a name that is not known, and a file that is not valid.
+    """
+    if name in camera_names():
+        return library()[name].body
+    path = _path(name, ".toml")
+    raw = read_bytes(path)
+    return model_of(CameraProfile, path, raw).body if _is_profile(path, raw) else model_of(CameraBody, path, raw)
+
+
+def profile_of(camera: Camera) -> CameraProfile | None:
+    """The camera of the library that a layout's camera is, by its name: as it is, calibrated, or binned."""
+    for profile in library().values():
+        if profile.optics and (camera.name == profile.name or camera.name.startswith(f"{profile.name}, scaled by ")):
+            return profile
+    return None
+
+
+def _path(name: str, *suffixes: str) -> Path:
+    if not name.lower().endswith(suffixes):
+        known = ", ".join(camera_names())
+        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {known}, or a {' or '.join(suffixes)} file")
+    return Path(name)
+
+
+def _is_profile(path: Path, raw: bytes) -> bool:
+    """Whether a file has optics and body in tables of their own."""
+    return bool({"body", "optics"} & set(model_of(_Table, path, raw).model_extra or {}))

@@ -1,0 +1,71 @@
+"""A camera's body: where its box is about the pupil, and what a file of one may say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
+from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+
+PLAIN = CameraBody(
+    name="box",
+    width_mm=90.0,
+    height_mm=25.0,
+    depth_mm=20.0,
+    lens_x_mm=-32.0,
+    lens_y_mm=2.0,
+    pupil_behind_front_mm=4.0,
+    lens_ring_mm=6.0,
+    lens_protrusion_mm=0.0,
+    cable_mm=5.0,
+    mass_g=70.0,
+    held_by=Lips(lip_mm=2.0),
+)
+
+
+def test_the_box_is_that_of_the_body_seen_from_the_pupil() -> None:
+    """The middle of the body lies opposite to the lens, its front as far before the pupil as that is behind it."""
+    low, high = np.array(PLAIN.box_mm)
+    np.testing.assert_allclose(high - low, [90.0, 25.0, 20.0])
+    np.testing.assert_allclose((low + high)[:2] / 2.0, [32.0, -2.0])
+    assert high[2] == 4.0
+
+
+@pytest.mark.parametrize("name", camera_names())
+def test_lens_and_holes_are_within_the_body(name: str) -> None:
+    """The pupil of a body with a barrel lies within that, of any other within its depth."""
+    body = read_body(name)
+    low, high = np.array(body.box_mm)
+    assert (low[:2] < -1.0).all()
+    assert (high[:2] > 1.0).all()
+    assert -body.lens_protrusion_mm < body.pupil_behind_front_mm < body.depth_mm
+    if isinstance(body.held_by, BoardHoles):
+        holes = np.array(body.held_by.holes_mm)
+        assert (holes - body.held_by.hole_mm / 2.0 > low[:2]).all()
+        assert (holes + body.held_by.hole_mm / 2.0 < high[:2]).all()
+    else:
+        assert body.held_by.lip_mm < body.height_mm / 2.0 - abs(body.lens_y_mm) - body.lens_ring_mm / 2.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no measure of a body"),
+        ({"guessed": ("name",)}, "guessed: name is no measure of a body"),
+        ({"end_radius_mm": 12.6}, "end_radius_mm 12.6, expected at most half of 90 x 25"),
+        ({"foot_mm": (1.0, 0.0, 1.0)}, "foot_mm"),
+        ({"lens_protrusion_mm": -1.0}, "lens_protrusion_mm"),
+    ],
+)
+def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        PLAIN.replaced(**changes)
+
+
+def test_a_guess_may_be_about_what_holds_it_and_what_is_not_stated_is_not_written() -> None:
+    assert PLAIN.replaced(guessed=("held_by.lip_mm", "mass_g")).guessed == ("held_by.lip_mm", "mass_g")
+    assert not {"guessed", "foot_mm", "end_radius_mm"} & PLAIN.model_dump().keys()
