@@ -116,7 +116,10 @@ def test_set_screws_press_between_what_they_press_against() -> None:
         ({"lens_ring_mm": 26.0}, r"lips reach 1\.5 mm over the lens ring \(26 mm across\).*lip_mm at most 1\.5"),
         ({"hinge_mm": 80.0}, r"holds 6\.7 mm of the body beside its hinge, expected at least 10 mm"),
         ({"hinge_from_back_mm": 22.0}, r"wall over the hinge is 1\.7 mm, expected 5\.6 mm"),
-        ({"height_mm": 18.0, "lens_ring_mm": 8.0}, r"floor beside the cable is 6\.5 mm wide, expected 8 mm"),
+        (
+            {"height_mm": 18.0, "end_radius_mm": 0.0, "lens_ring_mm": 8.0},
+            r"floor beside the cable is 6\.5 mm wide, expected 8 mm",
+        ),
     ],
 )
 def test_a_body_that_cannot_be_held_is_refused_with_the_measure(changes: dict[str, float], message: str) -> None:

@@ -39,7 +39,8 @@ from tests.mirrorcam.command_line import assert_refused_here
         ("features a.npz --near-mm 5 --far-mm 5", "expected a nearest depth below the farthest"),
         ("refocus a.npz --near-mm 5 --far-mm 4", "expected a nearest depth below the farthest"),
         (f"design --rows {'x' * 900}", "--rows: invalid literal"),
-        (f"design --camera {'y' * 900}", "File name too long"),
+        (f"design --camera {'y' * 900}.toml", "File name too long"),
+        (f"design --camera {'y' * 900}", "expected one of arducam_b0196, board_38"),
     ],
 )
 def test_a_refusal_is_one_short_line(
