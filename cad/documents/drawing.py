@@ -11,6 +11,13 @@ from build123d import Part
 from mirrorcam.cad.documents.annotation import WORDS_MM, annotate
 from mirrorcam.cad.documents.dimension_lines import TIERS_MM
 from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, text_width_mm
+from mirrorcam.cad.documents.geometrical_tolerances import (
+    RESERVED_MM,
+    draw_frames,
+    draw_holder_datums,
+    holder_tolerances,
+    tolerance_notes,
+)
 from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
 from mirrorcam.cad.documents.hole_callouts import called_out
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
@@ -23,6 +30,7 @@ from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.tolerances import Tolerances
 
 SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 VISIBLE_MM, SMALL_MM, HIDDEN_MM = 0.35, 0.25, 0.18
@@ -49,7 +57,12 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
     sheet = DrawingSheet(*A3_MM)
-    table_left, table_low = _draw_tables(sheet, tables)
+    table_left, table_low = _draw_tables(sheet, tables, RESERVED_MM if isinstance(whole, HolderPlan) else 0.0)
+    if isinstance(whole, HolderPlan):
+        built = Tolerances()
+        table_low = draw_frames(
+            sheet, table_left + 7.5, table_low, holder_tolerances(whole, built), tolerance_notes(built)
+        )
     placed, scale, room_mm = _arrange(top, front, right, table_left)
     dimensions = dimensions_of(part, solid, screw)
     section = _section_of(part, solid, dimensions)
@@ -69,6 +82,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     if section and cut_at:
         _draw_section_marks(sheet, placed, section, cut_at, bed_from_rig)
     if isinstance(whole, HolderPlan):
+        draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
         for name, middle in seat_names(whole):
             at = placed[0].paper(middle)
@@ -190,13 +204,13 @@ def _draw_section_marks(
     draw_trace(sheet, traces, "A")
 
 
-def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable]) -> tuple[float, float]:
+def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
     """Draw tables in the upper right corner, below each other; returns where the area left of and below them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
     for table in tables:
         cells = [table.head, *table.rows]
-        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0) / (len(cells) + 1))
+        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
         height = min(TEXT_MM, 0.6 * pitch)
         widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.head))]
         lines = [

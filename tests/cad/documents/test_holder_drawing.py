@@ -38,6 +38,8 @@ def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout
     said = [words.text for words in sheet.words]
     assert overlaps(sheet) == []
     assert outside(sheet) == []
+    # A in both frames of the seats, at the back and at the trace of the section; B in the frames and at the holes.
+    assert (said.count("A"), said.count("B")) == (5, 3)
     assert "4x Ø4 ↧6.7 insert M3 (far side)" in said
     # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
     back = part.print_from_rig[2, :3]
