@@ -15,7 +15,9 @@ from build123d import (
     Locations,
     Part,
     Plane,
+    RectangleRounded,
     RegularPolygon,
+    SlotOverall,
     extrude,
 )
 
@@ -37,8 +39,13 @@ def camera_solid(camera: CameraBody) -> Part:
     front = camera.pupil_behind_front_mm
     middle = (-camera.lens_x_mm, -camera.lens_y_mm)
     with BuildPart() as body:
-        with Locations((*middle, front)):
-            Box(camera.width_mm, camera.height_mm, camera.depth_mm, align=BELOW)
+        if camera.end_radius_mm > 0.0:
+            with BuildSketch(Plane((*middle, front))):
+                _rounded(camera)
+            extrude(amount=-camera.depth_mm)
+        else:
+            with Locations((*middle, front)):
+                Box(camera.width_mm, camera.height_mm, camera.depth_mm, align=BELOW)
         if camera.lens_protrusion_mm > 0.0:
             with Locations((0.0, 0.0, front)):
                 Cylinder(camera.lens_ring_mm / 2.0, camera.lens_protrusion_mm, align=ABOVE)
@@ -52,6 +59,15 @@ def camera_solid(camera: CameraBody) -> Part:
             with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
                 Hole(camera.held_by.hole_mm / 2.0)
     return _solid(body)
+
+
+def _rounded(camera: CameraBody) -> None:
+    """Add the outline of a body with round ends to a sketch: a slot where nothing of its shorter sides is flat."""
+    width, height, radius = camera.width_mm, camera.height_mm, camera.end_radius_mm
+    if 2.0 * radius < min(width, height):
+        RectangleRounded(width, height, radius)
+    else:
+        SlotOverall(max(width, height), min(width, height), rotation=0.0 if width > height else 90.0)
 
 
 def item_solid(item: BoughtItem) -> Part:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.bought_solids import item_solid
+from mirrorcam.cad.assembly.bought_solids import CABLE_STUB_MM, camera_solid, item_solid
 from mirrorcam.cad.plan.part_plan import BoughtKind
+from mirrorcam.optics.geometry.camera_body import Lips
+from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.assembly.bought import item
 
 
@@ -21,6 +23,22 @@ from tests.cad.assembly.bought import item
 )
 def test_fasteners_have_the_volume_of_their_formula(kind: BoughtKind, size: str, length: float, volume: float) -> None:
     assert item_solid(item(kind, size, length)).volume == pytest.approx(volume, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "radius"), [(94.0, 29.0, 0.0), (94.0, 29.0, 14.0), (90.0, 25.0, 12.5), (25.0, 90.0, 12.5)]
+)
+def test_a_body_with_round_ends_lacks_four_corners(width: float, height: float, radius: float) -> None:
+    """Of each square of the radius, a quarter of a circle is left."""
+    plain = read_body("d435").replaced(lens_x_mm=0.0, end_radius_mm=0.0)
+    body = plain.replaced(width_mm=width, height_mm=height, end_radius_mm=radius, held_by=Lips(lip_mm=2.0))
+    solid = camera_solid(body)
+    cable = np.pi * (body.cable_mm / 2.0) ** 2 * CABLE_STUB_MM
+    outline = width * height - (4.0 - np.pi) * radius**2
+    assert solid.volume == pytest.approx(outline * body.depth_mm + cable, rel=1e-9)
+    box, (low, high) = solid.bounding_box(), body.box_mm
+    np.testing.assert_allclose([box.min.X, box.min.Y, *box.max], [*low[:2], *high], atol=1e-6)
+    assert solid.is_valid
 
 
 def test_a_size_without_a_diameter_is_refused() -> None:

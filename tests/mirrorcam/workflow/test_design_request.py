@@ -33,6 +33,8 @@ def test_a_request_names_a_camera_of_the_library_or_a_file(tmp_path: Path) -> No
     path = tmp_path / "design.toml"
     path.write_text('camera = "pi_camera_3"\nscale_mm = 70.0\n', encoding="utf-8")
     assert read_request(path) == DesignSpec(camera=read_camera("pi_camera_3"), scale_mm=70.0)
+    path.write_text('camera = "c920"\n', encoding="utf-8")
+    assert request_toml(read_request(path)) == request_toml(DesignSpec())
     (tmp_path / "own.json").write_text(Camera.c920().replaced(name="own").model_dump_json(), encoding="utf-8")
     path.write_text(f"camera = '{tmp_path / 'own.json'}'\n", encoding="utf-8")
     assert read_request(path).camera.name == "own"
