@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes
+from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import along_y, box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -66,8 +66,25 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes: of the slide screws, and of what holds the camera."""
-        return holes(self.cuts)
+        """The holes, of the slide screws and of what holds the camera, and the channel that the body is slid into."""
+        return (*holes(self.cuts), *(self._channel_lengths() if len(self.set_screw_tips) else ()))
+
+    def _channel_lengths(self) -> Iterator[Length]:
+        """Of the channel, its lips and the cable's slot; the pieces are in the order of `_channel_walls`."""
+        _, end, lip, other_lip, wall, _, floor = self.pieces[:7]
+        lows, highs = (
+            [extreme(np.vstack([piece.base, piece.top]), axis=0) for piece in (end, lip, wall, floor, other_lip)]
+            for extreme in (np.min, np.max)
+        )
+        low_y, front, top = lows[1][1], lows[1][2], highs[1][2]
+        begins, opens, floor_z = highs[0][0], highs[1][0], highs[3][2]
+        corner = np.array([opens, low_y, floor_z])
+        yield length(corner, np.array([opens, lows[2][1], floor_z]), "channel")
+        yield length(corner, np.array([opens, low_y, front]), "channel")
+        yield length(np.array([opens, lows[4][1], top]), np.array([opens, lows[2][1], top]), "lip")
+        yield length(np.array([opens, low_y, front]), np.array([opens, low_y, top]), "lip")
+        yield length(np.array([self.from_x_mm, low_y, front]), np.array([begins, low_y, front]), "end wall")
+        yield length(np.array([opens, highs[3][1], floor_z]), np.array([opens, lows[2][1], floor_z]), "slot")
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:
