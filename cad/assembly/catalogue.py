@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.ways_out import (
+    clamp_nut_ways_mm,
+    clip_way_mm,
+    foot_nut_ways_mm,
+    holder_nut_ways_mm,
+    insert_way_mm,
+    slide_nut_ways_mm,
+)
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.bed_placement import turn
@@ -125,12 +133,21 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     )
     slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+    head, foot, clamp = ("mount", "mirror_holder"), ("adapter_saddle", "mount"), ("adapter_cap", "adapter_saddle")
     return (
-        *_screws(device, transform(mount.rig_from_head, holes), head_z, mount.head, ("mount", "mirror_holder"), slots),
-        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip")),
-        *_screws(device, adapter.foot_heads, down, adapter.foot, ("adapter_saddle", "mount")),
+        *_screws(
+            device,
+            transform(mount.rig_from_head, holes),
+            head_z,
+            mount.head,
+            head,
+            holder_nut_ways_mm,
+            slots,
+        ),
+        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip"), slide_nut_ways_mm),
+        *_screws(device, adapter.foot_heads, down, adapter.foot, foot, foot_nut_ways_mm),
         # The channel for these nuts runs along y: their flats are on its sides.
-        *_screws(device, adapter.clamp_heads, down, adapter.clamp, ("adapter_cap", "adapter_saddle"), scene),
+        *_screws(device, adapter.clamp_heads, down, adapter.clamp, clamp, clamp_nut_ways_mm, scene),
         *_camera_screws(device),
         *_on_bed(device).pins,
     )
@@ -142,28 +159,42 @@ def _screws(
     out: FloatArray,
     stack: Stack,
     joins: tuple[str, str],
+    nut_ways_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = ACROSS,
 ) -> Iterator[BoughtItem]:
     """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head.
 
-    Nuts have a corner in the direction `corners`, (3,) or (n, 3).
+    Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_ways_mm`.
     """
     screw = device.hardware.screw
     outer, inner = (np.array(EXPLODE[name]) for name in joins)
-    for head, corner in zip(heads, np.broadcast_to(corners, heads.shape), strict=True):
+    for head in heads:
         yield BoughtItem("screw", "M3", stack.length_mm, _along(head, out), outer + 25.0 * out, joins)
-        mouth = head - stack.grip_mm * out
-        if screw.kind == "insert":
-            yield BoughtItem("insert", "M3", screw.insert_mm, _along(mouth, out), inner + 12.0 * out, joins[1:])
-        else:
-            near = mouth - stack.begins_mm * out
-            yield BoughtItem("nut", "M3", screw.nut_height_mm, _along(near, out, corner), inner - 12.0 * out, joins[1:])
+    mouths = heads - stack.grip_mm * out
+    if screw.kind == "insert":
+        way = insert_way_mm(out)
+        for mouth in mouths:
+            yield _thread(device, _along(mouth, out), inner, joins[1:], way)
+        return
+    seats = mouths - stack.begins_mm * out
+    ways = nut_ways_mm(device, seats)
+    for seat, way, corner in zip(seats, ways, np.broadcast_to(corners, heads.shape), strict=True):
+        yield _thread(device, _along(seat, out, corner), inner, joins[1:], way)
+
+
+def _thread(
+    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], way_out_mm: FloatArray
+) -> BoughtItem:
+    """An insert or a nut; in an exploded view it is at the end of its way out of its part, which is moved `apart`."""
+    screw = device.hardware.screw
+    length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
+    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + way_out_mm.sum(axis=0), joins, way_out_mm)
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     """The fasteners of the camera in its clip: set screws behind a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
-    screw, above = hardware.screw, np.array([0.0, 0.0, 1.0])
+    above = np.array([0.0, 0.0, 1.0])
     apart = np.array(EXPLODE["camera_clip"])
     if not isinstance(hardware.camera.held_by, Lips):
         for head in clip.board_screws:
@@ -183,8 +214,7 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
             "screw", "M3 set", hardware.clip.set_screw_mm, _along(outer, -above), apart - 30.0 * above, ("camera_clip",)
         )
         mouth = tip - hardware.clip.behind_mm * above
-        length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-        yield BoughtItem(screw.kind, "M3", length, _along(mouth, above), apart + 15.0 * above, ("camera_clip",))
+        yield _thread(device, _along(mouth, above), apart, ("camera_clip",), clip_way_mm(device, mouth)[None])
 
 
 def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:

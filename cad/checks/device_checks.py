@@ -21,6 +21,7 @@ from mirrorcam.cad.assembly.pieces import ACRYLIC, BRASS, COUPON, STEEL, compose
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
+from mirrorcam.cad.checks.insertion import check_insertion
 from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.holder.stray_light import stray_light
@@ -114,6 +115,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_light(device.layout, hardware, made.sound_parts | wrist, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),
         **check_clashes(made.sound | wrist, hardware.fit.press_mm),
+        **check_insertion(bought_items(device), made.sound),
     }
 
 

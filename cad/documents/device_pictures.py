@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,9 @@ RAY_BEYOND_MIRROR = 1.1
 BED_GAP_MM = 14.0
 # In the picture of a step what is new stands off by this share of its way in the exploded view.
 STEP_SHARE = 0.8
-INSERT_OUT_MM = 12.0
+# The head of an arrow, from what is put in towards where it goes: its length, its radius, and how far before it.
+ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
+ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
         DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
         DevicePicture("behind", "The device from behind", behind, bare),
         DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
-        DevicePicture("inserts", "Where the inserts go", behind, _threads(stages)),
+        DevicePicture("inserts", "Where inserts and nuts go", behind, _threads(stages)),
         DevicePicture("mirrors", "Which mirror goes where", below, _seating(stages)),
         DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
         DevicePicture("camera", "Camera and clip", above, _camera_in_clip(stages)),
@@ -130,14 +132,37 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
 
 
 def _threads(stages: Stages) -> tuple[Item, ...]:
-    """Parts away from each other, their inserts and nuts before their holes."""
+    """Parts away from each other, their inserts and nuts at the beginning of their ways in, with arrows."""
     parts = [part for part in stages.of_kind("part") if stages.threads_in([part])]
     items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
     for thread in stages.threads:
         home = home_of(thread, joins_of(thread)[-1], parts)
-        seat = home.explode_mm if home else np.zeros(3)
-        items.append(_moved(thread, seat + INSERT_OUT_MM * _axis(thread), seat=seat))
+        items += _put_in(thread, home.explode_mm if home else np.zeros(3))
     return tuple(items)
+
+
+def _put_in(thread: Piece, seat: FloatArray) -> tuple[Item, Item]:
+    """An insert or a nut outside of its part, which is drawn `seat` (3,) mm away, its way in, and an arrow along it."""
+    places = seat + _places_out(thread)
+    drawn = _moved(thread, places[-1])
+    inwards = places[-2] - places[-1]
+    inwards /= np.linalg.norm(inwards)
+    centre = np.asarray(thread.mesh.bounds).mean(axis=0)
+    head = _arrow_head(centre + places[-1] + ARROW_BEFORE_MM * inwards, inwards)
+    return replace(drawn, line=centre + places), Item(head, "")
+
+
+def _places_out(thread: Piece) -> FloatArray:
+    """Where an insert or a nut is on its way out of its seat (n, 3), from its seat on, mm."""
+    moves = thread.item.way_out_mm if thread.item else np.zeros((0, 3))
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(moves, axis=0)])
+
+
+def _arrow_head(at: FloatArray, way: FloatArray) -> ShadedBody:
+    """A cone from a point (3,) along a unit vector (3,)."""
+    cone = trimesh.creation.cone(ARROW_RADIUS_MM, ARROW_MM, sections=24)
+    cone.apply_transform(trimesh.geometry.align_vectors(np.array([0.0, 0.0, 1.0]), way))
+    return ShadedBody(np.asarray(cone.triangles, dtype=np.float64) + at, ARROW_RGB)
 
 
 def _seating(stages: Stages) -> tuple[Item, ...]:
@@ -163,9 +188,14 @@ def _clip_on_mount(stages: Stages) -> tuple[Item, ...]:
 
 
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
-    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.threads_in(stages.adapter))}
+    held = stages.threads_in(stages.adapter)
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *held)}
     rest = [piece for piece in stages.pieces if piece.name not in new]
-    return _joined(rest, stages.adapter, [*stages.adapter_screws, *stages.threads_in(stages.adapter)], stages.mount)
+    items = _joined(rest, stages.adapter, stages.adapter_screws, stages.mount)
+    # Inserts and nuts are in the adapter already.
+    base = _mean([piece.explode_mm for piece in stages.mount])
+    homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in held]
+    return (*items, *(_moved(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
 
 
 def _joined(
@@ -193,6 +223,9 @@ def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
         homes = [home_of(piece, name, parts.values()) for name in (joins if piece.kind == "screw" else joins[::-1])]
         home = next((home for home in homes if home), None)
         seat = away[home.name] if home else np.zeros(3) if joins else None
+        if seat is not None and piece.kind in ("insert", "nut"):
+            items += _put_in(piece, seat)
+            continue
         items.append(_moved(piece, move, _big_label(piece), seat=seat))
     return tuple(items)
 
@@ -204,11 +237,6 @@ def _lifted(piece: Piece, holder: Sequence[Piece]) -> Item:
 
 def _distance(move: FloatArray, piece: Piece) -> float:
     return float(np.linalg.norm(piece.explode_mm - move))
-
-
-def _axis(piece: Piece) -> FloatArray:
-    """The direction in which a fastener leaves its hole."""
-    return piece.item.rig_from_item[:3, 2] if piece.item else np.zeros(3)
 
 
 def _mean(vectors: Sequence[FloatArray]) -> FloatArray:

@@ -92,7 +92,8 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     camera, clip = hardware.camera, hardware.clip
     body = body_box(camera)
     slide = stack(hardware.mount.skin_mm, hardware)
-    reach = clip.screws_apart_mm / 2.0 + hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    slide_x = _slide_x_mm(hardware)
+    reach = slide_x + hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     held = camera.held_by
     from_x = min(float(body.low[0]) - clip.wall_mm, -reach)
     if isinstance(held, BoardHoles):
@@ -111,7 +112,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     pieces = [box((from_x, outer_y, bottom), (to_x, inner_y, top)), *pieces]
     slide_z = (bottom + top) / 2.0
     for side in (-1.0, 1.0):
-        mouth = np.array([side * clip.screws_apart_mm / 2.0, outer_y, slide_z])
+        mouth = np.array([side * slide_x, outer_y, slide_z])
         cuts += thread(mouth, SCENE, UP, slide, slide.wall_mm, hardware.screw)
     deep = clip.rib_mm + hardware.fit.slide_mm
     groove = np.array(
@@ -123,7 +124,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         pieces=tuple(pieces),
         cuts=tuple(cuts),
         slide=slide,
-        slide_x_mm=clip.screws_apart_mm / 2.0,
+        slide_x_mm=slide_x,
         slide_y_mm=outer_y,
         slide_z_mm=slide_z,
         travel_mm=clip.travel_mm,
@@ -134,6 +135,16 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         set_screw_tips=set_screws,
         board_screws=board_screws,
     )
+
+
+def _slide_x_mm(hardware: Hardware) -> float:
+    """Distance of the slide screws from the middle: no post, nor its slope, stands before the pocket of a nut."""
+    least, screw, held = hardware.clip.screws_apart_mm / 2.0, hardware.screw, hardware.camera.held_by
+    if screw.kind == "insert" or isinstance(held, Lips):
+        return least
+    nut = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
+    posts = max(abs(x) for x, _ in held.holes_mm) + _post_radius_mm(held) + held.post_mm
+    return max(least, posts + nut)
 
 
 Held = tuple[list[Frustum], list[Frustum | Bore | Hexagon], float, float, FloatArray, FloatArray]

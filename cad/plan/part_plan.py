@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
@@ -90,7 +90,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Value):
         return value.model_dump(mode="json")
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, tuple | list):
@@ -113,7 +113,8 @@ class BoughtItem:
 
     `rig_from_item` (4, 4) has its origin under a screw's head, or at the mouth of an insert's hole, and z along the
     axis, out of the material. `explode_mm` (3,) is how far it is moved, in rig, in an exploded view; `joins` are the
-    names of the parts that it joins.
+    names of the parts that it joins. `way_out_mm` (n, 3) are the moves in rig, one after the other, by which an insert
+    or a nut leaves its seat; backwards, they are how it is put in. Others have none.
     """
 
     kind: BoughtKind
@@ -122,6 +123,7 @@ class BoughtItem:
     rig_from_item: FloatArray
     explode_mm: FloatArray
     joins: tuple[str, ...]
+    way_out_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 class MassProperties(Value):

@@ -24,6 +24,8 @@ ASSEMBLY: Mapping[str, str] = {
     "mirrors_off_their_seats": "mirrors off their seats",
     "fasteners_loose": "fasteners that hold nothing",
     "screws_without_thread": "screws that engage no thread",
+    "insertion_clash_mm3": "obstruction of inserts and nuts",
+    "threads_that_cannot_enter": "inserts and nuts with no way in",
 }
 
 LIGHT: Mapping[str, str] = {

@@ -38,7 +38,7 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
     other = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Set the board on the posts" in other
-    assert "Slide each nut" in other
+    assert "Put each nut into its pocket" in other
     assert "heat-set" not in other
     assert "soldering iron" not in other
     assert "nothing has compared the camera with that of the layout, which sees 70.4 x 43.3 deg" in other
