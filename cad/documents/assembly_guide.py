@@ -13,6 +13,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import DOT_MM, DOTS
+from mirrorcam.cad.mirrors.facing import FACINGS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
 from mirrorcam.cad.plan.hardware import field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -55,6 +56,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
         mirrors=_mirror_rows(device),
         surfaces=sorted({mirror.surface for mirror in device.layout.mirrors}),
+        facings=FACINGS,
         settings=PRINT_SETTINGS,
         coupon_mirror_mm=MIRROR_MM,
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",

@@ -1,7 +1,7 @@
-"""Mirrors on stock sheets: their cut lines and engraved marks, as seen from the back.
+"""Mirrors on stock sheets: their cut lines and engraved marks, as seen from the face that `facing` lays up, the back.
 
-Everything is drawn as seen from the *back* of the stock sheet, the side that is engraved and then glued into its seat:
-cut with the back up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over.
+Everything is drawn as seen from the *back* of the stock sheet, the side that is glued into its seat: cut with the back
+up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from shapely import LineString, Polygon, STRtree, get_parts, minimum_rotated_rec
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
+from mirrorcam.cad.mirrors.facing import FACINGS, Surface
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
@@ -38,7 +39,7 @@ class StockSheet:
 
     number: int
     count: int
-    surface: str
+    surface: Surface
     thickness_mm: float
     layout_identity: str
     cutting: Cutting
@@ -62,19 +63,21 @@ class StockSheet:
     def notes(self) -> tuple[str, ...]:
         """Notes for the person who cuts the sheet."""
         width, height = self.cutting.sheet_mm
-        half = self.cutting.kerf_mm / 2.0
+        half, facing = self.cutting.kerf_mm / 2.0, FACINGS[self.surface]
         return (
             f"MirrorCam mirrors, sheet {self.number} of {self.count}, layout {self.layout_identity}; lengths in mm",
             f"Sheet: {self.kind}, {width:g} x {height:g}",
-            "Seen from the BACK of the mirrors: lay the sheet with its back up; do not mirror the drawing",
+            f"Lay the sheet down with its {facing.note}",
+            f"Seen from the {facing.up} of the mirrors: do not mirror the drawing",
             f"CUT (red): kerf {self.cutting.kerf_mm:g} included, lines are {half:g} outside the finished edge",
-            "ENGRAVE (blue): name of the mirror and an arrow that points up in the device, on the back; engrave first",
+            f"ENGRAVE (blue): name of the mirror and an arrow that points up in the device, into {facing.marked}; "
+            "engrave first",
         )
 
 
 def outline_from_back(mirror: Mirror) -> FloatArray:
-    """The outline (n, 2) seen from the back of the sheet: x along the rig's x, y up."""
-    return mirror.outline_in_plane_mm * (1.0, -1.0)
+    """The outline (n, 2) seen from the face that lies up, the back: x along the rig's x, y up."""
+    return FACINGS[mirror.surface].seen(mirror.outline_in_plane_mm)
 
 
 def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
@@ -112,7 +115,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     """All mirrors nested on sheets, a set of sheets for every kind of mirror; raises as `require_cuttable` does."""
     require_cuttable(layout, cutting)
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
-    planned: list[tuple[str, float, list[CutMirror]]] = []
+    planned: list[tuple[Surface, float, list[CutMirror]]] = []
     for surface, thickness_mm in kinds:
         chosen = [
             (name, outline_from_back(mirror))

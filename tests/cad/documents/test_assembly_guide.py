@@ -6,16 +6,21 @@ import html
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
+from ezdxf.filemanagement import readfile
 from markdown_it import MarkdownIt
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
+from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.write.bill_of_materials import bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
@@ -93,15 +98,33 @@ def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> Non
     assert asked in text
 
 
-def test_stock_is_laid_down_as_its_surface_demands(made: Made, tmp_path: Path) -> None:
-    assert "without the coating" in (made.folder / "guide.md").read_text(encoding="utf-8")
-    assert "painted" not in (made.folder / "guide.md").read_text(encoding="utf-8")
-    behind = tuple(mirror.replaced(surface="second") for mirror in made.device.layout.mirrors)
-    second = replace(made.device, layout=made.device.layout.replaced(mirrors=behind))
-    write_guide(tmp_path, second, made.parts, made.pieces)
-    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
-    assert "the painted side: the clear side lies on the table" in text
-    assert "without the coating" not in text
+@pytest.mark.parametrize(
+    ("surface", "up", "other"),
+    [("first", "the side without the coating", "painted"), ("second", "the painted side", "without the coating")],
+)
+def test_guide_notes_and_drawing_lay_the_same_face_up(
+    made: Made, tmp_path: Path, surface: Literal["first", "second"], up: str, other: str
+) -> None:
+    """Read back from the files: the note of the DXF, the guide, and the side that outlines and marks are drawn from."""
+    mirrors = tuple(mirror.replaced(surface=surface) for mirror in made.device.layout.mirrors)
+    layout = made.device.layout.replaced(mirrors=mirrors)
+    (sheet,) = plan_sheets(layout, HARDWARE.cutting)
+    write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
+    write_guide(tmp_path, replace(made.device, layout=layout), made.parts, made.pieces)
+    step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 3")[2].partition("## Step 4")[0]
+    texts = readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query('TEXT[layer=="NOTES"]')
+    (note,) = [text.dxf.text for text in texts if text.dxf.text.startswith("Lay the sheet down")]
+    assert note.removeprefix("Lay the sheet down with its ") in step
+    assert f"BACK up ({up})" in note
+    assert other not in note
+    assert other not in step
+    # Seen from the back, outlines fit the files and arrows point up; seen from the front, they do neither.
+    checks = check_cuts([tmp_path / "mirrors" / "mirrors.dxf"], layout, HARDWARE.cutting)
+    assert checks["outline_error_um"].passed
+    assert checks["arrow_error_deg"].passed
+    if surface == "second":
+        assert "into paper tape on the paint, not the paint" in step
+        assert any("into paper tape on the paint, not the paint" in text.dxf.text for text in texts)
 
 
 def test_the_bare_camera_is_photographed_before_it_meets_the_mirrors(made: Made) -> None:
