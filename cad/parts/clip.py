@@ -138,13 +138,13 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
 
 
 def _slide_x_mm(hardware: Hardware) -> float:
-    """Distance of the slide screws from the middle: no post, nor its slope, stands before the pocket of a nut."""
+    """Distance of the slide screws from the middle, in whole mm: no post stands before the pocket of a nut."""
     least, screw, held = hardware.clip.screws_apart_mm / 2.0, hardware.screw, hardware.camera.held_by
     if screw.kind == "insert" or isinstance(held, Lips):
         return least
     nut = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
     posts = max(abs(x) for x, _ in held.holes_mm) + _post_radius_mm(held) + held.post_mm
-    return max(least, posts + nut)
+    return max(least, float(np.ceil(posts + nut)))
 
 
 Held = tuple[list[Frustum], list[Frustum | Bore | Hexagon], float, float, FloatArray, FloatArray]
