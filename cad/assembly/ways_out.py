@@ -7,9 +7,9 @@ import numpy as np
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.clip import body_box
 from mirrorcam.cad.parts.foot import foot_plate_mm
-from mirrorcam.cad.plan.hardware import Lips
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera_body import Lips
 
 SIDE = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
