@@ -217,7 +217,7 @@ def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
     """Pieces away from their places, each fastener and the camera with a line to where it belongs as that is drawn."""
     parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
     away = {piece.name: move for piece, move in moves}
-    items = []
+    items: list[Item] = []
     for piece, move in moves:
         joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
         homes = [home_of(piece, name, parts.values()) for name in (joins if piece.kind == "screw" else joins[::-1])]
