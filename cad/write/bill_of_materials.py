@@ -149,7 +149,14 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
         standard = next(standard for name, standard in STANDARDS.items() if key[1].endswith(name))
         lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard, note=where))
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
-    lines.append(BoughtLine(title="1/4 in nut", count=1, note="mount, only to stand on a tripod"))
+    lines.append(
+        BoughtLine(
+            title="1/4-20 UNC hexagon nut",
+            count=1,
+            standard="ASME B18.2.2",
+            note="mount, only to stand on a tripod",
+        )
+    )
     glue_ml = 0.001 * len(device.layout.mirrors) * DOTS * np.pi / 6.0 * DOT_MM**3
     dots = f"{number_word(DOTS)} dots of {DOT_MM:g} mm behind every mirror"
     lines.append(
@@ -193,7 +200,7 @@ def as_markdown(bom: Bom) -> str:
             for line in bom.printed
         ),
         "",
-        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {how}.",
+        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {how}{_in_all(bom)}.",
         "",
         "## Mirrors",
         "",
@@ -238,6 +245,12 @@ def as_csv(bom: Bom) -> str:
 
 def _or_dash(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
+
+
+def _in_all(bom: Bom) -> str:
+    """The time of all prints together, where a slicer gave the time of each."""
+    minutes = [line.print_minutes for line in bom.printed if line.print_minutes is not None]
+    return f"; {_hours(sum(minutes))} of printing in all" if len(minutes) == len(bom.printed) else ""
 
 
 def _hours(minutes: float | None) -> str:

@@ -46,7 +46,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 8 screw", 5),
         ("M3 x 5.7 heat-set insert", 4),
         ("Cable tie, at most 4 mm wide", 1),
-        ("1/4 in nut", 1),
+        ("1/4-20 UNC hexagon nut", 1),
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
         ("Tool: soldering iron with a tip for M3 inserts", None),
     ]
@@ -100,7 +100,7 @@ def test_the_three_files_say_the_same(bom: Bom, tmp_path: Path) -> None:
     tables = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|---")]
     assert len(tables) == len(rows) + 3
     assert "| MC-99 | Block | [block.3mf](parts/block.3mf) | 18.0 | 22.3 | 9.5 | 1:15 h |" in text
-    assert "PLA: 19 g as sliced." in text
+    assert "PLA: 19 g as sliced; 2:30 h of printing in all." in text
     # No row has more or fewer cells than its header.
     for table in re.split(r"\n\n", text):
         widths = {line.count("|") for line in table.splitlines() if line.startswith("|")}
