@@ -220,7 +220,22 @@ def read_model(model: type[Model], path: Path) -> Model:
 
 def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
     """The pydantic model in the content of a file, see `read_model`; the file itself is not read."""
-    data = _toml(path, raw) if path.suffix.lower() == ".toml" else _json(path, raw)
+    return model_from(model, path, tables_of(path, raw))
+
+
+def tables_of(path: Path, raw: bytes) -> Any:
+    """What the content of a JSON or (by its suffix) TOML file states, unchecked; the file itself is not read."""
+    return _toml(path, raw) if path.suffix.lower() == ".toml" else _json(path, raw)
+
+
+def keys_of(path: Path, raw: bytes) -> frozenset[str]:
+    """The outermost keys in the content of such a file; none where it is no table."""
+    tables = tables_of(path, raw)
+    return frozenset(tables) if isinstance(tables, dict) else frozenset()
+
+
+def model_from(model: type[Model], path: Path, data: Any) -> Model:
+    """The pydantic model in what a file states, see `model_of`; the path is named where it is not valid."""
     try:
         return model.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as error:

@@ -11,10 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, Bounds
-from mirrorcam.optics.base.files import model_of, read_bytes, shortened
+from mirrorcam.optics.base.files import keys_of, model_of, read_bytes, shortened
 from mirrorcam.optics.base.names import Line, Name
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
@@ -169,12 +169,6 @@ def _view_of(optics: Any) -> dict[str, Any]:
     return {"field_of_view_deg": tuple(round(math.degrees(angle), 1) for angle in angles)}
 
 
-class _Table(Value):
-    """A file of which only the keys matter."""
-
-    model_config = ConfigDict(extra="allow")
-
-
 @cache
 def library() -> dict[str, CameraProfile]:
     """All cameras of the library by their names, in the order of these."""
@@ -200,13 +194,24 @@ def read_profile(name: str) -> CameraProfile:
     return _profile(_path(name, ".toml"))
 
 
+def named_camera(name: str) -> Camera:
+    """Optics of a camera of the library by its name; no other file is read, whatever the name.
+
+    Raises InputError for a name that is not known, and a camera without optics.
+    """
+    if name not in camera_names():
+        known = ", ".join(camera_names())
+        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {known}, or a table of its figures")
+    return library()[name].camera
+
+
 def read_camera(name: str) -> Camera:
     """Optics of a camera of the library by its name, or of a TOML or JSON file: of a camera's profile or a `Camera`.
 
     Raises InputError for a name that is not known, a file that is not valid, and a camera without optics.
     """
     if name in camera_names():
-        return library()[name].camera
+        return named_camera(name)
     path = _path(name, ".toml", ".json")
     raw = read_bytes(path)
     return model_of(CameraProfile, path, raw).camera if _is_profile(path, raw) else model_of(Camera, path, raw)
@@ -241,4 +246,4 @@ def _path(name: str, *suffixes: str) -> Path:
 
 def _is_profile(path: Path, raw: bytes) -> bool:
     """Whether a file has optics and body in tables of their own."""
-    return bool({"body", "optics"} & set(model_of(_Table, path, raw).model_extra or {}))
+    return not keys_of(path, raw).isdisjoint({"body", "optics"})

@@ -22,7 +22,7 @@ from mirrorcam.optics.base.bounds import (
 from mirrorcam.optics.base.values import FloatArray, InputError, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_library import read_camera
+from mirrorcam.optics.geometry.camera_library import named_camera
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
@@ -41,8 +41,9 @@ def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
     return np.array([[x, y, z] for x in (a, d) for y in (b, e) for z in (c, f)])
 
 
-def _named_camera(camera: object) -> object:
-    return read_camera(camera) if isinstance(camera, str) else with_tuples(camera)
+def _camera_or_name(camera: object) -> object:
+    # A request may come from a page or another's file: a name, but no path, is followed.
+    return named_camera(camera) if isinstance(camera, str) else with_tuples(camera)
 
 
 class DesignSpec(Value):
@@ -51,7 +52,7 @@ class DesignSpec(Value):
     Lengths are in mm, angles in degrees.
     """
 
-    camera: Annotated[Camera, BeforeValidator(_named_camera)] = Field(
+    camera: Annotated[Camera, BeforeValidator(_camera_or_name)] = Field(
         default_factory=Camera.c920,
         description="the base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
     )

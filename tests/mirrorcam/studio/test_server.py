@@ -75,6 +75,16 @@ def test_what_is_no_request_is_refused_in_one_line(client: TestClient, body: byt
     assert expected in answer.text
 
 
+def test_a_request_reads_no_file_of_this_machine(client: TestClient, tmp_path: Path) -> None:
+    own = tmp_path / "own.json"
+    own.write_text(DesignSpec().camera.replaced(name="secret camera").model_dump_json())
+    asked = {"design": {"camera": str(own)}, "opened": {"name": "design.toml", "text": f"camera = '{own}'"}}
+    for route, body in asked.items():
+        answer = client.post(f"/{route}", content=json.dumps(body), headers=JSON).text
+        assert "expected one of" in answer
+        assert "secret" not in answer
+
+
 def test_files_of_the_folder_are_given_and_none_beside_it(client: TestClient) -> None:
     assert client.get("/files/some/file.txt").text == "inside"
     for path in (
