@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
@@ -50,6 +51,8 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         glue_dot_mm=DOT_MM,
         coupon=next((part for part in parts if part.name == COUPON), None),
         stages=Stages(pieces),
+        step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
+        pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
         sheets=sorted(
             {f"{mirror.surface}-surface acrylic mirror, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}
         ),

@@ -13,6 +13,7 @@ import pytest
 from ezdxf.filemanagement import readfile
 from markdown_it import MarkdownIt
 
+from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
@@ -127,10 +128,15 @@ def test_guide_notes_and_drawing_lay_the_same_face_up(
         assert any("into paper tape on the paint, not the paint" in text.dxf.text for text in texts)
 
 
-def test_the_bare_camera_is_photographed_before_it_meets_the_mirrors(made: Made) -> None:
-    steps = (made.folder / "guide.md").read_text(encoding="utf-8").split("## Step ")
-    bare = next(number for number, step in enumerate(steps) if "pictures of the bare camera now" in step)
-    assert bare < next(number for number, step in enumerate(steps) if "clip on the rib of the mount" in step)
+def test_the_guide_takes_its_steps_and_pictures_in_the_order_that_is_checked(made: Made) -> None:
+    """`check_step_views` judges the table of steps: the guide follows it."""
+    steps = re.split(r"^## Step (\d+): ", (made.folder / "guide.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert [int(number) for number in steps[1::2]] == list(range(1, len(STEPS) + 1))
+    for step, text in zip(STEPS, steps[2::2], strict=True):
+        told = re.search(r"[Tt]ake .*pictures .*in a folder `(\w+)`", text)
+        assert (told[1] if told else "") == step.pictures
+        joins_clip = ("camera_clip", "mount") in step.joins
+        assert ("clip on the rib of the mount" in text) == joins_clip
 
 
 @pytest.mark.parametrize("name", ["c920", "board_38"])
