@@ -8,6 +8,7 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import pieces_of
 from mirrorcam.cad.checks import check_device
+from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
 from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of, write_picture
@@ -22,6 +23,7 @@ from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
 from mirrorcam.optics.base.calls import Call
 from mirrorcam.optics.base.files import write_metrics
+from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import call_all
@@ -39,7 +41,7 @@ def write_device(
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 3 + PICTURES
+    done, total = 0, len(made) + 4 + PICTURES
 
     def step() -> None:
         nonlocal done
@@ -56,8 +58,14 @@ def write_device(
     write_glb(out / "assembly.glb", pieces)
     pictures = pictures_of(device, parts, pieces)
     drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
+    revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
     checks, *_ = call_all(
-        [(check_device, (device, parts, out)), (write_assembly, (out / "assembly.step", device, parts)), *drawn],
+        [
+            (check_device, (device, parts, out)),
+            (write_assembly, (out / "assembly.step", device, parts)),
+            (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
+            *drawn,
+        ],
         workers,
         step,
         preload=KERNEL,

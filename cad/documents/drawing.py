@@ -57,7 +57,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
     sheet = DrawingSheet(*A3_MM)
-    table_left, table_low = _draw_tables(sheet, tables, RESERVED_MM if isinstance(whole, HolderPlan) else 0.0)
+    table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if isinstance(whole, HolderPlan) else 0.0)
     if isinstance(whole, HolderPlan):
         built = Tolerances()
         table_low = draw_frames(
@@ -204,7 +204,7 @@ def _draw_section_marks(
     draw_trace(sheet, traces, "A")
 
 
-def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
+def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
     """Draw tables in the upper right corner, below each other; returns where the area left of and below them ends."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     left = right
@@ -222,8 +222,10 @@ def _draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_m
         y = top - 7.0
         ends = right - sum(widths) + np.cumsum(widths)
         for number, row in enumerate(cells):
-            for end, cell in zip(ends, row, strict=True):
-                sheet.text((end - 1.5, y - 0.72 * pitch), cell, height, align="right", bold=number == 0)
+            for column, (end, cell) in enumerate(zip(ends, row, strict=True)):
+                words = column in table.words
+                at = (end - widths[column] + 2.5 if words else end - 1.5, y - 0.72 * pitch)
+                sheet.text(at, cell, height, align="left" if words else "right", bold=number == 0)
             y -= pitch
             sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
         for line in table.notes:

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
-from matplotlib.patches import Polygon
+from matplotlib.patches import Circle, Polygon
 from matplotlib.textpath import TextPath
 
 from mirrorcam.optics.base.files import atomic
@@ -100,6 +100,10 @@ class DrawingSheet:
         length, half = ARROW_MM
         corners = [tip, tip - length * along + half * across, tip - length * along - half * across]
         self._axes.add_patch(Polygon(corners, closed=True, facecolor=INK, edgecolor="none"))
+
+    def dot(self, middle: FloatArray, radius: float) -> None:
+        """A filled dot about `middle` (2,): the end of a leader within an outline."""
+        self._axes.add_patch(Circle((float(middle[0]), float(middle[1])), radius, facecolor=INK, edgecolor="none"))
 
     def text(
         self,

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.cad.documents.shading import Pixels, Shot
 from mirrorcam.optics.base.values import FloatArray
@@ -44,14 +45,19 @@ class _Line:
         )
 
 
-def anchor(shot: Shot, body: int) -> FloatArray | None:
-    """The pixel (column, row) deepest inside of what is seen of a body, or None where it is hidden."""
-    seen = (shot.bodies == body).astype(np.uint8)
+def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
+    """The pixel (column, row) deepest inside of an area (h, w), and how deep it is, px; None where there is none."""
     if not seen.any():
         return None
-    inside = cv2.distanceTransform(np.pad(seen, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    inside = cv2.distanceTransform(np.pad(seen.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
     row, column = np.unravel_index(int(inside.argmax()), inside.shape)
-    return np.array([column, row], dtype=np.float64)
+    return np.array([column, row], dtype=np.float64), float(inside[row, column])
+
+
+def anchor(shot: Shot, body: int) -> FloatArray | None:
+    """The pixel (column, row) deepest inside of what is seen of a body, or None where it is hidden."""
+    found = deepest(shot.bodies == body)
+    return found[0] if found else None
 
 
 def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
@@ -67,7 +73,7 @@ def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
     font = cv2.FontFace("sans")
     for left, group in ((True, found[:half]), (False, found[half:])):
         group = sorted(group, key=lambda item: (item[1][1], item[0].text))
-        places = _rows([float(point[1]) for _, point in group], size * ROW_OF_TEXT, height)
+        places = rows_near([float(point[1]) for _, point in group], size * ROW_OF_TEXT, MARGIN_PX, height - MARGIN_PX)
         boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size) for label, _ in group]
         starts = [
             np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, place])
@@ -98,9 +104,9 @@ def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[
     return order
 
 
-def _rows(wanted: Sequence[float], pitch: float, height: int) -> list[float]:
-    """Rows near the wanted ones (ascending), at least a pitch apart, inside the picture."""
-    low, high = MARGIN_PX + pitch / 2.0, height - MARGIN_PX - pitch / 2.0
+def rows_near(wanted: Sequence[float], pitch: float, begins: float, ends: float) -> list[float]:
+    """Rows near the wanted ones (ascending), at least a pitch apart, and half of one inside a range."""
+    low, high = begins + pitch / 2.0, ends - pitch / 2.0
     rows: list[float] = []
     for value in wanted:
         rows.append(max(value, low if not rows else rows[-1] + pitch))

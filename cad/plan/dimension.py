@@ -47,12 +47,13 @@ class Hole:
 
 @dataclass(frozen=True)
 class DrawingTable:
-    """A table of a drawing; `notes` (short lines) are written below it."""
+    """A table of a drawing; `notes` (short lines) are written below it, columns of `words` are flush left."""
 
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+    words: tuple[int, ...] = ()
 
 
 @runtime_checkable

@@ -146,8 +146,7 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         where = ", ".join(name.replace("_", " ") for name in joined[key])
-        standard = next(standard for name, standard in STANDARDS.items() if key[1].endswith(name))
-        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard, note=where))
+        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=where))
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(
         BoughtLine(
@@ -173,6 +172,11 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
             )
         )
     return tuple(lines)
+
+
+def standard_of(title: str) -> str:
+    """The standard, or in words the kind, of a bought item by its title."""
+    return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
 def write_bom(folder: Path, bom: Bom) -> None:

@@ -22,7 +22,7 @@ WHOLE = {"index.html", "guide.md", "bom.md", "bom.csv", "bom.json", "checks.json
 def test_the_default_layout_gives_all_files_and_passes(built_default: Built) -> None:
     _, folder, checks = built_default
     expected = {f"parts/{part}{suffix}" for part in PARTS for suffix in (".step", ".stl", ".3mf")}
-    expected |= {f"drawings/{part}{suffix}" for part in PARTS for suffix in (".svg", ".pdf")}
+    expected |= {f"drawings/{part}{suffix}" for part in (*PARTS, "assembly") for suffix in (".svg", ".pdf")}
     assert expected | WHOLE <= {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
     assert {name: check for name, check in checks.items() if not check.passed} == {}
     written = json.loads((folder / "checks.json").read_text(encoding="utf-8"))

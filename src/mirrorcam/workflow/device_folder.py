@@ -26,7 +26,7 @@ FILES = (
     *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
     *(f"parts/{part}.{ending}" for part in PARTS for ending in ("step", "stl", "3mf")),
     *(f"parts/.{part}.json" for part in PARTS),
-    *(f"drawings/{part}.{ending}" for part in PARTS for ending in ("svg", "pdf")),
+    *(f"drawings/{part}.{ending}" for part in (*PARTS, "assembly") for ending in ("svg", "pdf")),
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
     *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),

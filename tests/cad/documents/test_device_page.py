@@ -48,7 +48,8 @@ def will_exist(made: Made) -> set[str]:
     """Files below the folder: those written, and those that a whole build writes beside them."""
     written = {path.relative_to(made.folder).as_posix() for path in made.folder.rglob("*")}
     of_parts = {f"parts/{part.name}.{kind}" for part in made.parts for kind in ("step", "stl", "3mf")}
-    drawings = {f"drawings/{part.name}.{kind}" for part in made.parts for kind in ("svg", "pdf")}
+    stems = (*(part.name for part in made.parts), "assembly")
+    drawings = {f"drawings/{stem}.{kind}" for stem in stems for kind in ("svg", "pdf")}
     return (
         written
         | of_parts
