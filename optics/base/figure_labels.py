@@ -26,8 +26,8 @@ ASSEMBLY: Mapping[str, str] = {
     "screws_without_thread": "screws that engage no thread",
     "insertion_clash_mm3": "obstruction of inserts and nuts",
     "threads_that_cannot_enter": "inserts and nuts with no way in",
-    "base_pictures_hidden": "hidden in pictures of the bare camera",
-    "frames_pictures_hidden": "hidden in pictures through the mirrors",
+    "base_pictures_hidden": "base pictures: frame hidden",
+    "frames_pictures_hidden": "mirror pictures: frame hidden",
 }
 
 LIGHT: Mapping[str, str] = {
