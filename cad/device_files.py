@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import pieces_of
+from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
@@ -19,6 +19,7 @@ from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.write.plates import write_plates
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
 from mirrorcam.optics.base.calls import Call
@@ -41,7 +42,7 @@ def write_device(
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 4 + PICTURES
+    done, total = 0, len(made) + 5 + PICTURES
 
     def step() -> None:
         nonlocal done
@@ -59,9 +60,12 @@ def write_device(
     pictures = pictures_of(device, parts, pieces)
     drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
-    checks, *_ = call_all(
+    # The coupon is printed before all others.
+    device_parts = [plan for plan in plans if plan.name != COUPON]
+    checks, plates, *_ = call_all(
         [
             (check_device, (device, parts, out)),
+            (write_plates, (out, device_parts, device.hardware.printer)),
             (write_assembly, (out / "assembly.step", device, parts)),
             (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
             *drawn,
@@ -73,6 +77,7 @@ def write_device(
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
     checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
+    checks |= {f"plates.{name}": check for name, check in plates.items()}
     write_robot(out / "robot", device, pieces)
     write_bom(out, bill_of(device, parts, sheets))
     write_guide(out, device, parts, pieces)

@@ -24,6 +24,9 @@ WEB = Path(__file__).parents[1] / "web"
 PURPOSES = (
     ("assembly.step", "the assembled device, for any CAD program"),
     ("assembly.glb", "the assembled device, for viewers and game engines"),
+    ("plates/*.3mf", "all parts as they are printed together, with print settings"),
+    ("plates/*.ini", "the print settings, for PrusaSlicer and SuperSlicer"),
+    ("plates/*.json", "the print settings, for OrcaSlicer and Bambu Studio"),
     ("mirrors/*.dxf", "the mirrors, for a laser cutter"),
     ("mirrors/*.svg", "the mirrors, for a laser cutter that reads SVG"),
     ("robot/*.xacro", "the device on the robot's arm, as a macro"),

@@ -1,8 +1,7 @@
 """Printing time and plastic of a part, and whether it needs support, by PrusaSlicer, where that is installed.
 
-The profile is `OPTIONS` and for the rest the slicer's own default: layers, nozzle, perimeters and infill of
-`PRINT_SETTINGS`, speeds of a common hobby printer, and support wherever the slicer thinks that some is needed, other
-than under bridges. With no support generated, time and grams are those of a print without.
+The profile is that of `print_profile`, for the rest the slicer's own default, with support wherever the slicer thinks
+that some is needed, other than under bridges. With no support generated, time and grams are those of a print without.
 
 One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
 on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
@@ -20,28 +19,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.cad.write.print_profile import NOZZLE, SETTINGS, of_printer
 from mirrorcam.optics.base.child_program import run_program
 from mirrorcam.optics.base.values import Metric
 
 PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {
-    "layer-height": f"{PRINT_SETTINGS.layer_mm:g}",
-    "first-layer-height": f"{PRINT_SETTINGS.layer_mm:g}",
-    "nozzle-diameter": f"{PRINT_SETTINGS.nozzle_mm:g}",
-    "filament-diameter": "1.75",
-    "fill-density": f"{PRINT_SETTINGS.infill_percent}%",
-    "perimeters": f"{PRINT_SETTINGS.perimeters}",
-    # Half the time of the newer generator, and as good for walls of several lines.
-    "perimeter-generator": "classic",
-    "perimeter-speed": "45",
-    "external-perimeter-speed": "30",
-    "small-perimeter-speed": "25",
-    "infill-speed": "80",
-    "solid-infill-speed": "60",
-    "top-solid-infill-speed": "40",
-    "gap-fill-speed": "30",
-    "travel-speed": "150",
+    **{name.replace("_", "-"): value for name, value in (SETTINGS | NOZZLE).items()},
     "gcode-flavor": "marlin2",
     # Extrusion is written move by move, from zero at every layer.
     "layer-gcode": "G92 E0",
@@ -96,11 +80,8 @@ def slice_3mf(path: Path, printer: Printer) -> Sliced | None:
     program = find_slicer()
     if program is None:
         raise FileNotFoundError("PrusaSlicer is not installed")
-    width, length, height = (f"{side:g}" for side in printer.bed_mm)
     options = OPTIONS | {
-        "filament-density": f"{printer.plastic_g_per_cm3:g}",
-        "bed-shape": f"0x0,{width}x0,{width}x{length},0x{length}",
-        "max-print-height": height,
+        **{name.replace("_", "-"): value for name, value in of_printer(printer).items()},
         "support-material-threshold": f"{90.0 - printer.overhang_deg - THRESHOLD_DEG:.0f}",
     }
     with TemporaryDirectory() as folder:

@@ -1,17 +1,20 @@
-"""A part as 3MF for a slicer: lying on the bed as it prints, with its number, licence, material and colour."""
+"""Parts as 3MF for a slicer: lying on the bed as they print, with their numbers, licence, material and colours."""
 
 from __future__ import annotations
 
 import ctypes
 import locale
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from uuid import NAMESPACE_URL, uuid5
 
 import lib3mf
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
@@ -20,43 +23,84 @@ from mirrorcam.optics.base.values import FloatArray
 
 DESIGNER = "MirrorCam"
 LICENCE = "Apache-2.0"
+# What the relationship of an attached configuration is called: ours, since slicers look for the file by its path.
+CONFIGURATION = "http://mirrorcam/configuration"
+
+
+@dataclass(frozen=True, eq=False)
+class PrintBody:
+    """A part's mesh as it lies on the bed, with its lower left corner as origin: points (n, 3), mm, faces (m, 3)."""
+
+    part: PartPlan
+    points: FloatArray
+    faces: NDArray[np.int64]
+
+    def placed(self, turn: FloatArray, shift_mm: FloatArray) -> PrintBody:
+        """The body turned about the bed's upright by (2, 2), then moved by (2,)."""
+        flat = self.points[:, :2] @ turn.T + shift_mm
+        return replace(self, points=np.column_stack([flat, self.points[:, 2]]))
+
+
+def body_on_bed(stl: Path, part: PartPlan, printer: Printer) -> PrintBody:
+    """A part of an STL file (rig, mm) as it prints, in the middle of the bed."""
+    mesh = trimesh.load_mesh(stl)
+    middle = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
+    return PrintBody(part, lying(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
-    """Write the mesh of a part's STL file (rig, mm) as it prints, in the middle of the bed.
-
-    lib3mf gives random UUIDs to what has none; these are made of the part's identity, so that the same part gives the
-    same bytes.
-    """
-    mesh = trimesh.load_mesh(stl)
-    points = lying(np.array(mesh.vertices), part, printer)
-    size = np.ptp(points, axis=0)
-    wrapper = lib3mf.get_wrapper()
-    model = wrapper.CreateModel()
-    model.SetUnit(lib3mf.ModelUnit.MilliMeter)
+    """Write the mesh of a part's STL file (rig, mm) as it prints, in the middle of the bed."""
+    body = body_on_bed(stl, part, printer)
+    size = np.ptp(body.points, axis=0)
     described = (
         f"{part.number} {part.title}, part identity {part.identity}. Print as it lies, without support: "
         f"{printer.plastic}, {size[0]:.1f} x {size[1]:.1f} x {size[2]:.1f} mm, z up."
     )
-    texts = {"Title": part.title, "Designer": DESIGNER, "LicenseTerms": LICENCE, "Description": described}
+    write_bodies(path, [body], part.title, described, printer)
+
+
+def write_bodies(
+    path: Path,
+    bodies: Sequence[PrintBody],
+    title: str,
+    description: str,
+    printer: Printer,
+    attached: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Write bodies as they lie on one bed; `attached` are texts by their paths in the archive.
+
+    lib3mf gives random UUIDs to what has none; these are made of the parts' identities, so that the same parts give the
+    same bytes.
+    """
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    model.SetUnit(lib3mf.ModelUnit.MilliMeter)
+    texts = {"Title": title, "Designer": DESIGNER, "LicenseTerms": LICENCE, "Description": description}
     for name, text in texts.items():
         model.GetMetaDataGroup().AddMetaData("", name, text, "xs:string", True)
-    body = model.AddMeshObject()
-    body.SetName(part.name)
-    body.SetPartNumber(part.number)
-    body.SetUUID(_uuid(part, "object"))
-    body.SetGeometry(
-        [lib3mf.Position((ctypes.c_float * 3)(*point)) for point in points.tolist()],
-        [lib3mf.Triangle((ctypes.c_uint32 * 3)(*face)) for face in mesh.faces.tolist()],
-    )
     colours = model.AddBaseMaterialGroup()
-    colour = colours.AddMaterial(printer.plastic, wrapper.FloatRGBAToColor(*part.rgb, 1.0))
-    body.SetObjectLevelProperty(colours.GetResourceID(), colour)
-    to_middle = wrapper.GetTranslationTransform(printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
-    item = model.AddBuildItem(body, to_middle)
-    item.SetPartNumber(part.number)
-    item.SetUUID(_uuid(part, "item"))
-    model.SetBuildUUID(_uuid(part, "build"))
+    for body in bodies:
+        part = body.part
+        # Each object about its own middle, so that a slicer moves and turns it there.
+        low, high = body.points.min(axis=0), body.points.max(axis=0)
+        middle = np.array([*(low[:2] + high[:2]) / 2.0, 0.0])
+        mesh = model.AddMeshObject()
+        mesh.SetName(part.name)
+        mesh.SetPartNumber(part.number)
+        mesh.SetUUID(_uuid(part, "object"))
+        mesh.SetGeometry(
+            [lib3mf.Position((ctypes.c_float * 3)(*point)) for point in (body.points - middle).tolist()],
+            [lib3mf.Triangle((ctypes.c_uint32 * 3)(*face)) for face in body.faces.tolist()],
+        )
+        colour = colours.AddMaterial(printer.plastic, wrapper.FloatRGBAToColor(*part.rgb, 1.0))
+        mesh.SetObjectLevelProperty(colours.GetResourceID(), colour)
+        item = model.AddBuildItem(mesh, wrapper.GetTranslationTransform(*middle))
+        item.SetPartNumber(part.number)
+        item.SetUUID(_uuid(part, "item"))
+    model.SetBuildUUID(_uuid(bodies[0].part, "build" + "".join(body.part.identity for body in bodies[1:])))
+    for name, text in attached.items():
+        data = text.encode()
+        model.AddAttachment(name, CONFIGURATION).ReadFromBuffer((ctypes.c_ubyte * len(data))(*data))
     with atomic(path) as temporary, _same_locale():
         model.QueryWriter("3mf").WriteToFile(str(temporary))
 
