@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
 from mirrorcam.cad.parts.clip import ABOVE, ClipPlan, body_box, plan_clip

@@ -14,16 +14,17 @@ from shapely import Polygon, get_parts, make_valid, maximum_inscribed_circle, un
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from mirrorcam.cad.holder.pads import PADS, least_height_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
+from mirrorcam.cad.plan.seats import outline_at
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
-# A face this far from where a seat belongs is not taken for that seat, but for what lies behind it.
+# A face this far from where a seat or its pads belong is not taken for them, but for what lies behind the seat.
 SEAT_SEARCH_MM = 0.25
 SEAT_SEARCH_DEG = 0.5
-# A seat may support this much less of a mirror than planned: lines of a plan and of a file are rounded.
+# A seat may face this much less of a mirror than planned: lines of a plan and of a file are rounded.
 COVER_ROUNDING = 1e-3
 # A wall is taken for a pocket's where it is parallel to an edge of the mirror and this near to where it belongs.
 WALL_SEARCH_MM = 0.1
@@ -95,39 +96,66 @@ def _facing(faces: Sequence[FlatFace], direction: FloatArray, within_deg: float)
 
 @dataclass(frozen=True)
 class Seat:
-    """A mirror's seat as found in the files.
+    """A mirror's seat as found in the files: pads that carry it, and a floor behind them that glue fills.
 
-    `offset_mm` is how far the planes of its faces are, at most, from the corners of the mirror's back; `angle_deg` how
-    far they are tilted; `cover` the share of the outline that supports the mirror; `span_mm` the diameter of the
-    largest circle on the mirror that nothing supports.
+    `offset_mm` is how far the planes of the pads are, at most, from the corners of the mirror's back, `bond_error_mm`
+    how far off the glue's thickness behind it the floor is; `angle_deg` how far any of them is tilted; `pads_in_plane`
+    (n, 2) are the middles of the pads; `cover` is the share of the outline behind which the floor is; `span_mm` the
+    diameter of the largest circle on the mirror behind which there is neither.
     """
 
     offset_mm: float
+    bond_error_mm: float
     angle_deg: float
+    pads_in_plane: FloatArray
     cover: float
     span_mm: float
 
+    def carries(self, mirror: Mirror) -> bool:
+        """Return whether there are three pads, with the middle of the mirror between them."""
+        middle = Polygon(mirror.outline_in_plane_mm).centroid
+        return len(self.pads_in_plane) == PADS and Polygon(self.pads_in_plane).contains(middle)
 
-def find_seat(faces: Sequence[FlatFace], mirror: Mirror) -> Seat | None:
-    """The seat of a mirror: all faces about in the plane of its back, behind its outline; None where there is none."""
+    @property
+    def base_mm(self) -> float:
+        """Least height of the triangle of the pads; 0 unless there are three."""
+        return float(least_height_mm(self.pads_in_plane[None])[0]) if len(self.pads_in_plane) == PADS else 0.0
+
+
+def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat | None:
+    """The seat of a mirror: the faces about in the plane of its back, the pads, and about `bond_mm` behind it.
+
+    Only what lies behind its outline counts; None where there is no floor.
+    """
     outline = Polygon(mirror.outline_in_plane_mm)
-    back = outline_at(mirror, mirror.back_mm)
-    bearing: list[tuple[FlatFace, BaseGeometry]] = []
+    corners = {depth: outline_at(mirror, mirror.back_mm - depth) for depth in (0.0, bond_mm)}
+    found: dict[float, list[tuple[FlatFace, BaseGeometry]]] = {depth: [] for depth in corners}
     for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
-        heights = face.loops[0] @ mirror.normal_in_rig + seat_distance_mm(mirror)
-        if np.abs(heights).min() > SEAT_SEARCH_MM:
+        depths = mirror.back_mm - mirror.distance_mm - face.loops[0] @ mirror.normal_in_rig
+        depth = min(corners, key=lambda each: abs(float(depths.mean()) - each))
+        if np.abs(depths - depth).min() > SEAT_SEARCH_MM:
             continue
         area = face.seen_from(mirror.rig_from_plane).intersection(outline)
         if area.area > DOT_MM2:
-            bearing.append((face, area))
-    if not bearing:
+            found[depth].append((face, area))
+    pads, floors = found.values()
+    if not floors:
         return None
-    borne = unary_union([area for _, area in bearing])
-    free = [area for area in get_parts(outline.difference(borne)) if area.area > DOT_MM2]
+    floor = unary_union([area for _, area in floors])
+    pad_areas = get_parts(unary_union([area for _, area in pads]))
+    free = [area for area in get_parts(outline.difference(unary_union([floor, *pad_areas]))) if area.area > DOT_MM2]
+    errors = {
+        depth: max(
+            (float(np.abs((corners[depth] - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing), default=0.0
+        )
+        for depth, bearing in found.items()
+    }
     return Seat(
-        offset_mm=max(float(np.abs((back - face.loops[0][0]) @ face.normal).max()) for face, _ in bearing),
-        angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in bearing),
-        cover=float(borne.area / outline.area),
+        offset_mm=errors[0.0],
+        bond_error_mm=errors[bond_mm],
+        angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in (*pads, *floors)),
+        pads_in_plane=np.array([area.centroid.coords[0] for area in pad_areas]).reshape(-1, 2),
+        cover=float(floor.area / outline.area),
         span_mm=max((2.0 * maximum_inscribed_circle(area, tolerance=0.01).length for area in free), default=0.0),
     )
 
@@ -166,24 +194,30 @@ def check_seats(
     layout : Layout
         The mirrors whose seats are looked for.
     hardware : Hardware
-        The fit of a mirror in its pocket.
+        The fit of a mirror in its pocket, and the thickness of the glue behind it.
     planned_cover : sequence of float
-        Share of every mirror's back that its seat is to bear.
+        Share of every mirror's back that its seat is to face at the distance of the glue.
 
     Returns
     -------
     dict of str to Metric
-        The worst seat, and the worst wall of a pocket.
+        The worst seat, its pads and its floor, and the worst wall of a pocket.
     """
     fit = hardware.fit.free_mm
-    seats = [find_seat(faces, mirror) for mirror in layout.mirrors]
+    seats = [find_seat(faces, mirror, hardware.holder.bond_mm) for mirror in layout.mirrors]
     found = [seat for seat in seats if seat is not None]
+    carried = [bool(seat and seat.carries(mirror)) for seat, mirror in zip(seats, layout.mirrors, strict=True)]
     covers = [seat.cover if seat else 0.0 for seat in seats]
     gaps = [gap for mirror in layout.mirrors for gap in pocket_gaps_mm(faces, mirror, fit)]
     return {
         "seats_missing": Metric(value=len(seats) - len(found), unit="", limit=0),
         "seat_offset_um": Metric(
             value=max((seat.offset_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
+        ),
+        "seats_without_three_pads": Metric(value=len(carried) - sum(carried), unit="", limit=0),
+        "seat_base_mm": Metric(value=min((seat.base_mm for seat in found), default=0.0), unit="mm"),
+        "bond_error_um": Metric(
+            value=max((seat.bond_error_mm for seat in found), default=0.0) * 1000.0, unit="um", limit=1.0
         ),
         "seat_angle_deg": Metric(value=max((seat.angle_deg for seat in found), default=0.0), unit="deg", limit=0.001),
         "seat_cover": Metric(value=min(covers), unit=""),

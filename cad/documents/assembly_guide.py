@@ -13,13 +13,12 @@ from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
-from mirrorcam.cad.holder.glue import DOT_MM, DOTS
+from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import FACINGS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
 from mirrorcam.cad.plan.hardware import field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
-from mirrorcam.optics.base.figure_texts import number_word
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.geometry.camera_body import CameraBody
@@ -47,8 +46,9 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         parts=parts,
         sliced=is_sliced(parts),
         masses=masses_of(parts),
-        glue_dots=number_word(DOTS),
-        glue_dot_mm=DOT_MM,
+        glue=glue_amount(device.holder.glue_mm3),
+        glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
+        bead_mm=bead_mm(hardware),
         coupon=next((part for part in parts if part.name == COUPON), None),
         stages=Stages(pieces),
         step_of={step.name: number for number, step in enumerate(STEPS, start=1)},

@@ -24,7 +24,7 @@ from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, Par
 from mirrorcam.cad.documents.plan_dimensions import offered
 from mirrorcam.cad.documents.sections import LETTER_MM, Section, cut, draw_trace, hatch, section_plane, trace_in
 from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block, printed_of, ratio
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer

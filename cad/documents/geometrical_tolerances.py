@@ -12,7 +12,7 @@ from mirrorcam.cad.documents.dimension_lines import LINE_MM, TEXT_MM
 from mirrorcam.cad.documents.drawing_sheet import INK, DrawingSheet, text_width_mm
 from mirrorcam.cad.documents.hole_callouts import DEPTH
 from mirrorcam.cad.documents.part_views import PlacedView
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 

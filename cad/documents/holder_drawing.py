@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.documents.hole_callouts import DEPTH
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole
 from mirrorcam.cad.plan.seats import newell_normal
 from mirrorcam.optics.base.values import FloatArray
@@ -34,8 +34,10 @@ def seat_table(plan: HolderPlan) -> DrawingTable:
     bed_from_mount = np.diag([1.0, -1.0, -1.0])
     rotation = bed_from_mount @ plan.rig_from_mount[:3, :3].T
     rows = []
-    for (name, _), core in zip(seat_names(plan), plan.cores, strict=True):
-        corners = (core.top - plan.rig_from_mount[:3, 3]) @ rotation.T
+    for (name, _), core, pads in zip(seat_names(plan), plan.cores, plan.pads_of_mirrors, strict=True):
+        normal = newell_normal(core.top)
+        on_pads = core.top + ((pads[0].top[0] - core.top[0]) @ normal) * normal
+        corners = (on_pads - plan.rig_from_mount[:3, 3]) @ rotation.T
         x, y, z = corners.mean(axis=0)
         normal = newell_normal(corners)
         normal = normal * np.sign(normal[2])
@@ -43,7 +45,7 @@ def seat_table(plan: HolderPlan) -> DrawingTable:
         towards = np.degrees(np.arctan2(normal[1], normal[0])) % 360.0
         rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{towards:.2f}"))
     return DrawingTable(
-        title="Seats (the planes that carry the mirrors)",
+        title="Seats (the planes of the pads that carry the mirrors)",
         head=("id", "x", "y", "z", "tilt °", "towards °"),
         rows=tuple(rows),
         notes=(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mirrorcam.cad.documents.holder_drawing import holder_holes
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Dimensioned, Hole, Length
 

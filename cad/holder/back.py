@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
-from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm
+from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -62,15 +62,16 @@ class FrontSurface:
     around it, and its corners are cut off, so that it is nowhere a thin ridge or tip beside a neighbour.
     """
 
-    def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float) -> None:
+    def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float, hardware: Hardware) -> None:
         self._axes = axes
-        self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror)) for mirror in layout.mirrors]
-        grown = [outline_at(mirror, mirror.back_mm, margin_mm, bevelled=True) for mirror in layout.mirrors]
-        seats = [outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors]
+        self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror, hardware)) for mirror in layout.mirrors]
+        levels = [(mirror, seat_height_mm(mirror, hardware)) for mirror in layout.mirrors]
+        grown = [outline_at(mirror, level, margin_mm, bevelled=True) for mirror, level in levels]
+        seats = [outline_at(mirror, level) for mirror, level in levels]
         self._cores = self._shadows(seats)
         self._fillers = self._shadows(grown)
         # Twice the margin, so that the side of a filler, which is not along a neighbour's normal, is no ridge either.
-        around = self._shadows([outline_at(mirror, mirror.back_mm, 2.0 * margin_mm) for mirror in layout.mirrors])
+        around = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
         recesses = np.zeros(len(grown))
         for i, filler in enumerate(self._fillers):
             ring = filler.difference(self._cores[i])
@@ -87,8 +88,7 @@ class FrontSurface:
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         # The slab supports the bases of rims too, which are a little wider than fillers and lie a little lower.
         grounds = [
-            outline_at(mirror, mirror.back_mm - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True)
-            for mirror in layout.mirrors
+            outline_at(mirror, level - RELIEF_MM, margin_mm + GROUND_MM, bevelled=True) for mirror, level in levels
         ]
         self.footprint = MultiPoint(np.vstack([*grown, *grounds]) @ axes[:2].T).convex_hull
 
@@ -132,7 +132,7 @@ def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
     bed = bed_lengths_mm(lengths, hardware)
-    seats = [Polygon(outline_at(mirror, mirror.back_mm) @ axes[:2].T) for mirror in layout.mirrors]
+    seats = [Polygon(outline_at(mirror, seat_height_mm(mirror, hardware)) @ axes[:2].T) for mirror in layout.mirrors]
     turned = body.transform(np.column_stack([axes, np.zeros(3)]))
     triangles, wall = triangles_of(turned), hardware.printer.wall_mm
     cuts = []

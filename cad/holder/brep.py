@@ -30,7 +30,8 @@ def brep(csg: PlanarCsg, body: Manifold) -> Solid:
     """One B-rep solid, whose faces are the connected triangles of each plane. Raises ValueError if it is not valid."""
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
-    faces = _faces(*_welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id)))
+    triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
+    faces = _faces(triangles, _settled_needles(corners, triangles, planes))
     faces = _without_needless_corners(_without_spikes(corners, faces))
     corners = _settled(csg, corners, faces)
     solid = _solid(corners, [(_outward(corners, csg.normals[plane], loops), loops) for plane, loops in faces])
@@ -87,6 +88,30 @@ def _near(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     near = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
     return starts[near], ends[near]
+
+
+def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Planes (n,) of triangles (n, 3), where those that are a line belong to the face beyond their longest edge.
+
+    In the face on its other side, such a triangle would join areas that only touch.
+    """
+    ends = corners[triangles]
+    sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
+    doubled = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
+    needles = np.flatnonzero(doubled < CORNER_MM * sides.max(axis=1)).tolist()
+    owner = {(int(t[i]), int(t[(i + 1) % 3])): place for place, t in enumerate(triangles) for i in range(3)}
+    beyond = {}
+    for needle in needles:
+        first = int(sides[needle].argmax())
+        beyond[needle] = owner[(int(triangles[needle][(first + 1) % 3]), int(triangles[needle][first]))]
+    planes = planes.copy()
+    while True:
+        # One of a row of needles follows the one beyond it.
+        moved = [needle for needle in beyond if planes[beyond[needle]] != planes[needle]]
+        if not moved:
+            return planes
+        for needle in moved:
+            planes[needle] = planes[beyond.pop(needle)]
 
 
 def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:

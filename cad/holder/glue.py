@@ -1,4 +1,4 @@
-"""Glue grooves in every seat, and the share of each mirror's back that the seat still supports."""
+"""The glue between mirrors and their seats: its amount, the grooves that take its surplus, and the share it holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
-from mirrorcam.cad.plan.seats import Frustum, outline_at
+from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_height_mm
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
@@ -23,8 +23,6 @@ ALONG_DEG = 30.0
 # Grooves end so far outside the rims, and so far before a neighbour's column: inside its pocket.
 BEYOND_MM = 0.2
 BESIDE_OF_FIT = 0.8
-DOTS, DOT_MM = 4, 2.0
-"""Number and width of the dots of glue behind a mirror."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
     outline = Polygon(mirror.outline_in_plane_mm)
     beyond = hardware.fit.free_mm + dimensions.rim_mm + BEYOND_MM
     within = outline.buffer(beyond, join_style="mitre", mitre_limit=2.0)
-    columns = [_column(mirror, other, away) for place, other in enumerate(mirrors) if place != index]
+    columns = [_column(mirror, other, away, hardware) for place, other in enumerate(mirrors) if place != index]
     taken = union_all([column.buffer(BESIDE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, low, right, high = outline.bounds
     half = dimensions.groove_mm / 2.0
@@ -69,11 +67,11 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], away: FloatArray, hardware
     return tuple(grooves)
 
 
-def _column(mirror: Mirror, other: Mirror, away: FloatArray) -> Polygon:
+def _column(mirror: Mirror, other: Mirror, away: FloatArray, hardware: Hardware) -> Polygon:
     """The column behind another mirror, where it passes through a mirror's seat plane, in that plane's axes."""
     frame = mirror.rig_from_plane
-    origin = frame[:3, 3] + mirror.back_mm * frame[:3, 2]
-    corners = outline_at(other, other.back_mm) - origin
+    origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
+    corners = outline_at(other, seat_height_mm(other, hardware)) - origin
     flat = corners - ((corners @ frame[:3, 2]) / (away @ frame[:3, 2]))[:, None] * away
     return Polygon(flat @ frame[:3, :2])
 
@@ -99,7 +97,7 @@ def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> boo
 
 def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
     """The solid that a groove cuts, from its floor to above the seat."""
-    seat = mirror.back_mm
+    seat = seat_height_mm(mirror, hardware)
     levels = (seat - hardware.holder.groove_depth_mm, seat + 0.5 * mirror.thickness_mm)
     base, top = (
         transform(mirror.rig_from_plane, np.column_stack([groove.shape, np.full(len(groove.shape), level)]))
@@ -126,23 +124,43 @@ def runs_along_cut(
     return False
 
 
-def planned_cover(
-    mirrors: tuple[Mirror, ...], grooves: list[tuple[Groove, ...]], keep_outs: list[list[Frustum]]
-) -> tuple[float, ...]:
-    """Share of each mirror's back that its seat supports: its outline less grooves and other mirrors' keep-outs."""
-    shares = []
-    for index, (mirror, own) in enumerate(zip(mirrors, grooves, strict=True)):
-        outline = Polygon(mirror.outline_in_plane_mm)
-        others = [volume for other, group in enumerate(keep_outs) if other != index for volume in group]
-        lost = [Polygon(groove.shape) for groove in own] + [_section(mirror, outline, volume) for volume in others]
-        shares.append(float(outline.difference(union_all(lost)).area / outline.area))
-    return tuple(shares)
+def free_of_others(
+    index: int, mirrors: Sequence[Mirror], keep_outs: Sequence[Sequence[Frustum]], hardware: Hardware
+) -> Polygon:
+    """The outline of a mirror, in its plane's axes, less what pockets and light of others take of its seat."""
+    mirror, outline = mirrors[index], Polygon(mirrors[index].outline_in_plane_mm)
+    others = (volume for other, group in enumerate(keep_outs) if other != index for volume in group)
+    return outline.difference(union_all([_section(mirror, outline, volume, hardware) for volume in others]))
 
 
-def _section(mirror: Mirror, outline: Polygon, volume: Frustum) -> Polygon:
+def planned_cover(mirror: Mirror, free: Polygon, grooves: Sequence[Groove], pads: Sequence[FloatArray]) -> float:
+    """Share of a mirror's back that its seat faces, where this is `free_of_others`: less grooves (n, 2) and pads."""
+    lost = union_all([*(Polygon(groove.shape) for groove in grooves), *(Polygon(pad) for pad in pads)])
+    return float(free.difference(lost).area / Polygon(mirror.outline_in_plane_mm).area)
+
+
+def glue_mm3(free: Polygon, pads: Sequence[FloatArray], hardware: Hardware) -> float:
+    """Volume of the gap between a mirror and its seat, which glue fills: all but the pads (n, 2), over grooves too."""
+    return float(free.difference(union_all([Polygon(pad) for pad in pads])).area) * hardware.holder.bond_mm
+
+
+def bead_mm(hardware: Hardware) -> float:
+    """Diameter of a bead of glue that, pressed to the bond's thickness, is as wide as the land between two grooves.
+
+    Of a volume per length pi d^2 / 4 = pitch x bond.
+    """
+    return float(np.sqrt(4.0 / np.pi * hardware.holder.groove_pitch_mm * hardware.holder.bond_mm))
+
+
+def glue_amount(glue_mm3: Sequence[float]) -> str:
+    """A volume of glue as documents state it: "1.4 ml"."""
+    return f"{sum(glue_mm3) / 1000.0:.2g} ml"
+
+
+def _section(mirror: Mirror, outline: Polygon, volume: Frustum, hardware: Hardware) -> Polygon:
     """The section of a convex solid with a mirror's seat, in the plane's axes; empty where they do not meet."""
     frame = mirror.rig_from_plane
-    origin = frame[:3, 3] + mirror.back_mm * frame[:3, 2]
+    origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]
     normals, offsets = volume.half_spaces
     for slope, most in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):

@@ -11,86 +11,33 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
-from manifold3d import Manifold
 from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.back import FrontSurface, MountFace, fits_bed, mount_axes, place_cuts, place_mount
-from mirrorcam.cad.holder.glue import groove_volume, grooves_of, planned_cover, runs_along_cut
+from mirrorcam.cad.holder.glue import (
+    free_of_others,
+    glue_mm3,
+    groove_volume,
+    grooves_of,
+    planned_cover,
+    runs_along_cut,
+)
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
-from mirrorcam.cad.holder.webs import Hollow, plan_hollows
+from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.cuts import Cuts
-from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at
-from mirrorcam.cad.splitting.body_cuts import fragments
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
-
-# Solids that are joined reach into each other by this much: faces that only touch need not join.
-OVERLAP_MM = 0.5
-
-
-@dataclass(frozen=True)
-class HolderPlan:
-    """The solids of a mirror holder, in rig, mm.
-
-    Material: `slab`, a `flange` round it, `cores` (right behind a mirror, their fronts the seats, in the order of
-    `mirror_names`), `fillers` (in the gaps around and between the mirrors, a little further back), `rims` (each with
-    the ground it stands on after it) and, on the flange, `walls`: the baffle against stray light. Cut out of all of it
-    are the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of the seats, the
-    `hollows` and, for nuts, the `slots` that they are put in by.
-
-    `rig_from_mount` (4, 4) is the frame of the flat back: origin in the middle of the mount holes, x along the rig's x,
-    z out of the back. `holes_in_mount_mm` (4, 2) are on it; the thread of insert or nut lies `thread_mm` (from, to)
-    deep, and a screw may reach `hole_depth_mm`. `size_mm` is the part's along x, y and z of that frame; `cuts_mm` are
-    the positions along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every
-    mirror's back that its seat bears.
-    """
-
-    slab: Frustum
-    flange: Frustum
-    cores: tuple[Frustum, ...]
-    fillers: tuple[Frustum, ...]
-    rims: tuple[Frustum, ...]
-    walls: Baffle
-    keep_outs: tuple[tuple[Frustum, ...], ...]
-    grooves: tuple[Frustum, ...]
-    hollows: tuple[Hollow, ...]
-    slots: tuple[Frustum, ...]
-    rig_from_mount: FloatArray
-    holes_in_mount_mm: FloatArray
-    thread_mm: tuple[float, float]
-    hole_depth_mm: float
-    size_mm: tuple[float, float, float]
-    cuts_mm: Cuts
-    planned_cover: tuple[float, ...]
-    mirror_names: tuple[str, ...]
-    screw: Fastening
-    wall_mm: float
-
-    @property
-    def corners_in_rig(self) -> FloatArray:
-        """Corners (n, 3) of all the material, before light is taken away: the part lies inside their hull."""
-        solids = (self.slab, self.flange, *self.cores, *self.fillers, *self.rims)
-        walls = (self.walls.outer_foot, self.walls.inner_foot, self.walls.outer_crest, self.walls.inner_crest)
-        return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
-
-    @property
-    def slot_ways(self) -> FloatArray:
-        """The directions (n, 3) in rig of the slots for nuts, in the order of the holes; none for inserts."""
-        ways = np.array([slot.top[0] - slot.base[0] for slot in self.slots]).reshape(-1, 3)
-        return ways / np.linalg.norm(ways, axis=1, keepdims=True)
-
-    @property
-    def cuts_on_bed_mm(self) -> Cuts:
-        """The cuts along x and y of the bed, on which the part lies by its back: y is the mount's, turned round."""
-        return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
 
 @dataclass(frozen=True)
@@ -146,13 +93,13 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
 
 def _front(layout: Layout, hardware: Hardware) -> _Front:
     axes = mount_axes(layout)
-    surface = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm)
+    surface = FrontSurface(layout, axes, hardware.fit.free_mm + hardware.holder.rim_mm, hardware)
     return _Front(
         layout=layout,
         axes=axes,
         surface=surface,
         border=_border(surface.footprint, hardware),
-        seats=tuple(outline_at(mirror, mirror.back_mm) for mirror in layout.mirrors),
+        seats=tuple(outline_at(mirror, seat_height_mm(mirror, hardware)) for mirror in layout.mirrors),
         keep_outs=keep_outs(layout, hardware),
     )
 
@@ -170,6 +117,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
         slab=down(hull),
         flange=down(around),
         cores=tuple(down(seat) for seat in front.seats),
+        pads=(),
         fillers=tuple(down(filler + RELIEF_MM * away) for filler in front.surface.fillers),
         rims=(),
         walls=_baffle(front, mount, rig_from_mount, hardware),
@@ -189,6 +137,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
             tuple(cut - float(mount.centre_mm[1]) for cut in cuts[1]),
         ),
         planned_cover=(),
+        glue_mm3=(),
         mirror_names=front.layout.mirror_names,
         screw=hardware.screw,
         wall_mm=hardware.printer.wall_mm,
@@ -196,7 +145,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
 
 
 def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """The holder with rims round its mirrors and grooves in their seats; cuts take precedence over both."""
+    """The holder with rims round its mirrors, and grooves and pads in their seats; cuts take precedence over all."""
     mirrors, axes = front.layout.mirrors, front.axes
     grooves = [
         tuple(
@@ -208,15 +157,24 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
     ]
     reach = _reach_mm(front, mount)
     rims = plan_rims(front.layout, front.keep_outs, grooves, beside_cuts(axes, cuts, hardware), reach, hardware)
+    free = [free_of_others(index, mirrors, front.keep_outs, hardware) for index in range(len(mirrors))]
+    pads = [
+        pad_shapes(plan_pads(name, mirror, area, own, axes, cuts, hardware), hardware)
+        for name, mirror, area, own in zip(front.layout.mirror_names, mirrors, free, grooves, strict=True)
+    ]
     return replace(
         plan,
+        pads=tuple(
+            pad_volume(mirror, shape, hardware) for mirror, own in zip(mirrors, pads, strict=True) for shape in own
+        ),
         rims=tuple(solid for rim, ground in rims for solid in (rim, _down_from(ground, mount, axes[2]))),
         grooves=tuple(
             groove_volume(mirror, groove, hardware)
             for mirror, group in zip(mirrors, grooves, strict=True)
             for groove in group
         ),
-        planned_cover=planned_cover(mirrors, grooves, front.keep_outs),
+        planned_cover=tuple(map(planned_cover, mirrors, free, grooves, pads)),
+        glue_mm3=tuple(glue_mm3(area, own, hardware) for area, own in zip(free, pads, strict=True)),
     )
 
 
@@ -245,37 +203,6 @@ def _baffle(front: _Front, mount: MountFace, rig_from_mount: FloatArray, hardwar
     )
 
 
-def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
-    """The holder without hollows, grooves and holes: what is material and not in any light."""
-    away = plan.rig_from_mount[:3, 2]
-    down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
-    body = csg.joined(
-        [
-            plan.slab.stretched(down, still),
-            plan.flange.stretched(down, still),
-            # A core reaches into its pocket, whose floor is the seat.
-            *(core.stretched(down, up) for core in plan.cores),
-            *(filler.stretched(down, still) for filler in plan.fillers),
-            *plan.rims[::2],
-            *(ground.stretched(down, still) for ground in plan.rims[1::2]),
-            plan.walls,
-        ]
-    )
-    far = 10.0 * max(float(np.ptp(plan.slab.base, axis=0).max()), 1.0)
-    square = np.array([[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]])
-    turn, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
-    under = Frustum(square @ turn.T + origin, (square + np.array([0.0, 0.0, far])) @ turn.T + origin)
-    return csg.cut(body, [under, *(volume for group in plan.keep_outs for volume in group)])
-
-
-def one_piece(body: Manifold, crumb_mm: float) -> Manifold:
-    """The body, without fragments where seats meet that are too small to print; InputError where it falls apart."""
-    pieces = fragments(body, crumb_mm)
-    if len(pieces) != 1:
-        raise InputError(f"mirror holder falls apart into {len(pieces)} pieces where the light passes, expected one")
-    return pieces[0]
-
-
 def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
     """Outline of the slab: the footprint and space for the walls against stray light, as far as the bed reaches."""
     left, bottom, right, top = footprint.bounds
@@ -291,5 +218,5 @@ def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
 
 def _way_in(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
     """The space that a mirror passes through into its pocket."""
-    seat, fit = mirror.back_mm, hardware.fit.free_mm
+    seat, fit = seat_height_mm(mirror, hardware), hardware.fit.free_mm
     return Frustum(outline_at(mirror, seat, fit), outline_at(mirror, seat + reach_mm, fit))

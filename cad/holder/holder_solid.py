@@ -8,7 +8,7 @@ import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from mirrorcam.cad.holder.brep import brep
-from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.plan.hardware import Hardware

@@ -12,7 +12,7 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.holder.glue import Groove, groove_volume
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import Frustum, outline_at
+from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_height_mm
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -116,8 +116,8 @@ def _rims_of(
     hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
     fit, margin = hardware.fit.free_mm, hardware.fit.free_mm + hardware.holder.rim_mm
-    bottom = mirror.back_mm
-    top = bottom + hardware.holder.rim_height_of_sheet * mirror.thickness_mm
+    bottom = seat_height_mm(mirror, hardware)
+    top = mirror.back_mm + hardware.holder.rim_height_of_sheet * mirror.thickness_mm
     levels = np.linspace(bottom + 1e-3, top, 4)
     sides = np.linspace(fit, margin, 10)
     middle = mirror.rig_from_plane[:3, 3]

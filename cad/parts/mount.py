@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import LineString, Polygon
 
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
 from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws

@@ -9,7 +9,7 @@ from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates
 from shapely.geometry.polygon import orient
 from shapely.ops import substring
 
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm, foot_z_mm
 from mirrorcam.cad.plan.beam import Section

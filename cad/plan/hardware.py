@@ -88,6 +88,12 @@ class HolderDimensions(Value):
     )
     ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which is bridged")
     web_mm: float = _positive(1.6, "thickness of the webs between hollows, and of the outer wall")
+    bond_mm: float = Bounds(0.02, 1.0).field(
+        0.2,
+        "thickness of the glue between a mirror and its seat: the height of the seat's three pads, one layer of the "
+        "printer, since less of a flat seat is not printed",
+    )
+    pad_mm: float = _positive(2.0, "diameter of these pads, which carry the mirror")
     groove_mm: float = _positive(1.0, "width of a groove that takes surplus glue")
     groove_depth_mm: float = _positive(0.6, "its depth below the seat")
     groove_pitch_mm: float = _positive(7.0, "distance of such grooves from one to the next")

@@ -80,14 +80,19 @@ def newell_normal(loop: FloatArray) -> FloatArray:
     return normal / np.linalg.norm(normal)
 
 
-def seat_distance_mm(mirror: Mirror) -> float:
-    """Distance of the seat plane from the pupil, along the mirror's normal (which the seat shares).
+def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
+    """Height of a seat over the reflecting plane: behind the mirror's back by the glue, as high as the pads.
 
-    The back of the mirror rests on the seat. A second-surface mirror is coated on its back, so its seat *is* the
-    layout's (reflecting) plane; a first-surface mirror is coated on its front, so its seat lies one thickness
-    further from the pupil: n.x = -seat_distance_mm.
+    The back of the mirror rests on three pads of the seat. A second-surface mirror is coated on its back, so the tops
+    of its pads are in the layout's (reflecting) plane; a first-surface mirror is coated on its front, so they lie one
+    thickness behind it.
     """
-    return mirror.distance_mm - mirror.back_mm
+    return mirror.back_mm - hardware.holder.bond_mm
+
+
+def seat_distance_mm(mirror: Mirror, hardware: Hardware) -> float:
+    """Distance of the seat's plane from the pupil, along the mirror's normal, which it shares: n.x = -this."""
+    return mirror.distance_mm - seat_height_mm(mirror, hardware)
 
 
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
@@ -111,10 +116,13 @@ def mirror_prism(mirror: Mirror) -> Frustum:
 
 
 def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
-    """The clearance that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it."""
-    back, fit = mirror.back_mm, hardware.fit.free_mm
-    front = back + mirror.thickness_mm + fit
-    return Frustum(outline_at(mirror, back, fit), outline_at(mirror, front, fit))
+    """The clearance that a mirror needs: its outline grown by the fit, from the seat plane to a fit in front of it.
+
+    Of all material only the pads of its own seat stand in it.
+    """
+    fit = hardware.fit.free_mm
+    front = mirror.back_mm + mirror.thickness_mm + fit
+    return Frustum(outline_at(mirror, seat_height_mm(mirror, hardware), fit), outline_at(mirror, front, fit))
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:

@@ -8,17 +8,15 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from pydantic import Field
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title
-from mirrorcam.cad.holder.glue import DOT_MM, DOTS
+from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.optics.base.figure_texts import number_word
 from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
@@ -156,15 +154,14 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
             note="mount, only to stand on a tripod",
         )
     )
-    glue_ml = 0.001 * len(device.layout.mirrors) * DOTS * np.pi / 6.0 * DOT_MM**3
-    dots = f"{number_word(DOTS)} dots of {DOT_MM:g} mm behind every mirror"
     lines.append(
         BoughtLine(
             title="Glue for acrylic that does not craze it (neutral silicone)",
             count=None,
-            note=f"less than {max(1, int(np.ceil(glue_ml)))} ml, {dots}",
+            note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",
         )
     )
+    lines.append(BoughtLine(title="Tool: syringe of 5 ml", count=None, note="to lay beads of glue"))
     if any(item.kind == "insert" for item in items):
         lines.append(
             BoughtLine(

@@ -25,6 +25,9 @@ from mirrorcam.optics.geometry.mirror import Mirror
 
 FIT = HARDWARE.fit.free_mm
 WIDTH, HEIGHT, THICKNESS = 30.0, 20.0, 2.0
+BOND = HARDWARE.holder.bond_mm
+PADS_AT = ((-12.0, -7.0), (12.0, -7.0), (0.0, 7.0))
+PADS_OF_AREA = 12.0 / (WIDTH * HEIGHT)
 Seated = tuple[Layout, tuple[Part, ...]]
 
 
@@ -38,11 +41,23 @@ def plane_of(mirror: Mirror) -> Plane:
     return Plane(origin=tuple(origin + mirror.back_mm * normal), x_dir=tuple(x_axis), z_dir=tuple(normal))
 
 
-def seat_block(mirror: Mirror, *, clearance: float = FIT, sink: float = 0.0) -> Part:
-    """A block with a pocket for a mirror of 30 x 20 x 2 mm: 1 mm deep, wider by the clearance on each side."""
+def seat_block(
+    mirror: Mirror,
+    *,
+    clearance: float = FIT,
+    sink: float = 0.0,
+    bond: float = BOND,
+    pads: tuple[tuple[float, float], ...] = PADS_AT,
+) -> Part:
+    """A block with a pocket for a mirror of 30 x 20 x 2 mm, wider by the clearance on each side.
+
+    It is 1 mm deep, and deeper by the bond but on pads of 2 x 2 mm.
+    """
     outer = Pos(0, 0, -4.0) * Box(WIDTH + 6, HEIGHT + 6, 10.0)
-    pocket = Pos(0, 0, 5.0 - sink) * Box(WIDTH + 2 * clearance, HEIGHT + 2 * clearance, 10.0)
-    return Part((plane_of(mirror) * (outer - pocket)).solids())
+    block = outer - Pos(0, 0, 5.0 - sink - bond) * Box(WIDTH + 2 * clearance, HEIGHT + 2 * clearance, 10.0)
+    for x, y in pads:
+        block += Pos(x, y, -sink - 0.5) * Box(2.0, 2.0, 1.0)
+    return Part((plane_of(mirror) * block).solids())
 
 
 def read_back(parts: tuple[Part, ...], folder: Path) -> list[FlatFace]:
@@ -59,7 +74,7 @@ def seated(make_flat_pair: Callable[..., Layout]) -> Seated:
 
 
 def cover_of(layout: Layout) -> tuple[float, ...]:
-    return (1.0,) * len(layout.mirrors)
+    return (1.0 - PADS_OF_AREA,) * len(layout.mirrors)
 
 
 def test_blocks_with_pockets_seat_their_mirrors(seated: Seated, tmp_path: Path) -> None:
@@ -68,7 +83,9 @@ def test_blocks_with_pockets_seat_their_mirrors(seated: Seated, tmp_path: Path) 
     checks = check_seats(faces, layout, HARDWARE, cover_of(layout))
     assert failed(checks) == set()
     assert checks["seat_offset_um"].value < 1e-3
-    assert checks["seat_cover"].value == pytest.approx(1.0)
+    assert checks["seat_cover"].value == pytest.approx(1.0 - PADS_OF_AREA)
+    # Two sides of this triangle are equal; it is 14 mm high, and the heights over those are 24 x 14 / 18.4 mm.
+    assert checks["seat_base_mm"].value == pytest.approx(14.0, abs=1e-6)
     assert checks["seat_span_mm"].value < 1e-6
     for mirror in layout.mirrors:
         assert pocket_gaps_mm(faces, mirror, FIT) == pytest.approx([FIT] * 8)
@@ -78,8 +95,30 @@ def test_a_seat_two_microns_too_deep_is_found(seated: Seated, tmp_path: Path) ->
     layout, parts = seated
     deep = (parts[0], seat_block(layout.mirrors[1], sink=0.002))
     checks = check_seats(read_back(deep, tmp_path), layout, HARDWARE, cover_of(layout))
-    assert failed(checks) == {"seat_offset_um"}
+    assert failed(checks) == {"seat_offset_um", "bond_error_um"}
     assert checks["seat_offset_um"].value == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("error_mm", [0.002, -0.002])
+def test_a_bond_two_microns_off_is_found(seated: Seated, tmp_path: Path, error_mm: float) -> None:
+    layout, parts = seated
+    off = (parts[0], seat_block(layout.mirrors[1], bond=BOND + error_mm))
+    checks = check_seats(read_back(off, tmp_path), layout, HARDWARE, cover_of(layout))
+    assert failed(checks) == {"bond_error_um"}
+    assert checks["bond_error_um"].value == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "pads", [(), PADS_AT[:2], (*PADS_AT, (-12.0, 7.0)), ((-12.0, -7.0), (12.0, -7.0), (0.0, -2.0))]
+)
+def test_a_mirror_that_is_not_on_three_pads_about_its_middle_is_found(
+    seated: Seated, tmp_path: Path, pads: tuple[tuple[float, float], ...]
+) -> None:
+    layout, parts = seated
+    wobbly = (parts[0], seat_block(layout.mirrors[1], pads=pads))
+    checks = check_seats(read_back(wobbly, tmp_path), layout, HARDWARE, cover_of(layout))
+    assert "seats_without_three_pads" in failed(checks) <= {"seats_without_three_pads", "seat_cover_lost"}
+    assert checks["seats_without_three_pads"].value == 1
 
 
 def test_a_seat_tilted_by_two_thousandths_of_a_degree_is_found(seated: Seated, tmp_path: Path) -> None:
@@ -121,21 +160,21 @@ def test_a_missing_seat_is_found(seated: Seated, tmp_path: Path) -> None:
     layout, parts = seated
     sunk = (parts[0], seat_block(layout.mirrors[1], sink=0.5))
     checks = check_seats(read_back(sunk, tmp_path), layout, HARDWARE, cover_of(layout))
-    assert failed(checks) == {"seats_missing", "seat_cover_lost"}
-    assert checks["seat_cover_lost"].value == pytest.approx(1.0)
+    assert failed(checks) == {"seats_missing", "seats_without_three_pads", "seat_cover_lost"}
+    assert checks["seat_cover_lost"].value == pytest.approx(1.0 - PADS_OF_AREA)
 
 
 def test_a_groove_in_a_seat_bears_nothing_and_has_to_be_planned(seated: Seated, tmp_path: Path) -> None:
-    """A groove of 4 x 20 mm, 0.6 mm deep, takes 4 / 30 of the cover; its largest circle is 4 mm."""
+    """A groove of 4 x 20 mm, 0.4 mm deep, takes 4 / 30 of the cover; its largest circle is 4 mm."""
     layout, parts = seated
-    groove = plane_of(layout.mirrors[0]) * Pos(3, 0, 0) * Box(4.0, HEIGHT, 1.2)
+    groove = plane_of(layout.mirrors[0]) * Pos(6, 0, 0) * Box(4.0, HEIGHT, 1.2)
     grooved = (Part((parts[0] - groove).solids()), parts[1])
     faces = read_back(grooved, tmp_path)
     unplanned = check_seats(faces, layout, HARDWARE, cover_of(layout))
     assert failed(unplanned) == {"seat_cover_lost"}
-    assert unplanned["seat_cover"].value == pytest.approx(26.0 / 30.0, abs=1e-6)
+    assert unplanned["seat_cover"].value == pytest.approx(26.0 / 30.0 - PADS_OF_AREA, abs=1e-6)
     assert unplanned["seat_span_mm"].value == pytest.approx(4.0, abs=0.05)
-    assert failed(check_seats(faces, layout, HARDWARE, (26.0 / 30.0, 1.0))) == set()
+    assert failed(check_seats(faces, layout, HARDWARE, (26.0 / 30.0 - PADS_OF_AREA, *cover_of(layout)[1:]))) == set()
 
 
 def test_a_seat_may_lie_on_two_parts(seated: Seated, tmp_path: Path) -> None:
@@ -158,5 +197,5 @@ def test_a_plane_right_behind_another_mirror_is_no_seat_of_this_one(seated: Seat
     """Both mirrors lie in one plane: the seat of one does not bear the other."""
     layout, parts = seated
     faces = read_back(parts[:1], tmp_path)
-    assert find_seat(faces, layout.mirrors[0]) is not None
-    assert find_seat(faces, layout.mirrors[1]) is None
+    assert find_seat(faces, layout.mirrors[0], BOND) is not None
+    assert find_seat(faces, layout.mirrors[1], BOND) is None

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import pytest
 from ezdxf.filemanagement import readfile
+from manifold3d import Manifold
 from markdown_it import MarkdownIt
 
 from mirrorcam.cad.assembly.build_steps import STEPS
@@ -18,12 +19,13 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
 from mirrorcam.cad.checks.cut_outlines import check_cuts
+from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.write.bill_of_materials import bill_of
+from mirrorcam.cad.plan.seats import mirror_prism, outline_at
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.values import Metric
@@ -51,11 +53,21 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "nothing has compared" not in text
 
 
-def test_the_guide_and_the_parts_list_state_one_amount_of_glue(made: Made) -> None:
-    text = (made.folder / "guide.md").read_text(encoding="utf-8")
-    assert "Put four dots of neutral-cure silicone, 2 mm wide, on the seat" in text
-    (glue,) = (line for line in bill_of(made.device, made.parts, ()).bought if line.title.startswith("Glue"))
-    assert glue.note == "less than 1 ml, four dots of 2 mm behind every mirror"
+def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Made) -> None:
+    """The gap as found: what of the space as thick as the bond, behind the mirrors, the printed holder leaves."""
+    guide, bill = ((made.folder / name).read_text(encoding="utf-8") for name in ("guide.md", "bom.md"))
+    bond = made.device.hardware.holder.bond_mm
+    (holder,) = (part for part in made.parts if part.name == "mirror_holder")
+    solid = solid_of(read_stl(holder.stl))
+    gap_mm3 = 0.0
+    for mirror in made.device.layout.mirrors:
+        seat = outline_at(mirror, mirror.back_mm - bond)
+        gap_mm3 += (Manifold.hull_points(np.vstack([seat, mirror_prism(mirror).base])) - solid).volume()
+    stated = re.findall(r"not on the pads: ([0-9.]+) ml for all mirrors", guide)
+    stated += re.findall(rf"\| ([0-9.]+) ml, {bond:g} mm behind every mirror \|", bill)
+    assert len(stated) == 2
+    assert [float(ml) for ml in stated] == pytest.approx([gap_mm3 / 1000.0] * 2, rel=0.2)
+    assert f"They hold it {bond:g} mm over the floor of the seat" in guide
 
 
 def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:

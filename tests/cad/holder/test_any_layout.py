@@ -12,7 +12,8 @@ from build123d import GeomType, Part
 from manifold3d import Error, Manifold, Mesh64
 from shapely import LineString, Polygon, build_area, multilinestrings, set_precision
 
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import camera_cone, reflected_beam
@@ -36,9 +37,9 @@ def random_layout(seed: int, make_parabola: Callable[..., Layout]) -> Layout:
     )
 
 
-def seat_area_mm2(part: Part, mirror: Mirror) -> float:
-    """Area of the mirror's outline on all faces of a part in the plane of its back, within 1 um and 0.001 deg."""
-    frame, height_mm = mirror.rig_from_plane, mirror.back_mm
+def seat_area_mm2(part: Part, mirror: Mirror, behind_mm: float) -> float:
+    """Area of a mirror's outline on all faces of a part so far behind its back, within 1 um and 0.001 deg."""
+    frame, height_mm = mirror.rig_from_plane, mirror.back_mm - behind_mm
     outline = Polygon(mirror.outline_in_plane_mm)
     area = 0.0
     for face in part.faces().filter_by(GeomType.PLANE):
@@ -71,9 +72,11 @@ def assert_sound(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> 
     for index, mirror in enumerate(layout.mirrors):
         for light in (camera_cone(mirror, layout.camera.pupil, dark), reflected_beam(layout, index, dark)):
             assert (body ^ Manifold.hull_points(np.vstack([light.base, light.top]))).volume() < 1e-3
-        area = seat_area_mm2(part, mirror)
+        floor = seat_area_mm2(part, mirror, HARDWARE.holder.bond_mm)
         outline = Polygon(mirror.outline_in_plane_mm).area
-        assert area == pytest.approx(plan.planned_cover[index] * outline, rel=1e-6)
+        assert floor == pytest.approx(plan.planned_cover[index] * outline, rel=1e-6)
+        octagon = np.sqrt(8.0) * (HARDWARE.holder.pad_mm / 2.0) ** 2
+        assert seat_area_mm2(part, mirror, 0.0) == pytest.approx(3.0 * octagon, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

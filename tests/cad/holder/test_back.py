@@ -31,7 +31,7 @@ def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layo
 
 def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> None:
     axes = mount_axes(default_layout)
-    front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm)
+    front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm, HARDWARE)
     seats = [Polygon(mirror_prism(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
     for index, filler in enumerate(front.fillers):
         shadow = Polygon(filler @ axes[:2].T)
@@ -41,7 +41,7 @@ def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> No
                 normal = np.cross(filler[1] - filler[0], filler[2] - filler[1])
                 level = ((filler[0] - common) @ normal) / (axes[2] @ normal)
                 points = common + level[:, None] * axes[2]
-                assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror) < 1e-9).all()
+                assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror, HARDWARE) < 1e-9).all()
 
 
 def test_a_back_without_room_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.brep import brep
+from mirrorcam.cad.holder.brep import _settled_needles, brep
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.prisms import box
 
@@ -40,3 +40,19 @@ def test_faces_lie_in_the_planes_asked_for_to_rounding() -> None:
         nearest = int((normals @ normal).argmax())
         np.testing.assert_allclose(normal, normals[nearest], atol=1e-12)
         assert np.array(tuple(face.center())) @ normal == pytest.approx(offsets[nearest], abs=1e-9)
+
+
+def test_a_triangle_that_is_a_line_belongs_to_the_face_beyond_its_longest_edge() -> None:
+    """Two floors (plane 0) on one side of a line, a wall (plane 1) on its other; two lines lie between them.
+
+    In the floors' plane those would join the floors, which have no edge in common.
+    """
+    corners = np.array([(0, 0, 0), (2, 0, 0), (3, 0, 0), (6, 0, 0), (1, 1, 0), (5, 1, 0), (3, 0, -1)], dtype=float)
+    above = [(0, 1, 4), (2, 3, 5)]
+    lines = [(0, 2, 1), (0, 3, 2)]
+    wall = [(3, 0, 6)]
+    # What closes the surface, on planes of its own.
+    rest = [(4, 1, 5), (5, 1, 2), (0, 4, 6), (4, 5, 6), (5, 3, 6)]
+    triangles = np.array([*above, *lines, *wall, *rest])
+    planes = np.array([0, 0, 0, 0, 1, 2, 2, 3, 4, 5])
+    assert _settled_needles(corners, triangles, planes).tolist() == [0, 0, 1, 1, 1, 2, 2, 3, 4, 5]

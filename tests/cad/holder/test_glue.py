@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from manifold3d import Manifold
+from shapely import box
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import mount_axes
-from mirrorcam.cad.holder.glue import groove_volume, grooves_of, runs_along_cut
+from mirrorcam.cad.holder.glue import bead_mm, glue_amount, glue_mm3, groove_volume, grooves_of, runs_along_cut
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -37,3 +39,18 @@ def test_grooves_are_narrow_and_pass_through_notches_in_the_rims(default_layout:
         hull = Manifold.hull_points(np.vstack([groove.base, groove.top]))
         # A stub of a rim would be thinner than a wall.
         assert not any((hull ^ rim).volume() > 0.0 for rim in rims)
+
+
+def test_the_glue_fills_the_gap_but_for_the_pads() -> None:
+    """A seat of 30 x 20 mm and two pads of 2 x 3 mm, one of them half beside it."""
+    bond = HARDWARE.holder.bond_mm
+    pads = [np.array([(x, 4.0), (x + 2.0, 4.0), (x + 2.0, 7.0), (x, 7.0)]) for x in (9.0, 29.0)]
+    assert glue_mm3(box(0.0, 0.0, 30.0, 20.0), pads, HARDWARE) == pytest.approx((600.0 - 9.0) * bond)
+    assert glue_amount((600.0, 756.0)) == "1.4 ml"
+    assert glue_amount((31.0,)) == "0.031 ml"
+
+
+def test_a_bead_pressed_to_the_bond_is_as_wide_as_the_land_of_a_groove() -> None:
+    assert np.pi / 4.0 * bead_mm(HARDWARE) ** 2 / HARDWARE.holder.bond_mm == pytest.approx(
+        HARDWARE.holder.groove_pitch_mm
+    )

@@ -9,7 +9,8 @@ import pytest
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.screw_holes import tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
@@ -31,7 +32,7 @@ def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout, device: 
             below = Polygon((core.top - origin) @ turn[:, :2])
             over = [below.contains(Polygon(ring + hole)), below.intersects(Polygon(ring + hole))]
             if any(over):
-                assert (ends @ mirror.normal_in_rig + seat_distance_mm(mirror) < 1e-9).all()
+                assert (ends @ mirror.normal_in_rig + seat_distance_mm(mirror, HARDWARE) < 1e-9).all()
 
 
 def thin_floor(body: HolderPlan) -> float:

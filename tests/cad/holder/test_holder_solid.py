@@ -14,7 +14,8 @@ from manifold3d import Manifold
 from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
@@ -69,7 +70,9 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     assert height(plan, plan.slab.top[0]) == pytest.approx(depth)
     assert union_all([on_back(plan, solid.top) for solid in plan.rims[1::2]]).difference(plate).area < 1e-9
     expected = plate.area * depth + (on_back(plan, plan.flange.top).area - plate.area) * dimensions.floor_mm
-    expected += sum(on_back(plan, rim.top).area for rim in plan.rims[::2]) * dimensions.rim_height_of_sheet * 2.0
+    rim_mm = dimensions.bond_mm + dimensions.rim_height_of_sheet * 2.0
+    expected += sum(on_back(plan, rim.top).area for rim in plan.rims[::2]) * rim_mm
+    expected += sum(on_back(plan, pad.top).area for pad in plan.pads) * dimensions.bond_mm
     expected -= (
         sum(on_back(plan, groove.base).intersection(plate).area for groove in plan.grooves) * dimensions.groove_depth_mm
     )

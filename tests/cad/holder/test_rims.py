@@ -63,7 +63,7 @@ def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Lay
     for rim in body.rims[::2]:
         owner = min(
             default_layout.mirrors,
-            key=lambda m: np.abs(rim.base @ m.normal_in_rig + seat_distance_mm(m) + 2.0 * RELIEF_MM).max(),
+            key=lambda m: np.abs(rim.base @ m.normal_in_rig + seat_distance_mm(m, HARDWARE) + 2.0 * RELIEF_MM).max(),
         )
         heights = rim.top @ owner.normal_in_rig + owner.distance_mm
         np.testing.assert_allclose(heights, -0.4, atol=1e-9)

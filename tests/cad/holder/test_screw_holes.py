@@ -9,7 +9,8 @@ import pytest
 from build123d import GeomType
 from shapely import Polygon, get_coordinates
 
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.holder.screw_holes import slot_way, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE

@@ -11,7 +11,8 @@ from manifold3d import Manifold
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import STRAY_LIGHT
 from mirrorcam.cad.checks.overhangs import polygons
-from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from shapely import Polygon, box, get_coordinates
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.hardware import HARDWARE

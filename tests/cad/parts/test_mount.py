@@ -12,7 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, stiff_profiles

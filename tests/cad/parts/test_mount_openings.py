@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan, plan_holder
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.parts.mount_openings import _scale

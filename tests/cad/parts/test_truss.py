@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.holder_plan import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, stiff_profiles
 from mirrorcam.cad.parts.truss import truss

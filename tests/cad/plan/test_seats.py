@@ -59,14 +59,15 @@ def test_faces_of_a_frustum_point_outwards_whichever_way_its_corners_run() -> No
     assert not CUBE.comes_near(np.array([1.0, 1.0, 3.0]), 0.9)
 
 
-def test_the_seat_is_the_reflecting_plane_or_one_thickness_behind_it(default_layout: Layout) -> None:
+def test_the_seat_is_the_glue_behind_the_reflecting_plane_or_one_thickness_more(default_layout: Layout) -> None:
+    bond = HARDWARE.holder.bond_mm
     for mirror in default_layout.mirrors:
         second = mirror.replaced(surface="second", thickness_mm=3.0)
-        assert seat_distance_mm(second) == mirror.distance_mm
-        assert seat_distance_mm(mirror) == mirror.distance_mm + mirror.thickness_mm
+        assert seat_distance_mm(second, HARDWARE) == pytest.approx(mirror.distance_mm + bond)
+        assert seat_distance_mm(mirror, HARDWARE) == pytest.approx(mirror.distance_mm + mirror.thickness_mm + bond)
         for kind in (mirror, second):
             back = mirror_prism(kind).base
-            np.testing.assert_allclose(back @ kind.normal_in_rig, -seat_distance_mm(kind), atol=1e-9)
+            np.testing.assert_allclose(back @ kind.normal_in_rig, bond - seat_distance_mm(kind, HARDWARE), atol=1e-9)
             assert volume(mirror_prism(kind)) > 0.0
         np.testing.assert_allclose(mirror_prism(mirror).top @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
         np.testing.assert_allclose(mirror_prism(second).top @ mirror.normal_in_rig, 3.0 - mirror.distance_mm, atol=1e-9)
@@ -110,7 +111,7 @@ def test_nothing_of_a_mirrors_room_is_behind_its_seat(default_layout: Layout) ->
     for mirror, volumes in zip(default_layout.mirrors, keep_outs(default_layout, HARDWARE), strict=True):
         for solid in volumes:
             corners = np.vstack([solid.base, solid.top])
-            assert (corners @ mirror.normal_in_rig + seat_distance_mm(mirror) > -1e-9).all()
+            assert (corners @ mirror.normal_in_rig + seat_distance_mm(mirror, HARDWARE) > -1e-9).all()
         assert pocket(mirror, HARDWARE).contains(mirror_prism(mirror).top * 0.99999).all()
 
 

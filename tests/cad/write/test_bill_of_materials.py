@@ -48,6 +48,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("Cable tie, at most 4 mm wide", 1),
         ("1/4-20 UNC hexagon nut", 1),
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
+        ("Tool: syringe of 5 ml", None),
         ("Tool: soldering iron with a tip for M3 inserts", None),
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -117,7 +118,7 @@ def test_the_back_of_a_mirror_stays_on_its_seat(default_layout: Layout, surface:
     assert 0.01 < abs(thicker_mm) < 0.4
     for mirror, before in zip(built.mirrors, designed.mirrors, strict=True):
         assert mirror.thickness_mm - before.thickness_mm == pytest.approx(thicker_mm)  # all are cut from one sheet
-        assert seat_distance_mm(mirror) == pytest.approx(seat_distance_mm(before), abs=1e-9)
+        assert seat_distance_mm(mirror, HARDWARE) == pytest.approx(seat_distance_mm(before, HARDWARE), abs=1e-9)
         nearer_mm = before.distance_mm - mirror.distance_mm
         assert nearer_mm == pytest.approx(thicker_mm if surface == "first" else 0.0, abs=1e-9)
 

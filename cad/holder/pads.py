@@ -1,0 +1,148 @@
+"""Three pads in every seat: what a mirror rests on, and what makes the bond behind it as thick as it is meant to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import LineString, Polygon, get_coordinates, union_all
+from shapely.geometry.base import BaseGeometry
+
+from mirrorcam.cad.holder.glue import Groove
+from mirrorcam.cad.plan.cuts import Cuts
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, seat_height_mm
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import transform
+
+PADS = 3
+# A pad has this many sides.
+SIDES = 8
+# It stands this far from a groove and from the light of others, and its foot reaches as deep into the seat.
+BESIDE_MM = 0.2
+# Places that are tried are so far apart, or there are so many of them.
+STEP_MM, MOST_PLACES = 0.5, 60
+FAR_MM = 1e4
+
+
+def plan_pads(
+    name: str,
+    mirror: Mirror,
+    free: Polygon,
+    grooves: Sequence[Groove],
+    axes: FloatArray,
+    cuts: Cuts,
+    hardware: Hardware,
+) -> FloatArray:
+    """The middles (3, 2) of the three pads of a mirror's seat, in the plane's axes, mm.
+
+    They stand as far apart as they can: of all triangles about the middle of the outline, the one whose least height is
+    largest. An error of a pad's height tilts the mirror by its ratio to that height.
+
+    Parameters
+    ----------
+    name : str
+        What the mirror is called in messages.
+    mirror : Mirror
+        The mirror that the pads carry.
+    free : Polygon
+        Where its seat is, in the plane's axes: the outline, less what light and pockets of others take of it.
+    grooves : sequence of Groove
+        Grooves of the seat, which the pads keep away from.
+    axes : (3, 3)
+        Axes of the part's back (rows), across the first two of which it is cut.
+    cuts : Cuts
+        Places of the cuts along these, from the pupil: pads keep a wall away from them.
+    hardware : Hardware
+        Diameter of the pads, fits and walls.
+
+    Raises
+    ------
+    InputError
+        Where there is no space for three pads about the middle.
+    """
+    radius = hardware.holder.pad_mm / 2.0
+    # A mirror may lie anywhere within the fit, with all of each pad behind it.
+    inside = Polygon(mirror.outline_in_plane_mm).buffer(-radius - hardware.fit.free_mm)
+    room = inside.intersection(free.buffer(-radius - BESIDE_MM))
+    taken = [Polygon(groove.shape).buffer(radius + BESIDE_MM) for groove in grooves]
+    near = radius + hardware.printer.wall_mm
+    room = room.difference(
+        union_all([*taken, *(line.buffer(near) for line in _cut_lines(mirror, axes, cuts, hardware))])
+    )
+    places = _places(room)
+    middle = np.array(Polygon(mirror.outline_in_plane_mm).centroid.coords[0])
+    triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
+    heights = np.where(_surround(places[triples], middle), least_height_mm(places[triples]), 0.0)
+    best = int(np.argmax(heights.round(6))) if len(heights) else -1
+    if best < 0 or heights[best] < hardware.holder.pad_mm:
+        width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
+        raise InputError(
+            f"mirror {name} of {width:.1f} x {height:.1f} mm has no space for three pads of "
+            f"{hardware.holder.pad_mm:g} mm about its middle, expected larger mirrors or a smaller holder.pad_mm"
+        )
+    return np.asarray(places[triples[best]])
+
+
+def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware) -> list[LineString]:
+    """Cuts across the first two axes as lines in the seat, in the plane's axes; none that are parallel to it."""
+    frame, lines = mirror.rig_from_plane, []
+    origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
+    for axis, places in zip(axes[:2], cuts, strict=True):
+        across = axis @ frame[:3, :2]
+        slope = float(np.linalg.norm(across))
+        if slope < 1e-6:
+            continue
+        across = across / slope
+        along = FAR_MM * np.array([-across[1], across[0]])
+        for place in places:
+            at = (place - axis @ origin) / slope * across
+            lines.append(LineString([at - along, at + along]))
+    return lines
+
+
+def _places(room: BaseGeometry) -> FloatArray:
+    """Points (n, 2) on the border of an area, where those that are farthest apart lie."""
+    if room.is_empty:
+        return np.zeros((0, 2))
+    step = max(STEP_MM, room.length / MOST_PLACES)
+    return np.unique(get_coordinates(room.simplify(0.02).segmentize(step)).round(6), axis=0)
+
+
+def least_height_mm(triangles: FloatArray) -> FloatArray:
+    """Least height (n,) of triangles (n, 3, 2): twice the area over the longest side."""
+    sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
+    return np.asarray(
+        np.abs(_turn(triangles[:, 0], triangles[:, 1], triangles[:, 2])) / np.maximum(sides.max(axis=1), 1e-9)
+    )
+
+
+def _surround(triangles: FloatArray, point: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of the triangles (n, 3, 2) that a point (2,) lies inside of."""
+    turns = np.array([_turn(triangles[:, i], triangles[:, (i + 1) % 3], point) for i in range(3)])
+    return np.asarray((turns > 0.0).all(axis=0) | (turns < 0.0).all(axis=0))
+
+
+def _turn(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+    """Twice the signed area (n,) of triangles of three corners (n, 2)."""
+    one, two = second - first, third - first
+    return np.asarray(one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])
+
+
+def pad_shapes(middles: FloatArray, hardware: Hardware) -> tuple[FloatArray, ...]:
+    """Outlines (8, 2) of pads about their middles (n, 2)."""
+    turns = 2.0 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
+    corners = hardware.holder.pad_mm / 2.0 * np.column_stack([np.cos(turns), np.sin(turns)])
+    return tuple(middle + corners for middle in middles)
+
+
+def pad_volume(mirror: Mirror, shape: FloatArray, hardware: Hardware) -> Frustum:
+    """The solid of a pad, from just inside the seat to the mirror's back."""
+    levels = (seat_height_mm(mirror, hardware) - BESIDE_MM, mirror.back_mm)
+    base, top = (
+        transform(mirror.rig_from_plane, np.column_stack([shape, np.full(len(shape), level)])) for level in levels
+    )
+    return Frustum(base, top)
