@@ -19,6 +19,7 @@ from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.write.licence import write_source
 from mirrorcam.cad.write.plates import write_plates
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
@@ -80,6 +81,7 @@ def write_device(
     checks |= {f"plates.{name}": check for name, check in plates.items()}
     write_robot(out / "robot", device, pieces)
     write_bom(out, bill_of(device, parts, sheets))
+    write_source(out, device.layout, device.hardware)
     write_guide(out, device, parts, pieces)
     write_page(out, device, parts, pictures, checks)
     write_metrics(out / "checks.json", checks)

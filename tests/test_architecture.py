@@ -34,11 +34,11 @@ MAY_IMPORT = {
     | {"rosbags", "backports", "compression"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
-    | {"matplotlib", "jinja2", "markupsafe", "markdown_it"},
+    | {"matplotlib", "jinja2", "markupsafe", "markdown_it", "tomli_w"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": OPTICS
     | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun"}
-    # The studio's server, and what writes its design.toml.
+    # The studio's server, and what writes design.toml.
     | {"starlette", "uvicorn", "tomli_w"},
 }
 # Inside each package, from the ground up: a folder may import those before it, never those after it. The package's own

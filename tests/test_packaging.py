@@ -69,6 +69,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(folder, copy / folder.relative_to(ROOT), ignore=shutil.ignore_patterns(*NOT_SHIPPED))
     for name in ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy / name)
+    shutil.copytree(ROOT / "LICENSES", copy / "LICENSES")
     return copy
 
 

@@ -29,6 +29,15 @@ ITEM_RGB: dict[str, Rgb] = {
     "nut": (0.70, 0.72, 0.75),
     "pin": (0.62, 0.64, 0.67),
 }
+# By the end of an item's title.
+STANDARDS = {
+    "set screw": "ISO 4026, flat point",
+    "thread-forming screw": "for plastics, pan head",
+    "screw": "ISO 4762, socket head",
+    "heat-set insert": "brass",
+    "nut": "ISO 4032",
+    "pin": "ISO 2338 or a piece of rod",
+}
 # g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), brass CuZn39Pb3, steel.
 ACRYLIC, BRASS, STEEL = 1.19, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
@@ -161,6 +170,11 @@ def item_title(item: BoughtItem) -> str:
     thread, _, form = item.size.partition(" ")
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"
+
+
+def standard_of(title: str) -> str:
+    """The standard, or in words the kind, of a bought item by its title."""
+    return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
 def mesh_of(volume: Frustum) -> trimesh.Trimesh:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.assembly.pieces import Piece, standard_of
 from mirrorcam.cad.documents.device_pictures import IN_FRONT, view_axes
 from mirrorcam.cad.documents.drawing import draw_tables
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
@@ -17,7 +17,6 @@ from mirrorcam.cad.documents.line_art import edges_of, joined, visible_lines
 from mirrorcam.cad.documents.shading import Screen, ShadedBody, Shot, render
 from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block
 from mirrorcam.cad.plan.dimension import DrawingTable
-from mirrorcam.cad.write.bill_of_materials import standard_of
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 

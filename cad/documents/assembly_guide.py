@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from mirrorcam.cad.assembly.build_steps import STEPS
@@ -80,14 +80,7 @@ def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
 
 def camera_toml(camera: CameraBody) -> str:
     """A camera's body as the text of its TOML file, which `read_body` reads."""
-    body = camera.model_dump(mode="json", exclude_none=True)
-    held_by = body.pop("held_by")
-    return "\n".join([*_toml_lines(body), "", "[held_by]", *_toml_lines(held_by)])
-
-
-def _toml_lines(values: Mapping[str, object]) -> list[str]:
-    """Numbers, texts and lists as TOML, which writes them as JSON does."""
-    return [f"{name} = {json.dumps(value, ensure_ascii=False)}" for name, value in values.items()]
+    return tomli_w.dumps(camera.model_dump(mode="json", exclude_none=True)).rstrip()
 
 
 def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
-from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
 from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, render
@@ -35,6 +35,8 @@ PURPOSES = (
     ("bom.json", "the parts list, for a program"),
     ("bom.md", "the parts list, to read"),
     ("guide.md", "the assembly guide, to print"),
+    ("source/*", "what all files here are made from"),
+    ("NOTICE.txt", "the licence of the device"),
     ("checks.json", "every check and figure, with its value, unit and limit"),
 )
 
@@ -65,6 +67,7 @@ def write_page(
             f"{views} cameras. This page has everything needed to print, cut and assemble them."
         ),
         identity=layout.identity,
+        licence=LICENCE,
         parts=parts,
         masses=masses_of(parts),
         sliced=is_sliced(parts),

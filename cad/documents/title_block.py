@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from mirrorcam.cad.documents.drawing_sheet import SOFT, DrawingSheet, fitted_text, text_width_mm
+from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.optics.base.values import FloatArray, InputError
 
 A3_MM = (420.0, 297.0)
@@ -67,7 +68,7 @@ def draw_title_block(sheet: DrawingSheet, said: Title) -> None:
     columns: tuple[tuple[float, tuple[tuple[str, str, bool], ...]], ...] = (
         (90.0, (("Title", said.title, True), ("Project", "MirrorCam", False))),
         (40.0, (("Drawing number", said.number, True), ("Sheet", "1 / 1, A3", False))),
-        (MATERIAL_MM, (("Material", said.material, False), ("Licence", "Apache-2.0", False))),
+        (MATERIAL_MM, (("Material", said.material, False), ("Licence", LICENCE, False))),
         (52.0, (("Scale (views)", ratio(said.scale), True), ("Date", issue_date(), False))),
         (98.0, (("General tolerance, mm", GENERAL_TOLERANCE, False), ("Revision", said.revision, False))),
     )

@@ -104,6 +104,9 @@ def plain(value: Any) -> Any:
     raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
 
 
+LICENCE = "CERN-OHL-W-2.0"
+"""Of devices and their files, by its SPDX identifier; the program that makes them is under Apache-2.0."""
+
 BoughtKind = Literal["screw", "insert", "nut", "pin"]
 
 

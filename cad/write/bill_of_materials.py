@@ -13,23 +13,13 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import item_title
+from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
-
-# What the titles of `item_title` end in.
-STANDARDS = {
-    "set screw": "ISO 4026, flat point",
-    "thread-forming screw": "for plastics, pan head",
-    "screw": "ISO 4762, socket head",
-    "heat-set insert": "brass",
-    "nut": "ISO 4032",
-    "pin": "ISO 2338 or a piece of rod",
-}
 
 
 class PrintedLine(Value):
@@ -169,11 +159,6 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
             )
         )
     return tuple(lines)
-
-
-def standard_of(title: str) -> str:
-    """The standard, or in words the kind, of a bought item by its title."""
-    return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
 def write_bom(folder: Path, bom: Bom) -> None:

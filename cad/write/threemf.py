@@ -17,12 +17,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.plan.part_plan import LICENCE, PartPlan
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
 
 DESIGNER = "MirrorCam"
-LICENCE = "Apache-2.0"
 # What the relationship of an attached configuration is called: ours, since slicers look for the file by its path.
 CONFIGURATION = "http://mirrorcam/configuration"
 

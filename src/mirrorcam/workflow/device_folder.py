@@ -29,6 +29,7 @@ FILES = (
     *(f"drawings/{part}.{ending}" for part in (*PARTS, "assembly") for ending in ("svg", "pdf")),
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
+    *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
     *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
     *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),
     *(f"robot/meshes/{part}_hull.stl" for part in PARTS),

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from mirrorcam.optics.base.values import InputError
 
 MODULES = {
-    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it"),
+    "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it", "tomli_w"),
     "render": ("mitsuba", "drjit", "OpenEXR"),
     "cluster": ("dask", "distributed"),
     "parquet": ("pyarrow",),

@@ -54,6 +54,7 @@ def will_exist(made: Made) -> set[str]:
         written
         | of_parts
         | drawings
+        | {"plates/plate_1.3mf"}
         | {picture.path for picture in made.pictures}
         | {"checks.json", "robot/mirrorcam.xacro"}
     )

@@ -74,7 +74,7 @@ def test_a_block_says_its_size_holes_and_places(block: Callable[..., PartPlan]) 
     sheet = draw(part.make(part.plan), part, HARDWARE.printer)
     said = [words.text for words in sheet.words]
     # Length, depth and height, once each; two holes, 40 apart, 10 from the left edge and 15 from the lower one.
-    for text in ("60", "30", "40", "2x Ø6 through", "MC-99", "Block", part.identity, "Apache-2.0", "2 : 1"):
+    for text in ("60", "30", "40", "2x Ø6 through", "MC-99", "Block", part.identity, "CERN-OHL-W-2.0", "2 : 1"):
         assert said.count(text) == 1, text
     assert said.count("10") == 2
     assert said.count("15") == 1

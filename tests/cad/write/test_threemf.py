@@ -75,7 +75,7 @@ def test_it_says_what_it_is(written: Path, block: PartPlan) -> None:
     texts = {group.GetMetaData(i).GetName(): group.GetMetaData(i).GetValue() for i in range(group.GetMetaDataCount())}
     assert texts["Title"] == "Block"
     assert texts["Designer"] == "MirrorCam"
-    assert texts["LicenseTerms"] == "Apache-2.0"
+    assert texts["LicenseTerms"] == "CERN-OHL-W-2.0"
     for word in ("MC-99", block.identity, "PLA", "60.0 x 10.0 x 30.0 mm", "without support"):
         assert word in texts["Description"]
     bodies = model.GetMeshObjects()
