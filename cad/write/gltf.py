@@ -14,7 +14,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from mirrorcam.cad.assembly.pieces import Kind, Piece
-from mirrorcam.cad.write.threemf import DESIGNER, LICENCE
+from mirrorcam.cad.plan.part_plan import LICENCE
+from mirrorcam.cad.write.threemf import DESIGNER
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
 
