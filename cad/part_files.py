@@ -46,7 +46,7 @@ def make_part(
     solid.label = part.name
     folder = out / "parts"
     step, stl, threemf = (folder / f"{part.name}{suffix}" for suffix in (".step", ".stl", ".3mf"))
-    write_step(step, solid)
+    write_step(step, solid, part.faces)
     write_stl(stl, solid)
     write_3mf(threemf, stl, part, printer)
     drawings = write_drawing(out / "drawings", solid, part, printer, screw)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.named_faces import named_faces
 from mirrorcam.cad.assembly.ways_out import (
     clamp_nut_ways_mm,
     clip_way_mm,
@@ -65,8 +67,10 @@ def _on_bed(device: Device) -> Pieces:
     if device.mount.bed_cuts_mm:
         cuts["mount"] = ((), device.mount.bed_cuts_mm)
     pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
+    parts = (part for piece in pieces for part in piece.parts)
     return Pieces(
-        tuple(part for piece in pieces for part in piece.parts), tuple(pin for piece in pieces for pin in piece.pins)
+        tuple(replace(part, faces=named_faces(device, part.name)) for part in parts),
+        tuple(pin for piece in pieces for pin in piece.pins),
     )
 
 

@@ -46,6 +46,19 @@ def _recipe_of(make: Callable[..., Any]) -> str:
 
 
 @dataclass(frozen=True)
+class NamedFace:
+    """A flat face of a part that has a name: in the plane of a point (3,) and its outward normal (3,), in rig, mm.
+
+    It is the nearest face to the point; with a polygon `within` (n, 3) in that plane, each face with its middle in it.
+    """
+
+    name: str
+    point: FloatArray
+    normal: FloatArray
+    within: FloatArray | None = None
+
+
+@dataclass(frozen=True)
 class PartPlan:
     """A part to print, before it is made: plain numbers, and the function that makes a solid of them.
 
@@ -67,6 +80,8 @@ class PartPlan:
         How far the part is moved, in rig, in an exploded view.
     rgb : (float, float, float)
         Colour in pictures, from 0 to 1.
+    faces : tuple of NamedFace
+        Faces that have names in its STEP file.
     """
 
     name: str
@@ -77,6 +92,7 @@ class PartPlan:
     print_from_rig: FloatArray
     explode_mm: FloatArray
     rgb: Rgb
+    faces: tuple[NamedFace, ...] = ()
 
     @cached_property
     def identity(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.StlAPI import StlAPI_Writer
 
-from mirrorcam.cad.plan.part_plan import MassProperties
+from mirrorcam.cad.plan.part_plan import MassProperties, NamedFace
+from mirrorcam.cad.write.face_names import name_faces
 from mirrorcam.optics.base.files import atomic
 
 # A STEP file names a time; a fixed one keeps the bytes the same from day to day.
@@ -20,12 +22,15 @@ STL_TOLERANCE_MM = 0.02
 STL_ANGLE_RAD = 0.2
 
 
-def write_step(path: Path, shape: Shape[Any]) -> None:
-    """Write a part or an assembly as STEP, in mm, named by its label."""
+def write_step(path: Path, shape: Shape[Any], faces: Sequence[NamedFace] = ()) -> None:
+    """Write a part or an assembly as STEP, in mm, named by its label; `faces` of a part have names in the file."""
     with atomic(path) as temporary:
         # Curves in the parameters of flat faces say nothing that the faces do not, and double the file.
         if not export_step(shape, temporary, write_pcurves=False, timestamp=STEP_TIME):
             raise OSError("the STEP writer failed")
+        if faces:
+            text = temporary.read_text(encoding="utf-8")
+            temporary.write_text(name_faces(text, shape, faces), encoding="utf-8", newline="\n")
 
 
 def write_stl(path: Path, shape: Shape[Any]) -> None:
