@@ -75,6 +75,6 @@ def _of(flat: _Flat, wanted: NamedFace) -> list[int]:
         found = found[contains_xy(Polygon(outline), middles[:, 0], middles[:, 1])]
     elif len(found):
         point = Vertex(*wanted.point)
-        distances = np.array([flat.faces[index].distance_to(point) for index in found])
+        distances = np.array([flat.faces[int(index)].distance_to(point) for index in found])
         found = found[distances < distances.min() + EQUALLY_NEAR_MM]
     return [int(index) for index in flat.indices[found]]
