@@ -32,6 +32,8 @@ CABLE_STUB_MM = 20.0
 SET = " set"
 # ISO 4762 and ISO 4032: head and flats of a thread, over its diameter.
 HEAD, FLATS = 5.5 / 3.0, 5.5 / 3.0
+# ISO 7089: outer diameter and hole of a washer, over the diameter of its thread.
+WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
 
 def camera_solid(camera: CameraBody) -> Part:
@@ -78,6 +80,9 @@ def item_solid(item: BoughtItem) -> Part:
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
             if not item.size.endswith(SET):
                 Cylinder(HEAD * diameter / 2.0, diameter, align=ABOVE)
+        elif item.kind == "washer":
+            Cylinder(WASHER * diameter / 2.0, item.length_mm, align=ABOVE)
+            Hole(WASHER_HOLE * diameter / 2.0)
         elif item.kind == "nut":
             with BuildSketch(Plane.XY.offset(-item.length_mm)):
                 RegularPolygon(FLATS * diameter / 2.0, 6, major_radius=False)

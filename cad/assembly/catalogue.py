@@ -166,14 +166,18 @@ def _screws(
     nut_ways_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = ACROSS,
 ) -> Iterator[BoughtItem]:
-    """Screws with their heads at points (n, 3), their inserts or nuts; `out` (3,) points from the tip to the head.
+    """Screws with their heads, or the washers under these, at points (n, 3), their inserts or nuts.
 
+    `out` (3,) points from the tip to the head.
     Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_ways_mm`.
     """
     screw = device.hardware.screw
     outer, inner = (np.array(EXPLODE[name]) for name in joins)
     for head in heads:
-        yield BoughtItem("screw", "M3", stack.length_mm, _along(head, out), outer + 25.0 * out, joins)
+        if stack.washer_mm > 0.0:
+            yield BoughtItem("washer", "M3", stack.washer_mm, _along(head, out), outer + 23.0 * out, joins)
+        under_head = _along(head + stack.washer_mm * out, out)
+        yield BoughtItem("screw", "M3", stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         way = insert_way_mm(out)

@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
-Kind = Literal["part", "mirror", "camera", "screw", "insert", "nut", "pin"]
+Kind = Literal["part", "mirror", "camera", "screw", "washer", "insert", "nut", "pin"]
 
 MIRROR_RGB: Rgb = (0.80, 0.88, 0.95)
 CAMERA_RGB: Rgb = (0.13, 0.14, 0.16)
@@ -27,6 +27,7 @@ ITEM_RGB: dict[str, Rgb] = {
     "screw": (0.62, 0.64, 0.67),
     "insert": (0.80, 0.62, 0.28),
     "nut": (0.70, 0.72, 0.75),
+    "washer": (0.78, 0.80, 0.82),
     "pin": (0.62, 0.64, 0.67),
 }
 # By the end of an item's title.
@@ -34,6 +35,7 @@ STANDARDS = {
     "set screw": "ISO 4026, flat point",
     "thread-forming screw": "for plastics, pan head",
     "screw": "ISO 4762, socket head",
+    "washer": "ISO 7089",
     "heat-set insert": "brass",
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
@@ -165,8 +167,8 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 def item_title(item: BoughtItem) -> str:
     """The title of a bought item: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
-    if item.kind == "nut":
-        return f"{item.size} nut"
+    if item.kind in ("nut", "washer"):
+        return f"{item.size} {item.kind}"
     thread, _, form = item.size.partition(" ")
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"

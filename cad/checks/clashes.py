@@ -21,7 +21,7 @@ PINNED_MM = 0.2
 # Distances of solids beyond this are not measured.
 NEAR_MM = 10.0
 # Fasteners by the beginning of their names, and what a screw holds in.
-FASTENERS = ("screw", "insert", "nut", "pin")
+FASTENERS = ("screw", "washer", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
 # A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"

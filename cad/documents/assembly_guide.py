@@ -16,9 +16,10 @@ from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import FACINGS
 from mirrorcam.cad.parts.coupon import MIRROR_MM
-from mirrorcam.cad.plan.hardware import field_of_view
+from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.geometry.camera_body import CameraBody
@@ -61,6 +62,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         surfaces=sorted({mirror.surface for mirror in device.layout.mirrors}),
         facings=FACINGS,
         settings=PRINT_SETTINGS,
+        tightening=_tightening_rows(pieces, hardware),
         coupon_mirror_mm=MIRROR_MM,
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
@@ -90,6 +92,19 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
         rows.append((name, f"{width:.1f}", f"{height:.1f}", len(mirror.outline_in_plane_mm)))
     return rows
+
+
+def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
+    """The screws that join the same parts, with their count; these parts; how far the screws may be tightened."""
+    titled = [(piece, piece.item) for piece in pieces if piece.item is not None]
+    groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
+    for (piece, item), tightening in zip(titled, tightenings([item for _, item in titled], hardware), strict=True):
+        if tightening is not None:
+            groups.setdefault((item.joins, tightening.text), []).append(piece)
+    return [
+        (counted(screws), " to ".join(name.replace("_", " ") for name in joins), text)
+        for (joins, text), screws in groups.items()
+    ]
 
 
 def _height_of_row(device: Device, row: int) -> float:

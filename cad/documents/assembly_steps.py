@@ -95,10 +95,10 @@ class Stages:
         return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
 
     def screws(self, stem: str, *others: str) -> list[Piece]:
-        """Screws that join a part and others, by the beginnings of their names."""
+        """Screws that join a part and others, by the beginnings of their names, and their washers."""
         return [
             piece
-            for piece in self.of_kind("screw")
+            for piece in self.of_kind("screw", "washer")
             if any(name.startswith(stem) for name in joins_of(piece))
             and any(name.startswith(others) for name in joins_of(piece))
         ]

@@ -220,7 +220,10 @@ def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
     items: list[Item] = []
     for piece, move in moves:
         joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
-        homes = [home_of(piece, name, parts.values()) for name in (joins if piece.kind == "screw" else joins[::-1])]
+        homes = [
+            home_of(piece, name, parts.values())
+            for name in (joins if piece.kind in ("screw", "washer") else joins[::-1])
+        ]
         home = next((home for home in homes if home), None)
         seat = away[home.name] if home else np.zeros(3) if joins else None
         if seat is not None and piece.kind in ("insert", "nut"):

@@ -14,7 +14,7 @@ import numpy as np
 from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, corners_of
@@ -158,7 +158,7 @@ def _ears(place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]],
 def _foot_cuts(heads: FloatArray, hardware: Hardware) -> Iterator[Bore]:
     """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the driver."""
     screw, skin = hardware.screw, hardware.mount.skin_mm
-    driver = screw.head_mm / 2.0 + hardware.fit.free_mm
+    driver = head_room_mm(hardware)
     for head in heads:
         yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, screw.clearance_hole_mm / 2.0, skin + 1.0, UP)
         yield Bore(head, -ABOVE, driver, 99.0, UP)

@@ -20,7 +20,7 @@ from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, stack_into
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_room_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import overlap_mm, volume_mm3
@@ -154,7 +154,7 @@ def stiff_profiles(
 ) -> list[Profile]:
     """The shallowest stiff profile for each width and thickness; raises InputError where none is."""
     mount, screw = hardware.mount, hardware.screw
-    around = screw.head_mm / 2.0 + hardware.fit.free_mm + screw.insert_wall_mm
+    around = head_room_mm(hardware) + screw.insert_wall_mm
     # The holder's middle need not be the camera's.
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
     least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + around

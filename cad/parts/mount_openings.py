@@ -16,6 +16,7 @@ from mirrorcam.cad.plan.fasteners import (
     ROOF_IN_WEBS_DEG,
     Bore,
     Hexagon,
+    head_room_mm,
     stack,
     thread,
 )
@@ -38,7 +39,7 @@ def openings(
     """All of them, for a mount whose face on the holder's back runs between two points, `head` (2, 2; y and z)."""
     depth, half_width, plate = section.depth_mm, section.width_mm / 2.0, foot_plate_mm(hardware)
     mount, screw = hardware.mount, hardware.screw
-    driver = screw.head_mm / 2.0 + hardware.fit.free_mm
+    driver = head_room_mm(hardware)
     cuts: list[Frustum | Bore | Hexagon] = []
     away = holder.rig_from_mount[:3, 2]
     up = UP - (UP @ away) * away

@@ -66,8 +66,8 @@ class Hexagon:
 class Stack:
     """A screw through `grip_mm` of material into a wall of `wall_mm`, which holds an insert or a nut.
 
-    `begins_mm` deep in the wall there is the thread, of which `engaged_mm` holds: the insert sits at the face that the
-    screw enters, the nut in the far face.
+    Its head lies on a washer of `washer_mm`, where that is not 0. `begins_mm` deep in the wall there is the thread, of
+    which `engaged_mm` holds: the insert sits at the face that the screw enters, the nut in the far face.
     """
 
     grip_mm: float
@@ -75,6 +75,18 @@ class Stack:
     length_mm: float
     begins_mm: float
     engaged_mm: float
+    washer_mm: float = 0.0
+
+
+def head_room_mm(hardware: Hardware) -> float:
+    """Radius of the room of a screw's head, with its washer, and of the driver."""
+    screw = hardware.screw
+    return max(screw.head_mm, screw.washer_mm) / 2.0 + hardware.fit.free_mm
+
+
+def washer_under_mm(grip_mm: float, screw: Fastening) -> float:
+    """Thickness of the washer under a head on so much plastic, which alone would be dented; 0 for none."""
+    return screw.washer_height_mm if grip_mm <= screw.washer_under_mm else 0.0
 
 
 def stack(grip_mm: float, hardware: Hardware) -> Stack:
@@ -86,12 +98,13 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
             grip_mm, thread_mm, screw.insert_depth_mm, screw.insert_depth_mm + hardware.printer.wall_mm, screw
         )
     # The tip is flush with the far face, the nut just below it; under the nut there is as much as two walls.
-    least = grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
+    washer = washer_under_mm(grip_mm, screw)
+    least = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
     fits = [length for length in screw.lengths_mm if length >= least]
     if not fits:
         raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
-    wall = min(fits) - grip_mm
-    return Stack(grip_mm, wall, min(fits), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm)
+    wall = min(fits) - grip_mm - washer
+    return Stack(grip_mm, wall, min(fits), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
 
 
 def stack_into(
@@ -102,15 +115,16 @@ def stack_into(
     Raises InputError where no screw on the list holds there.
     """
     begins, ends = thread_mm
+    washer = washer_under_mm(grip_mm, screw)
     needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
-    fits = [length for length in screw.lengths_mm if length <= grip_mm + deepest_mm - NUT_FIT_MM]
-    engaged = min(max(fits, default=0.0) - grip_mm, ends) - begins
+    fits = [length for length in screw.lengths_mm if length <= washer + grip_mm + deepest_mm - NUT_FIT_MM]
+    engaged = min(max(fits, default=0.0) - washer - grip_mm, ends) - begins
     if engaged < needed - 1e-9:
         raise InputError(
             f"M3 screws through {grip_mm:g} mm hold by {max(engaged, 0.0):.1f} mm of thread {begins:g} to {ends:g} mm "
             f"deep, expected at least {needed:g} mm"
         )
-    return Stack(grip_mm, wall_mm, max(fits), begins, engaged)
+    return Stack(grip_mm, wall_mm, max(fits), begins, engaged, washer)
 
 
 def thread(

@@ -46,6 +46,9 @@ class Printer(Value):
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
     plastic: Name = Field(default="PLA", description="what is printed")
     plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "its density")
+    plastic_strength_mpa: float = Bounds(0.1, 1e4).field(
+        50.0, "its tensile strength as moulded (PLA: 50 to 60 MPa in data sheets), of which screws use a quarter"
+    )
     plastic_mpa: float = Bounds(1.0, 1e6).field(
         2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
@@ -58,9 +61,13 @@ class Fastening(Value):
     clearance_hole_mm: float = _positive(3.4, "hole that an M3 screw passes (ISO 273, normal)")
     head_mm: float = _positive(5.7, "diameter of a socket cap head (ISO 4762)")
     head_height_mm: float = _positive(3.0, "height of the head")
+    washer_mm: float = _positive(7.0, "outer diameter of a washer (ISO 7089)")
+    washer_height_mm: float = _positive(0.5, "its thickness")
+    washer_under_mm: float = PART_GAP_MM.field(2.0, "a head has a washer under it on plastic that is no thicker")
     insert_hole_mm: float = _positive(4.0, "hole for a heat-set insert (outer diameter 4.6)")
     insert_mm: float = _positive(5.7, "length of a heat-set insert")
     insert_depth_mm: float = _positive(6.7, "insert of 5.7 mm and space for melted plastic")
+    insert_sink_mm: float = PART_GAP_MM.field(0.1, "how far an insert may lie below the face, never above it")
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
     nut_flats_mm: float = _positive(5.5, "nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")

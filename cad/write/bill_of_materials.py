@@ -16,7 +16,8 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
-from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
+from mirrorcam.cad.plan.tightening import Tightening, tightenings
 from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
@@ -126,15 +127,12 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
 def _bought(device: Device) -> tuple[BoughtLine, ...]:
     items, mount = bought_items(device), device.hardware.mount
     counted = Counter((item.kind, item_title(item)) for item in items)
-    joined = {
-        key: sorted({name for item in items if (item.kind, item_title(item)) == key for name in item.joins})
-        for key in counted
-    }
-    order = ("screw", "insert", "nut", "pin")
+    torques = tightenings(items, device.hardware)
+    order = ("screw", "washer", "insert", "nut", "pin")
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
-        where = ", ".join(name.replace("_", " ") for name in joined[key])
-        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=where))
+        same = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
+        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same)))
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(
         BoughtLine(
@@ -159,6 +157,18 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
             )
         )
     return tuple(lines)
+
+
+def _where(items: Sequence[tuple[BoughtItem, Tightening | None]]) -> str:
+    """The parts that items join, and how far screws among them may be tightened."""
+    joined: dict[str, set[str]] = {}
+    for item, tightening in items:
+        joined.setdefault(tightening.text if tightening else "", set()).update(item.joins)
+    places = []
+    for text, names in joined.items():
+        where = ", ".join(name.replace("_", " ") for name in sorted(names))
+        places.append(f"{where}: at most {text}" if text else where)
+    return "; ".join(places)
 
 
 def write_bom(folder: Path, bom: Bom) -> None:

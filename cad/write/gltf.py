@@ -32,6 +32,7 @@ FINISH: dict[Kind, tuple[float, float]] = {
     "camera": (0.0, 0.45),
     "screw": (0.9, 0.35),
     "insert": (0.9, 0.35),
+    "washer": (0.9, 0.35),
     "nut": (0.9, 0.35),
     "pin": (0.9, 0.35),
 }

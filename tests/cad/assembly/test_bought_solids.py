@@ -16,6 +16,7 @@ from tests.cad.assembly.bought import item
     ("kind", "size", "length", "volume"),
     [
         ("screw", "M3", 12.0, np.pi * (1.5**2 * 12.0 + 2.75**2 * 3.0)),
+        ("washer", "M3", 0.5, np.pi / 4.0 * (7.0**2 - 3.2**2) * 0.5),
         ("insert", "M3", 5.7, np.pi * (2.0**2 - 1.5**2) * 5.7),
         ("nut", "M3", 2.4, (np.sqrt(3.0) / 2.0 * 5.5**2 - np.pi * 1.5**2) * 2.4),
         ("pin", "3", 16.0, np.pi * 1.5**2 * 16.0),

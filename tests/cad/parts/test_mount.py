@@ -93,7 +93,7 @@ def test_its_screws_meet_the_holders_holes(planned: Planned) -> None:
             for bore in bores
             if np.linalg.norm(np.cross(hole - bore.mouth, bore.axis)) < 1e-9 and bore.travel_mm == 0.0
         ]
-        assert sorted(2.0 * bore.radius_mm for bore in on_axis) == pytest.approx([3.4, 6.3])
+        assert sorted(2.0 * bore.radius_mm for bore in on_axis) == pytest.approx([3.4, 7.6])
     assert mount.head.engaged_mm >= HARDWARE.screw.engaged_mm
 
 
@@ -110,7 +110,7 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
 def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
     """Narrower than its screws need it cannot be; a heavy load is borne by more depth before more width."""
     layout, holder, clip, mount = planned
-    around = HARDWARE.screw.head_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
+    around = HARDWARE.screw.washer_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
     screws = max(float(np.abs(holder.holes_in_mount_mm[:, 0]).max()), clip.slide_x_mm)
     assert mount.half_width_mm == pytest.approx(screws + around, abs=0.5)
     assert mount.section.depth_mm == FOOT_DEPTH_MM

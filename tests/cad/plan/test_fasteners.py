@@ -19,24 +19,26 @@ X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 @given(st.floats(1.0, 22.0))
 def test_screws_into_inserts_hold_and_never_bottom_out(grip_mm: float) -> None:
     screw = HARDWARE.screw
+    washer = 0.5 if grip_mm <= 2.0 else 0.0
     try:
         found = stack(grip_mm, HARDWARE)
     except InputError as error:
         # There is a gap between two lengths on the list; then no length may do.
         assert "of thread" in str(error)
         assert not any(
-            grip_mm + screw.engaged_mm <= length <= grip_mm + screw.insert_depth_mm - 0.2 for length in screw.lengths_mm
+            screw.engaged_mm <= length - grip_mm - washer <= screw.insert_depth_mm - 0.2 for length in screw.lengths_mm
         )
         return
+    assert found.washer_mm == washer
     assert found.length_mm in screw.lengths_mm
     assert screw.engaged_mm <= found.engaged_mm <= screw.insert_mm
-    assert found.length_mm - grip_mm <= screw.insert_depth_mm - 0.2 + 1e-9
+    assert found.length_mm - grip_mm - washer <= screw.insert_depth_mm - 0.2 + 1e-9
 
 
 @given(st.floats(1.0, 22.0))
 def test_screws_reach_through_nuts_and_no_further(grip_mm: float) -> None:
     found = stack(grip_mm, NUTS)
-    assert found.length_mm - grip_mm == pytest.approx(found.wall_mm)
+    assert found.length_mm - grip_mm - found.washer_mm == pytest.approx(found.wall_mm)
     under = found.wall_mm - NUTS.screw.nut_height_mm - 0.2
     assert under >= 2.0 * NUTS.printer.wall_mm - 1e-9
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from bd_warehouse.fastener import HeatSetNut, HexNut, SocketHeadCapScrew
+from bd_warehouse.fastener import HeatSetNut, HexNut, PlainWasher, SocketHeadCapScrew
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, require_same_camera
 from mirrorcam.optics.base.files import read_model
@@ -24,6 +24,10 @@ def test_fasteners_are_those_of_the_standards() -> None:
     assert ours.head_mm == pytest.approx(screw.screw_data["dk"], abs=0.05)
     assert ours.head_height_mm == screw.screw_data["k"]
     assert (ours.nut_flats_mm, ours.nut_height_mm) == (nut.nut_data["s"], nut.nut_data["m"])
+    washer = PlainWasher("M3", fastener_type="iso7089").washer_data
+    assert ours.washer_mm == washer["d2"]
+    # The largest thickness of the standard is there; 0.5 mm is the nominal one.
+    assert ours.washer_height_mm == pytest.approx(washer["h"], abs=0.06)
     assert (ours.insert_hole_mm, ours.insert_mm) == (insert.nut_data["dc"], insert.nut_data["m"])
 
 

@@ -1,0 +1,127 @@
+"""How far screws may be tightened: the torque at which plastic bears a quarter of its strength.
+
+Torque of a screw that pulls with a force F (VDI 2230-1, equation for the tightening torque), with the friction mu of
+thread and head: M = F (0.16 P + 0.58 d2 mu + D mu / 2), where D is the mean diameter of the bearing ring under the
+head. A low friction is taken, with which a torque makes the most force. F is the least of what the plastic bears
+
+- under the head, its washer or a nut: pressure on the ring, at most p,
+- round an insert or a thread that the screw cut: shear of the cylinder round it, of which ridges leave a half.
+
+p is a quarter of the plastic's tensile strength as moulded, since it creeps under a lasting load, and the shear
+p / sqrt(3) (von Mises).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
+
+FRICTION = 0.12
+# Share of a plastic's strength that it bears for years.
+LASTING = 0.25
+# Share of the cylinder round an insert or a thread in which plastic holds: the rest is its ridges.
+HELD = 0.5
+# A set screw may press on the body of a camera so hard.
+PRESS_N = 50.0
+# By the diameter of a thread: its pitch (ISO 261, coarse; ASME B1.1 for 1/4-20), the head of its screw (ISO 4762,
+# ASME B18.3) and the hole that it passes (ISO 273, medium).
+THREADS = {
+    1.6: (0.35, 3.0, 1.8),
+    2.0: (0.4, 3.8, 2.4),
+    2.5: (0.45, 4.5, 2.9),
+    3.0: (0.5, 5.5, 3.4),
+    4.0: (0.7, 7.0, 4.5),
+    5.0: (0.8, 8.5, 5.5),
+    6.0: (1.0, 10.0, 6.6),
+    6.35: (1.27, 9.5, 7.0),
+    8.0: (1.25, 13.0, 9.0),
+}
+INCH = {"1/4-20": 6.35}
+SET = " set"
+ON_AXIS_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Tightening:
+    """The torque up to which a screw may be tightened, in N m, and what limits it."""
+
+    torque_nm: float
+    limit: str
+
+    @property
+    def text(self) -> str:
+        """The torque as documents state it, rounded down: "0.18 N m"."""
+        return f"{np.floor(self.torque_nm * 100.0) / 100.0:.2g} N m"
+
+
+def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
+    """The tightening of each screw among bought items, in their order; None for anything else.
+
+    What a screw holds in, and whether a washer is under its head, is found on its axis among the items.
+    """
+    return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
+
+
+def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening:
+    table, diameter = hardware.screw, _diameter_mm(screw)
+    on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
+    pressure = LASTING * hardware.printer.plastic_strength_mpa
+    if screw.size.endswith(SET):
+        return Tightening(_torque_nm(diameter, PRESS_N, 0.0), "the camera's body")
+    _, head, hole = THREADS[diameter]
+    outer = max(head, table.washer_mm) if "washer" in on_axis else head
+    forces = {"plastic under the head": pressure * _ring_mm2(outer, hole)}
+    if screw.size.endswith(FORMING):
+        # Its head lies on the board.
+        forces = {"thread in the plastic": _shear_n(diameter, _engaged_mm(screw, hardware), pressure)}
+    elif "insert" in on_axis:
+        forces["plastic round the insert"] = _shear_n(table.insert_hole_mm, table.insert_mm, pressure)
+    elif "nut" in on_axis:
+        flats = table.nut_flats_mm
+        forces["plastic under the nut"] = pressure * (np.sqrt(3.0) / 2.0 * flats**2 - np.pi / 4.0 * hole**2)
+    limit = min(forces, key=lambda name: forces[name])
+    return Tightening(_torque_nm(diameter, float(forces[limit]), (head + hole) / 2.0), limit)
+
+
+def _torque_nm(diameter_mm: float, force_n: float, bearing_mm: float) -> float:
+    """Torque for a force, by the formula above; `bearing_mm` is the mean diameter of the bearing ring."""
+    pitch, _, _ = THREADS[diameter_mm]
+    flank = diameter_mm - 3.0 * np.sqrt(3.0) / 8.0 * pitch
+    arm_mm = 0.16 * pitch + 0.58 * flank * FRICTION + bearing_mm / 2.0 * FRICTION
+    return float(force_n * arm_mm / 1000.0)
+
+
+def _shear_n(diameter_mm: float, length_mm: float, pressure_mpa: float) -> float:
+    return float(HELD * pressure_mpa / np.sqrt(3.0) * np.pi * diameter_mm * length_mm)
+
+
+def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
+    return float(np.pi / 4.0 * (outer_mm**2 - inner_mm**2))
+
+
+def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
+    """Length of a board's screw in plastic: all that is below the board."""
+    return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
+
+
+def _diameter_mm(screw: BoughtItem) -> float:
+    found = re.match(r"M(\d+(\.\d+)?)", screw.size)
+    diameter = float(found.group(1)) if found else next((INCH[name] for name in INCH if name in screw.size), 0.0)
+    if diameter not in THREADS:
+        raise ValueError(f"{screw.size=} is no thread of the table, expected M and one of {sorted(THREADS)}, or 1/4-20")
+    return diameter
+
+
+def _shares_axis(item: BoughtItem, screw: BoughtItem) -> bool:
+    """Return whether an item lies on a screw's axis, between its head and a little beyond its tip."""
+    frame = screw.rig_from_item
+    along = item.rig_from_item[:3, 3] - frame[:3, 3]
+    depth = -float(along @ frame[:3, 2])
+    aside = float(np.linalg.norm(along + depth * frame[:3, 2]))
+    return aside < ON_AXIS_MM and -screw.length_mm < depth <= screw.length_mm
