@@ -40,8 +40,8 @@ STANDARDS = {
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
 }
-# g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), brass CuZn39Pb3, steel.
-ACRYLIC, BRASS, STEEL = 1.19, 8.47, 7.85
+# g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), float glass (EN 572-1), brass CuZn39Pb3, steel.
+MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
 CAMERA_OUT_MM = 15.0
 BOARD_OUT_MM = 40.0
@@ -105,7 +105,7 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
                 rgb=MIRROR_RGB,
                 explode_mm=nearest.explode_mm + MIRROR_OUT_MM * mirror.normal_in_rig,
                 mesh=mesh,
-                mass=mass_of(mesh, ACRYLIC),
+                mass=mass_of(mesh, MIRRORS[device.hardware.cutting.material]),
             )
         )
     return tuple(pieces)

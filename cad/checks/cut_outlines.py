@@ -41,9 +41,9 @@ class MirrorCut:
     path: FloatArray
     strokes: tuple[FloatArray, ...]
 
-    def finished(self, kerf_mm: float) -> FloatArray:
-        """The outline (n, 2) of the mirror once the kerf is burnt away, counter-clockwise."""
-        shrunk = orient(Polygon(self.path)).buffer(-kerf_mm / 2.0, join_style="mitre", mitre_limit=MITRE_LIMIT)
+    def finished(self, cutting: Cutting) -> FloatArray:
+        """The outline (n, 2) of the mirror once it is cut, counter-clockwise: what the kerf leaves of it."""
+        shrunk = orient(Polygon(self.path)).buffer(-cutting.allowance_mm, join_style="mitre", mitre_limit=MITRE_LIMIT)
         return np.array(orient(shrunk).exterior.coords)[:-1]
 
 
@@ -111,7 +111,7 @@ def mirror_fits(cuts: Mapping[str, MirrorCut], layout: Layout, cutting: Cutting)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         if name not in cuts:
             continue
-        found = fits(cuts[name].finished(cutting.kerf_mm), _from_back(mirror))
+        found = fits(cuts[name].finished(cutting), _from_back(mirror))
         best = min((fit.error_mm for fit in found), default=0.0)
         alike = [fit for fit in found if fit.error_mm <= best + SAME_FIT_MM]
         if alike:
@@ -149,7 +149,7 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
         "marks_missing": Metric(value=sum(not cut.strokes for cut in cuts.values()), unit="", limit=0),
         "marks_off_mirror": Metric(
             value=sum(
-                not Polygon(cut.finished(cutting.kerf_mm)).contains(LineString(stroke))
+                not Polygon(cut.finished(cutting)).contains(LineString(stroke))
                 for cut in cuts.values()
                 for stroke in cut.strokes
             ),

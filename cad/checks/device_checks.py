@@ -17,7 +17,7 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import ACRYLIC, BRASS, COUPON, STEEL, composed, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS, COUPON, MIRRORS, STEEL, composed, mass_of
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
@@ -189,7 +189,7 @@ def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> d
         if name == CAMERA:
             density = hardware.camera.mass_g / (mesh.volume / 1000.0)
         elif is_mirror(name):
-            density = ACRYLIC
+            density = MIRRORS[hardware.cutting.material]
         elif name.startswith(FASTENERS):
             density = BRASS if name.startswith("insert") else STEEL
         else:

@@ -14,7 +14,8 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
-from mirrorcam.cad.mirrors.facing import FACINGS
+from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
+from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -55,12 +56,13 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
         sheets=sorted(
-            {f"{mirror.surface}-surface acrylic mirror, {mirror.thickness_mm:g} mm" for mirror in device.layout.mirrors}
+            {stock_kind(mirror.surface, mirror.thickness_mm, hardware.cutting) for mirror in device.layout.mirrors}
         ),
         sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
         mirrors=_mirror_rows(device),
         surfaces=sorted({mirror.surface for mirror in device.layout.mirrors}),
-        facings=FACINGS,
+        facings={surface: facing_of(surface, hardware.cutting.material) for surface in SURFACES},
+        glass=hardware.cutting.material == "glass",
         settings=PRINT_SETTINGS,
         tightening=_tightening_rows(pieces, hardware),
         coupon_mirror_mm=MIRROR_MM,

@@ -13,12 +13,15 @@ from shapely import LineString, Polygon, STRtree, get_parts, minimum_rotated_rec
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
-from mirrorcam.cad.mirrors.facing import FACINGS, Surface
+from mirrorcam.cad.mirrors.facing import Facing, Surface, facing_of
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+
+# Float glass has 1.52, acrylic 1.49.
+GLASS_INDEX = 1.505
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,22 @@ class StockSheet:
 
     @property
     def kind(self) -> str:
-        return f"{self.surface}-surface acrylic mirror, {self.thickness_mm:g} mm"
+        return stock_kind(self.surface, self.thickness_mm, self.cutting)
+
+    def _lines_mean(self, facing: Facing) -> tuple[str, str]:
+        """What the lines of both layers are for."""
+        if self.cutting.material == "glass":
+            return (
+                "CUT (red): the finished edge, before its bevel; no kerf is included. Glass is not cut by a laser",
+                f"ENGRAVE (blue): name of the mirror and an arrow that points up in the device, on {facing.marked}",
+            )
+        cutting = self.cutting
+        return (
+            f"CUT (red): kerf {cutting.kerf_mm:g} included, lines are {cutting.allowance_mm:g} outside the "
+            "finished edge",
+            f"ENGRAVE (blue): name of the mirror and an arrow that points up in the device, into {facing.marked}; "
+            "engrave first",
+        )
 
     @property
     def use(self) -> float:
@@ -63,21 +81,24 @@ class StockSheet:
     def notes(self) -> tuple[str, ...]:
         """Notes for the person who cuts the sheet."""
         width, height = self.cutting.sheet_mm
-        half, facing = self.cutting.kerf_mm / 2.0, FACINGS[self.surface]
+        facing = facing_of(self.surface, self.cutting.material)
         return (
             f"MirrorCam mirrors, sheet {self.number} of {self.count}, layout {self.layout_identity}; lengths in mm",
             f"Sheet: {self.kind}, {width:g} x {height:g}",
             f"Lay the sheet down with its {facing.note}",
             f"Seen from the {facing.up} of the mirrors: do not mirror the drawing",
-            f"CUT (red): kerf {self.cutting.kerf_mm:g} included, lines are {half:g} outside the finished edge",
-            f"ENGRAVE (blue): name of the mirror and an arrow that points up in the device, into {facing.marked}; "
-            "engrave first",
+            *self._lines_mean(facing),
         )
 
 
-def outline_from_back(mirror: Mirror) -> FloatArray:
+def stock_kind(surface: Surface, thickness_mm: float, cutting: Cutting) -> str:
+    """The stock of a mirror, as parts list, guide and cut files name it: "first-surface acrylic mirror, 1 mm"."""
+    return f"{surface}-surface {cutting.material} mirror, {thickness_mm:g} mm"
+
+
+def outline_from_back(mirror: Mirror, cutting: Cutting) -> FloatArray:
     """The outline (n, 2) seen from the face that lies up, the back: x along the rig's x, y up."""
-    return FACINGS[mirror.surface].seen(mirror.outline_in_plane_mm)
+    return facing_of(mirror.surface, cutting.material).seen(mirror.outline_in_plane_mm)
 
 
 def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
@@ -93,15 +114,22 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
 
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
-    """Raise InputError for a mirror that is larger than a sheet or narrower than it is thick."""
+    """Raise InputError for a mirror that is larger than a sheet, or narrower than can be cut of its thickness."""
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
-        outline = outline_from_back(mirror)
+        outline = outline_from_back(mirror, cutting)
         across = _width_mm(outline)
-        if across < mirror.thickness_mm:
+        if across < cutting.least_width * mirror.thickness_mm:
+            least = "its thickness" if cutting.material == "acrylic" else f"{cutting.least_width:g} of its thickness"
             raise InputError(
-                f"mirror {name} is {across:.2f} mm across, expected at least its thickness, {mirror.thickness_mm:g} mm"
+                f"mirror {name} is {across:.2f} mm across, expected at least {least}, "
+                f"{cutting.least_width * mirror.thickness_mm:g} mm"
             )
-        path = offset_outline(outline, cutting.kerf_mm / 2.0)
+        if cutting.material == "glass" and mirror.is_second_surface and mirror.refractive_index < GLASS_INDEX:
+            raise InputError(
+                f"mirror {name} was designed with a refractive index of {mirror.refractive_index:g}, expected that of "
+                f"glass, at least {GLASS_INDEX:g}: design again, or cut it of acrylic"
+            )
+        path = offset_outline(outline, cutting.allowance_mm)
         if not fits(path, cutting.sheet_mm, cutting.gap_mm):
             width, height = _box_mm(path)
             usable = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
@@ -118,7 +146,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     planned: list[tuple[Surface, float, list[CutMirror]]] = []
     for surface, thickness_mm in kinds:
         chosen = [
-            (name, outline_from_back(mirror))
+            (name, outline_from_back(mirror, cutting))
             for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
             if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
         ]
@@ -131,7 +159,7 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
 
 def _nested(chosen: list[tuple[str, FloatArray]], cutting: Cutting) -> list[list[CutMirror]]:
     """Mirrors of one kind, by their names and outlines, sheet by sheet."""
-    paths = [offset_outline(outline, cutting.kerf_mm / 2.0) for _, outline in chosen]
+    paths = [offset_outline(outline, cutting.allowance_mm) for _, outline in chosen]
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
     sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
     for (name, outline), path, place in zip(chosen, paths, placed, strict=True):
@@ -157,16 +185,21 @@ def _width_mm(outline: FloatArray) -> float:
 
 
 def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
-    """Checks of the stock sheets for a laser cutter: smallest feature, smallest gap between lines, and their use."""
+    """Checks of the stock sheets: smallest feature, smallest gap between lines, and their use."""
     features = [
-        _width_mm(offset_outline(cut.outline, -sheet.cutting.kerf_mm / 2.0)) / sheet.thickness_mm
+        _width_mm(offset_outline(cut.outline, -sheet.cutting.allowance_mm)) / sheet.thickness_mm
         for sheet in sheets
         for cut in sheet.cuts
     ]
     return {
         "sheets": Metric(value=len(sheets), unit=""),
         "sheet_use": Metric(value=float(np.mean([sheet.use for sheet in sheets])), unit=""),
-        "feature_of_thickness": Metric(value=min(features), unit="", limit=1.0, lower_is_better=False),
+        "feature_of_thickness": Metric(
+            value=min(features),
+            unit="",
+            limit=max(sheet.cutting.least_width for sheet in sheets),
+            lower_is_better=False,
+        ),
         "line_gap_mm": Metric(
             value=min(line_gap_mm(sheet) for sheet in sheets), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
         ),

@@ -146,14 +146,28 @@ class ClipDimensions(Value):
 
 
 class Cutting(Value):
-    """The laser cutter and the stock sheet that the mirrors are cut from."""
+    """The stock sheet that the mirrors are cut from, and what cuts it: a laser, or for glass a wheel or a water jet."""
 
+    material: Literal["acrylic", "glass"] = Field(
+        default="acrylic", description="what the mirrors are of; glass is cut to the lines themselves, without a kerf"
+    )
     sheet_mm: tuple[_Size, _Size] = Field(default=(300.0, 200.0), description="width and height of a sheet")
     kerf_mm: float = PART_GAP_MM.field(0.2, "full width that the laser burns away")
     gap_mm: float = Field(
         default=3.0, gt=0.5, le=PART_MM.most, description="gap between mirrors on the sheet, and to its edge"
     )
-    mark_mm: float = _positive(5.0, "height of the mark engraved on the back of a mirror")
+    mark_mm: float = _positive(5.0, "height of the mark on the back of a mirror")
+    chamfer_mm: float = PART_GAP_MM.field(0.2, "width of the bevel ground on the edges of glass")
+
+    @property
+    def allowance_mm(self) -> float:
+        """How far the lines of the cut files lie outside the finished edge."""
+        return self.kerf_mm / 2.0 if self.material == "acrylic" else 0.0
+
+    @property
+    def least_width(self) -> float:
+        """Smallest width of a mirror that can be cut, over its thickness: scored glass breaks where it will below."""
+        return 1.0 if self.material == "acrylic" else 4.0
 
 
 class Wrist(Value):

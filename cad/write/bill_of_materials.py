@@ -22,6 +22,11 @@ from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
 
+GLUES = {
+    "acrylic": "Glue for acrylic that does not craze it (neutral silicone)",
+    "glass": "Glue for mirrors that does not attack their coating (neutral silicone)",
+}
+
 
 class PrintedLine(Value):
     """A part to print. Time and plastic are a slicer's, with its infill, where one was available."""
@@ -144,7 +149,7 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     )
     lines.append(
         BoughtLine(
-            title="Glue for acrylic that does not craze it (neutral silicone)",
+            title=GLUES[device.hardware.cutting.material],
             count=None,
             note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",
         )

@@ -23,9 +23,10 @@ from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
-from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.seats import mirror_prism, outline_at
+from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.values import Metric
@@ -175,3 +176,24 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
     assert f"{views} mirrors (zigzag) above" in text
     assert "The name of a mirror is its number" in text
     assert "row" not in text.partition("## Step 5")[2].partition("## Step 6")[0].replace("arrow", "")
+
+
+def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: Path) -> None:
+    """Guide, cut file and parts list name one material; no words for the other are left."""
+    device = replace(made.device, hardware=made.device.hardware.replaced(cutting=Cutting(material="glass")))
+    (sheet,) = plan_sheets(device.layout, device.hardware.cutting)
+    write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
+    write_guide(tmp_path, device, made.parts, made.pieces)
+    guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    notes = "\n".join(
+        text.dxf.text for text in readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query("TEXT")
+    )
+    bill = as_markdown(bill_of(device, made.parts, (sheet,)))
+    for text in (guide, notes, bill):
+        assert "first-surface glass mirror, 1 mm" in text
+        assert "acrylic" not in text
+    for text in (guide, notes):
+        assert "laser" not in text.replace("No laser: it cracks glass", "").replace("Glass is not cut by a laser", "")
+        assert "kerf" in text
+        assert "the bare back, written with a paint marker" in text
+    assert "Grind a bevel of 0.2 mm" in guide

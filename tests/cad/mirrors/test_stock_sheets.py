@@ -31,7 +31,7 @@ CUTTING = HARDWARE.cutting
 
 def test_seen_from_the_back_right_is_rig_x_and_up_is_rig_z(default_layout: Layout) -> None:
     for mirror in default_layout.mirrors:
-        flat = outline_from_back(mirror)
+        flat = outline_from_back(mirror, CUTTING)
         rig = mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0)
         # The axes of the drawing in rig: (right, up, towards someone behind the mirror) must be right-handed.
         right, up = (np.linalg.lstsq(rig, flat[:, axis], rcond=None)[0] for axis in (0, 1))
@@ -45,7 +45,7 @@ def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> No
     assert tuple(cut.name for cut in sheet.cuts) == default_layout.mirror_names
     for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
         finished = offset_outline(cut.outline, -CUTTING.kerf_mm / 2.0)
-        expected = outline_from_back(mirror)
+        expected = outline_from_back(mirror, CUTTING)
         assert min(fit.error_mm for fit in fits(finished, expected)) < 1e-9
         assert Polygon(finished).area == pytest.approx(Polygon(expected).area, rel=1e-12)
         assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cut.strokes)
@@ -54,7 +54,7 @@ def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> No
 def test_the_arrow_turns_with_its_mirror(default_layout: Layout) -> None:
     (sheet,) = plan_sheets(default_layout, CUTTING)
     for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
-        upright = outline_from_back(mirror)
+        upright = outline_from_back(mirror, CUTTING)
         path = cut.outline if Polygon(cut.outline).exterior.is_ccw else cut.outline[::-1]
         loop = offset_outline(upright, CUTTING.kerf_mm / 2.0)
         # Corner by corner the turn that nesting chose; the arrow must have made the same.
@@ -92,7 +92,7 @@ def test_many_mirrors_take_several_sheets(make_parabola: Callable[..., Layout]) 
     assert len(sheets) > 1
     assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(layout.mirror_names)
     assert sum(sheet.use * 160.0 * 130.0 for sheet in sheets) == pytest.approx(
-        sum(Polygon(offset_outline(outline_from_back(mirror), 0.1)).area for mirror in layout.mirrors)
+        sum(Polygon(offset_outline(outline_from_back(mirror, CUTTING), 0.1)).area for mirror in layout.mirrors)
     )
 
 
@@ -168,10 +168,38 @@ def test_any_layout_is_cut_whole_or_refused(
     assert sorted(cuts) == sorted(layout.mirror_names)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         finished = offset_outline(cuts[name].outline, -cutting.kerf_mm / 2.0)
-        assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror))) < 1e-8
+        assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror, CUTTING))) < 1e-8
         assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cuts[name].strokes)
     metrics = sheet_metrics(sheets)
     assert metrics["feature_of_thickness"].passed
     for sheet in sheets:
         paths = [Polygon(cut.outline) for cut in sheet.cuts]
         assert all(a.distance(b) >= cutting.gap_mm - 1e-6 for i, a in enumerate(paths) for b in paths[i + 1 :])
+
+
+def test_glass_is_cut_to_the_lines_themselves_and_by_no_laser(default_layout: Layout) -> None:
+    glass = CUTTING.replaced(material="glass")
+    thick = default_layout.replaced(mirrors=tuple(m.replaced(thickness_mm=2.0) for m in default_layout.mirrors))
+    (sheet,) = plan_sheets(thick, glass)
+    assert sheet.kind == "first-surface glass mirror, 2 mm"
+    area = sum(Polygon(cut.outline).area for cut in sheet.cuts)
+    assert area == pytest.approx(sum(Polygon(m.outline_in_plane_mm).area for m in thick.mirrors), rel=1e-9)
+    notes = "\n".join(sheet.notes)
+    assert "no kerf is included. Glass is not cut by a laser" in notes
+    assert "paint marker" in notes
+    assert sheet_metrics((sheet,))["feature_of_thickness"].limit == 4.0
+
+
+def test_glass_too_narrow_to_break_or_of_another_index_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
+    glass = CUTTING.replaced(material="glass")
+    narrow = make_flat_pair(gap_mm=5.0, height_mm=7.0, thickness_mm=2.0)
+    assert plan_sheets(narrow, CUTTING)
+    with pytest.raises(InputError, match=r"mirror 0-0 is 7\.00 mm across, expected at least 4 of its thickness, 8 mm"):
+        plan_sheets(narrow, glass)
+    layout = make_flat_pair(gap_mm=5.0, thickness_mm=2.0)
+    acrylic = layout.replaced(mirrors=tuple(m.replaced(surface="second") for m in layout.mirrors))
+    with pytest.raises(InputError, match=r"refractive index of 1\.49, expected that of glass"):
+        plan_sheets(acrylic, glass)
+    assert plan_sheets(
+        layout.replaced(mirrors=tuple(m.replaced(refractive_index=1.52) for m in acrylic.mirrors)), glass
+    )
