@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -83,23 +84,27 @@ def offset(inner: FloatArray, depth: float) -> FloatArray:
     return np.array([*moved, inner[-1] + depth * lefts[-1]])
 
 
-def truss(
-    inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware
-) -> tuple[list[Frustum], list[Frustum]]:
-    """The skins, and the webs between them with the foot's plate."""
-    depth, half_width, web_mm = section.depth_mm, section.width_mm / 2.0, section.web_mm
+@dataclass(frozen=True)
+class Webs:
+    """The middle lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them, from one skin to the other.
+
+    The skins' lines begin at the first web, over the cable's window, and end at the last.
+    """
+
+    inner: FloatArray
+    outer: FloatArray
+    webs: FloatArray
+
+
+def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware) -> Webs:
+    """Lay out the webs between an inner and an outer line (n, 2; y and z)."""
+    depth, web_mm = section.depth_mm, section.web_mm
     part = section.skin_mm / depth
     inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
-    skins, webs = [], []
-    for (a, b), (c, d) in zip(pairwise(inner), pairwise(outer), strict=True):
-        near = np.array([a, b, b + part * (d - b), a + part * (c - a)])
-        far = np.array([c, d, d + part * (b - d), c + part * (a - c)])
-        skins += [along_x(near, -half_width, half_width), along_x(far, -half_width, half_width)]
     # Over the foot's plate there is the cable's window, which no web crosses.
-    plate, window = foot_plate_mm(hardware), hardware.mount.cable_window_mm[1]
-    over = plate + window + web_mm / 2.0
+    over = foot_plate_mm(hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
     inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
-    webs.append(_web(inside[0], outside[0], web_mm, half_width))
+    webs = [(inside[0], outside[0])]
     # The last web ends flush with the skins.
     end = (inner[-1] - inner[-2]) / np.linalg.norm(inner[-1] - inner[-2]) * web_mm / 2.0
     inside[-1], outside[-1] = inside[-1] - end, outside[-1] - end
@@ -109,9 +114,26 @@ def truss(
         for i in range(count):
             low, high = i / count, (i + 1) / count
             near_to_far = ((a + low * (b - a), c + high * (d - c)), (c + low * (d - c), a + high * (b - a)))
-            webs.append(_web(*near_to_far[i % 2], web_mm, half_width))
-        webs.append(_web(b, d, web_mm, half_width))
+            webs.append(near_to_far[i % 2])
+        webs.append((b, d))
+    return Webs(inside, outside, np.array(webs))
+
+
+def truss(
+    inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware
+) -> tuple[list[Frustum], list[Frustum]]:
+    """The skins, and the webs between them with the foot's plate."""
+    depth, half_width = section.depth_mm, section.width_mm / 2.0
+    part = section.skin_mm / depth
+    skins = []
+    for (a, b), (c, d) in zip(pairwise(inner), pairwise(outer), strict=True):
+        near = np.array([a, b, b + part * (d - b), a + part * (c - a)])
+        far = np.array([c, d, d + part * (b - d), c + part * (a - c)])
+        skins += [along_x(near, -half_width, half_width), along_x(far, -half_width, half_width)]
+    lines = webs_between(inner, outer, section, hardware).webs
+    webs = [_web(start, end, section.web_mm, half_width) for start, end in lines]
     y, z = inner[0]
+    plate = foot_plate_mm(hardware)
     foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
     skins.append(along_x(foot, -half_width, half_width))
     return skins, webs

@@ -1,0 +1,190 @@
+"""Stiffness of a folded plate structure: flat strips of one width, joined along straight edges parallel to x.
+
+The finite strip method with polynomials across the width (Cheung 1976, Finite Strip Method in Structural Analysis): a
+strip is a thin plate (Kirchhoff) and a membrane. Across the width, fields are Legendre polynomials; along the strip,
+from one edge to the next, deflection is a cubic and displacement in the plane a parabola.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from mirrorcam.optics.base.values import FloatArray
+
+# Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
+MODES = 5
+# Displacements of an edge, for each mode: along x, y and z, and the turn about x.
+EDGE = 4
+# Ground is this much stiffer than the stiffest displacement of an edge.
+GROUND = 1e4
+# Fields of a strip: along x, along the strip, across it. Each term of its strain energy is a stiffness and two
+# derivatives of fields: (field, order along the strip, order along x).
+_X, _ALONG, _ACROSS = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class FoldedPlates:
+    """Strips in rig, mm: straight lines in the y-z plane between two edges, extruded from -`half_width_mm` to it.
+
+    `edges` (n, 2) are y and z of the edges, `strips` (m, 2) the edges of each strip, `thickness_mm` (m,) its thickness
+    and `modulus_mpa` (m,) its modulus of elasticity.
+    """
+
+    edges: FloatArray
+    strips: NDArray[np.int64]
+    thickness_mm: FloatArray
+    modulus_mpa: FloatArray
+    poisson: float
+    half_width_mm: float
+
+    def compliance(
+        self,
+        *,
+        ground: tuple[NDArray[np.int64], FloatArray],
+        held: tuple[NDArray[np.int64], FloatArray],
+        at: FloatArray,
+    ) -> FloatArray:
+        """How a rigid body that some points are fixed to moves, per load on it.
+
+        Parameters
+        ----------
+        ground, held : (k,) and (k,) arrays
+            Points that do not move, and those fixed to the body: their edges and x in mm. Edges do not turn there.
+        at : (3,) array
+            Point in rig, mm, where forces act on the body and whose shift is told.
+
+        Returns
+        -------
+        (6, 6) array
+            Column j: shift in mm and turn in rad for a unit force (j < 3, N) or moment (N mm) along an axis of rig.
+        """
+        stiffness = self._stiffness()
+        ground_at, held_at = self._displacements(*ground), self._displacements(*held)
+        stiffness += ground_at.T @ ground_at * (GROUND * float(np.diagonal(stiffness).max()))
+        factor = cho_factor(stiffness, lower=True, check_finite=False)
+        pliant = held_at @ cho_solve(factor, held_at.T, check_finite=False)
+        body = self._rigid_body(*held, at)
+        compliance = np.linalg.inv(body.T @ np.linalg.solve(pliant, body))
+        return np.asarray((compliance + compliance.T) / 2.0)
+
+    def _displacements(self, edges: NDArray[np.int64], x_mm: FloatArray) -> FloatArray:
+        """Displacements and turn (k EDGE,) of points on edges, as a matrix on those of all modes of all edges."""
+        modes = legendre.legvander(x_mm / self.half_width_mm, MODES - 1)
+        found = np.zeros((len(edges), EDGE, len(self.edges), EDGE, MODES))
+        for point, edge in enumerate(edges):
+            for component in range(EDGE):
+                found[point, component, edge, component] = modes[point]
+        return found.reshape(len(edges) * EDGE, -1)
+
+    def _rigid_body(self, edges: NDArray[np.int64], x_mm: FloatArray, at: FloatArray) -> FloatArray:
+        """The same displacements as a matrix (k EDGE, 6) on a shift and a turn of all points about one."""
+        arms = np.column_stack([x_mm, self.edges[edges]]) - at
+        found = np.zeros((len(edges), EDGE, 6))
+        found[:, :3, :3] = np.eye(3)
+        found[:, :3, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
+        found[:, 3, 3] = 1.0
+        return found.reshape(-1, 6)
+
+    def _stiffness(self) -> FloatArray:
+        """Stiffness (n EDGE MODES, n EDGE MODES) of all edges, in N/mm, N and N mm."""
+        ends = self.edges[self.strips]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        own = _condensed(_strip_stiffness(self, lengths))
+        tangents = (ends[:, 1] - ends[:, 0]) / lengths[:, None]
+        # A strip's own axes: along x, along the strip, and x cross that, which is where a turn about x moves its end.
+        turned = np.zeros((len(lengths), EDGE, EDGE))
+        turned[:, 0, 0] = turned[:, 3, 3] = 1.0
+        turned[:, 1, 1:3] = tangents
+        turned[:, 2, 1], turned[:, 2, 2] = -tangents[:, 1], tangents[:, 0]
+        shape = (len(lengths), 2, EDGE, MODES, 2, EDGE, MODES)
+        own = np.einsum("sia,seimfjo,sjb->seamfbo", turned, own.reshape(shape), turned, optimize=True)
+        block = EDGE * MODES
+        whole = np.zeros((len(self.edges), block, len(self.edges), block))
+        for strip, matrix in zip(self.strips, own.reshape(-1, 2, block, 2, block), strict=True):
+            for i, row in enumerate(strip):
+                for j, column in enumerate(strip):
+                    whole[row, :, column] += matrix[i, :, j]
+        return whole.reshape(len(self.edges) * block, -1)
+
+
+def _condensed(stiffness: FloatArray) -> FloatArray:
+    """Stiffness of strips' edges alone: no force acts on the bubbles, which come last."""
+    edges = 2 * EDGE * MODES
+    coupling = stiffness[:, edges:, :edges]
+    bubbles = np.linalg.solve(stiffness[:, edges:, edges:], coupling)
+    return np.asarray(stiffness[:, :edges, :edges] - coupling.transpose(0, 2, 1) @ bubbles)
+
+
+def _strip_stiffness(plates: FoldedPlates, lengths: FloatArray) -> FloatArray:
+    """Stiffness (m, 10 MODES, 10 MODES) of strips in their own axes.
+
+    In the order of both edges' displacements (along x, along the strip, across it, turn), then of the bubbles (along x,
+    along the strip), which are 0 at both edges; for each of these the modes.
+    """
+    membrane = plates.modulus_mpa * plates.thickness_mm / (1.0 - plates.poisson**2)
+    plate = membrane * plates.thickness_mm**2 / 12.0
+    sheared = (1.0 - plates.poisson) / 2.0
+    terms = [(membrane, (_X, 0, 1), (_X, 0, 1)), (membrane, (_ALONG, 1, 0), (_ALONG, 1, 0))]
+    terms += _both(membrane * plates.poisson, (_X, 0, 1), (_ALONG, 1, 0))
+    terms += [(membrane * sheared, (_X, 1, 0), (_X, 1, 0)), (membrane * sheared, (_ALONG, 0, 1), (_ALONG, 0, 1))]
+    terms += _both(membrane * sheared, (_X, 1, 0), (_ALONG, 0, 1))
+    terms += [(plate, (_ACROSS, 0, 2), (_ACROSS, 0, 2)), (plate, (_ACROSS, 2, 0), (_ACROSS, 2, 0))]
+    terms += _both(plate * plates.poisson, (_ACROSS, 0, 2), (_ACROSS, 2, 0))
+    terms.append((plate * 4.0 * sheared, (_ACROSS, 1, 1), (_ACROSS, 1, 1)))
+    fields, weights = _fields_along(lengths)
+    modes, mode_weights = _modes_across(plates.half_width_mm)
+    stiffness = np.zeros((len(lengths), 10, MODES, 10, MODES))
+    for factor, (a, along_a, across_a), (b, along_b, across_b) in terms:
+        along = np.einsum("sp,spi,spj->sij", factor[:, None] * weights, fields[a, along_a], fields[b, along_b])
+        across = np.einsum("p,pk,pl->kl", mode_weights, modes[across_a], modes[across_b])
+        stiffness += along[:, :, None, :, None] * across[:, None, :]
+    return stiffness.reshape(len(lengths), 10 * MODES, 10 * MODES)
+
+
+_Term = tuple[FloatArray, tuple[int, int, int], tuple[int, int, int]]
+
+
+def _both(factor: FloatArray, a: tuple[int, int, int], b: tuple[int, int, int]) -> list[_Term]:
+    return [(factor, a, b), (factor, b, a)]
+
+
+def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
+    """Modes (3, points, MODES) across the width, with their first and second derivatives, and weights (points,)."""
+    points, weights = legendre.leggauss(MODES)
+    orders = [legendre.legder(np.eye(MODES), order) if order else np.eye(MODES) for order in range(3)]
+    return (
+        np.stack([legendre.legval(points, modes).T / half_width**order for order, modes in enumerate(orders)]),
+        weights * half_width,
+    )
+
+
+def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fields (3, 3, m, points, 10) along strips of lengths (m,), with two derivatives, and weights (m, points).
+
+    The first axis is the displacement (along x, along the strip, across it), the second the order of the derivative.
+    """
+    points, weights = legendre.leggauss(4)
+    s, one = (points + 1.0) / 2.0, np.ones(4)
+    linear = np.array([[1.0 - s, s, 4.0 * s * (1.0 - s)], [-one, one, 4.0 - 8.0 * s], [0.0 * s, 0.0 * s, -8.0 * one]])
+    hermite = np.array(
+        [
+            [1.0 - 3.0 * s**2 + 2.0 * s**3, s - 2.0 * s**2 + s**3, 3.0 * s**2 - 2.0 * s**3, s**3 - s**2],
+            [6.0 * s**2 - 6.0 * s, 1.0 - 4.0 * s + 3.0 * s**2, 6.0 * s - 6.0 * s**2, 3.0 * s**2 - 2.0 * s],
+            [12.0 * s - 6.0, 6.0 * s - 4.0, 6.0 - 12.0 * s, 6.0 * s - 2.0],
+        ]
+    )
+    fields = np.zeros((3, 3, len(lengths), 4, 10))
+    for order in range(3):
+        by_length = lengths[:, None, None] ** -float(order)
+        fields[_X, order][..., [0, 4, 8]] = linear[order].T * by_length
+        fields[_ALONG, order][..., [1, 5, 9]] = linear[order].T * by_length
+        deflections = hermite[order].T * by_length
+        # A cubic is told by its ends' deflections and slopes.
+        deflections[..., [1, 3]] *= lengths[:, None, None]
+        fields[_ACROSS, order][..., [2, 3, 6, 7]] = deflections
+    return fields, lengths[:, None] * weights / 2.0
