@@ -141,15 +141,18 @@ def _lightest(
     limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
     # The beam has no openings: where it tilts too far, so do the plates.
     as_beams = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
-    stiff: list[Profile] = []
+    stiff: Profile | None = None
     for profile, as_beam in zip(tried, as_beams, strict=True):
-        if as_beam > limit or bending(profile, holder, clip, load_g, load_at, hardware)[0] > limit:
+        if as_beam > limit:
             continue
-        stiff.append(profile)
         laid = lay(profile.inner, profile.outer, hardware)
-        if laid is not None:
-            return profile, laid
-    if not stiff:
+        if laid is None and stiff is not None:
+            continue
+        if bending(profile, holder, clip, load_g, load_at, hardware)[0] <= limit:
+            if laid is not None:
+                return profile, laid
+            stiff = profile
+    if stiff is None:
         stiffest = tried[int(np.argmin(as_beams))]
         tilt = bending(stiffest, holder, clip, load_g, load_at, hardware)[0]
         raise InputError(
@@ -157,7 +160,7 @@ def _lightest(
             f"{stiffest.section.width_mm:.0f} mm wide and {stiffest.section.depth_mm:g} mm deep, "
             f"expected at most {limit:g} deg"
         )
-    across, high = np.ptp(np.vstack([stiff[0].inner, stiff[0].outer]), axis=0)
+    across, high = np.ptp(np.vstack([stiff.inner, stiff.outer]), axis=0)
     width, length, _ = hardware.printer.bed_mm
     raise InputError(
         f"mount is {across:.0f} x {high:.0f} mm in profile to be stiff enough, "

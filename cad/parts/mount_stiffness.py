@@ -23,7 +23,7 @@ SCREW_REACH_MM = 3.0
 # Finite elements of solids tilt 1.05 to 1.5 times as far about x, and .96 to 1.05 times about the other axes, as these
 # plates do, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). What plates have not: openings that act on each other,
 # and webs cut where they meet a skin. With both factors no mount of these is softer than stated.
-KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.2, 1.12
+KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.25, 1.1
 
 
 def mount_compliance(

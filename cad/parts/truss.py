@@ -86,9 +86,10 @@ def offset(inner: FloatArray, depth: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Webs:
-    """The middle lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them, from one skin to the other.
+    """The middle lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them.
 
-    The skins' lines begin at the first web, over the cable's window, and end at the last.
+    The skins' lines begin at the first web, over the cable's window, and end at the last. Each web runs from skin to
+    skin.
     """
 
     inner: FloatArray
