@@ -55,8 +55,11 @@ def camera_solid(camera: CameraBody) -> Part:
             low = front - camera.depth_mm + HINGE_MM / 2.0
             with Locations((middle[0], middle[1] + camera.height_mm / 2.0, low)):
                 Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
-        with Locations((camera.cable_x_mm, middle[1], front - camera.depth_mm)):
-            Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
+        with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
+            if camera.cable_thick_mm > 0.0:
+                Box(camera.cable_mm, camera.cable_thick_mm, CABLE_STUB_MM, align=BELOW)
+            else:
+                Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
         if isinstance(camera.held_by, BoardHoles):
             with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
                 Hole(camera.held_by.hole_mm / 2.0)

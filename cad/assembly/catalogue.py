@@ -13,7 +13,6 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.named_faces import named_faces
 from mirrorcam.cad.assembly.ways_out import (
     clamp_nut_ways_mm,
-    clip_way_mm,
     foot_nut_ways_mm,
     holder_nut_ways_mm,
     insert_way_mm,
@@ -33,9 +32,11 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Which way a part stands when printed: rows are the bed's x, y and z in rig.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 Z_UP = np.eye(3)
 ACROSS = np.array([1.0, 0.0, 0.0])
+SCENE = np.array([0.0, 1.0, 0.0])
 
 EXPLODE = {
     "mirror_holder": (0.0, 30.0, 60.0),
@@ -95,7 +96,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
             (0.16, 0.46, 0.62),
         ),
-        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(X_UP, clip.from_x_mm), (0.93, 0.55, 0.20)),
+        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
         _half_of_adapter("Adapter saddle", 4, device.adapter.saddle, (0.35, 0.60, 0.42)),
         _half_of_adapter("Adapter cap", 5, device.adapter.cap, (0.55, 0.74, 0.52)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
@@ -200,29 +201,27 @@ def _thread(
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
-    """The fasteners of the camera in its clip: set screws behind a body, or a board's own screws."""
+    """The fasteners of the camera in its clip: sprung screws that press a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     above = np.array([0.0, 0.0, 1.0])
     apart = np.array(EXPLODE["camera_clip"])
-    if not isinstance(hardware.camera.held_by, Lips):
+    held_by = hardware.camera.held_by
+    if not isinstance(held_by, Lips):
         for head in clip.board_screws:
-            size = f"M{hardware.camera.held_by.screw_mm:g}{FORMING}"
+            size = f"M{held_by.screw_mm:g}{FORMING}"
             yield BoughtItem(
-                "screw",
-                size,
-                hardware.camera.held_by.screw_length_mm,
-                _along(head, above),
-                apart + 20.0 * above,
-                ("camera_clip",),
+                "screw", size, held_by.screw_length_mm, _along(head, above), apart + 20.0 * above, ("camera_clip",)
             )
-        return
-    for tip in clip.set_screw_tips:
-        outer = tip - hardware.clip.set_screw_mm * above
+    for sprung in clip.nest.screws if clip.nest else ():
+        out = -sprung.axis
         yield BoughtItem(
-            "screw", "M3 set", hardware.clip.set_screw_mm, _along(outer, -above), apart - 30.0 * above, ("camera_clip",)
+            "screw", "M3", sprung.length_mm, _along(sprung.head, out), apart + 25.0 * out, ("camera_clip",)
         )
-        mouth = tip - hardware.clip.behind_mm * above
-        yield _thread(device, _along(mouth, above), apart, ("camera_clip",), clip_way_mm(device, mouth)[None])
+        seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
+        insert = hardware.screw.kind == "insert"
+        way = insert_way_mm(out) if insert else sprung.nut_way_mm
+        across = ACROSS if insert else SCENE - (SCENE @ out) * out
+        yield _thread(device, _along(seat, out, across), apart, ("camera_clip",), way)
 
 
 def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:

@@ -10,7 +10,8 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
-from mirrorcam.cad.parts.clip import ABOVE, ClipPlan, body_box, plan_clip
+from mirrorcam.cad.parts.camera_box import ABOVE, body_box
+from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera

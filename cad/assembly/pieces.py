@@ -119,12 +119,12 @@ def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
 
 
 def camera_piece(device: Device, clip: Piece) -> Piece:
-    """The camera, of the mass that its maker states; it leaves its clip by the open end, a board by the front."""
+    """The camera, of the mass that its maker states; it leaves its clip towards the scene, a board by the front."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
-    along_x = camera.held_by.kind == "lips"
-    out = (camera.width_mm + CAMERA_OUT_MM, 0.0, 0.0) if along_x else (0.0, 0.0, BOARD_OUT_MM)
+    to_scene = camera.held_by.kind == "lips"
+    out = (0.0, camera.height_mm + CAMERA_OUT_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_OUT_MM)
     return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + out, mesh, mass)
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.parts.clip import body_box
 from mirrorcam.cad.parts.foot import foot_plate_mm
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.camera_body import Lips
 
 SIDE = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
@@ -33,16 +31,9 @@ def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
 
 
 def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Moves (n, 2, 3) of the nuts of the clip's slide: off its wall, past its lip if it has one, and out above it."""
-    held_by = device.hardware.camera.held_by
-    lip = held_by.lip_mm if isinstance(held_by, Lips) else 0.0
-    past = float(body_box(device.hardware.camera).low[1]) + lip + device.hardware.fit.free_mm
-    return np.array([[(past - seat[1]) * SCENE, clip_way_mm(device, seat)] for seat in seats])
-
-
-def clip_way_mm(device: Device, seat: FloatArray) -> FloatArray:
-    """The move (3,) from a place in the clip's channel out between its lips."""
-    return _beyond(corners_of(device.clip.pieces), seat, ABOVE)
+    """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
+    corners = corners_of(device.clip.pieces)
+    return np.array([[_beyond(corners, seat, SCENE)] for seat in seats])
 
 
 def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:

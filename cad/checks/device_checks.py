@@ -18,6 +18,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import BRASS, COUPON, MIRRORS, STEEL, composed, mass_of
+from mirrorcam.cad.checks.camera_nest import check_nest
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
@@ -112,6 +113,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_pieces(made, parts),
         **check_mass(hardware, made.assembly),
         **_check_stiffness(device),
+        **check_nest(device.clip, device.layout, hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
         **check_light(device.layout, hardware, made.sound_parts | wrist, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -17,6 +18,7 @@ from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM
+from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
@@ -44,6 +46,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         camera=hardware.camera,
         view=field_of_view(device.layout.camera),
         lips=hardware.camera.held_by.kind == "lips",
+        nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
         parts=parts,
         sliced=is_sliced(parts),
@@ -69,6 +72,25 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
+
+
+def _nest_texts(device: Device) -> dict[str, Any]:
+    """What the step of the camera says of its nest, as the checks have it; {} of a board."""
+    clip, hardware = device.clip, device.hardware
+    repeats = repeatability(clip, device.layout, hardware)
+    if clip.nest is None or repeats is None:
+        return {}
+    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
+    return {
+        "v": bool(abs(clip.nest.normals[4, 0]) > 0.1),
+        "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
+        "back_n": f"{back:.0f}",
+        "end_n": f"{end:.0f}",
+        "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
+        "turn_deg": f"{repeats.turn_deg:.2f}",
+        "image_px": f"{repeats.image_px:.1f}",
+        "views_px": f"{repeats.between_views_px:.1f}",
+    }
 
 
 def is_sliced(parts: Sequence[BuiltPart]) -> bool:

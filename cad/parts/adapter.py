@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread

@@ -15,7 +15,8 @@ from shapely import LineString, Polygon
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
-from mirrorcam.cad.parts.clip import ABOVE, ClipPlan
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws
 from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
-from mirrorcam.cad.parts.clip import ABOVE, SCENE, UP, ClipPlan
+from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
+from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.fasteners import (

@@ -52,6 +52,11 @@ class Printer(Value):
     plastic_mpa: float = Bounds(1.0, 1e6).field(
         2300.0, "its modulus of elasticity as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
+    plastic_strain: float = Bounds(1e-4, 0.2).field(
+        0.0055,
+        "largest strain of a leaf that stays bent: a quarter of that at yield (PLA: 50 MPa over 2300 MPa, 2.2 %; "
+        "PETG: 0.01)",
+    )
 
 
 class Fastening(Value):
@@ -139,10 +144,12 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(2.8, "walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "how far the clip slides either way from the nominal depth of the pupil")
-    behind_mm: float = _positive(1.0, "space behind the body, for the tips of the set screws")
+    behind_mm: float = _positive(1.0, "space between the body's back and the leaf of the screw behind it")
+    shaken_g: float = Bounds(0.1, 100.0).field(
+        3.0, "acceleration, as a multiple of gravity, at which no point of the nest lets go of the camera"
+    )
     rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
     screws_apart_mm: float = _positive(40.0, "distance of the two screws that hold the clip")
-    set_screw_mm: float = _positive(10.0, "length of the M3 set screws (ISO 4026)")
 
 
 class Cutting(Value):

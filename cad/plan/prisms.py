@@ -31,6 +31,12 @@ def along_y(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
     return Frustum(base, base + np.array([0.0, to_mm - from_mm, 0.0]))
 
 
+def along_z(points: FloatArray, from_mm: float, to_mm: float) -> Frustum:
+    """A convex polygon (n, 2) of x and y, from one z to another."""
+    base = np.column_stack([points, np.full(len(points), from_mm)])
+    return Frustum(base, base + np.array([0.0, 0.0, to_mm - from_mm]))
+
+
 def roofed(x_mm: tuple[float, float], z_mm: tuple[float, float], y_mm: tuple[float, float]) -> Frustum:
     """A window along y of a part that prints with x up: over its far x, a steep roof."""
     (low, high), (near, far) = x_mm, z_mm

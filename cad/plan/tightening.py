@@ -27,8 +27,9 @@ FRICTION = 0.12
 LASTING = 0.25
 # Share of the cylinder round an insert or a thread in which plastic holds: the rest is its ridges.
 HELD = 0.5
-# A set screw may press on the body of a camera so hard.
+# A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
+PRESSING = ("camera_clip",)
 # By the diameter of a thread: its pitch (ISO 261, coarse; ASME B1.1 for 1/4-20), the head of its screw (ISO 4762,
 # ASME B18.3) and the hole that it passes (ISO 273, medium).
 THREADS = {
@@ -43,7 +44,6 @@ THREADS = {
     8.0: (1.25, 13.0, 9.0),
 }
 INCH = {"1/4-20": 6.35}
-SET = " set"
 ON_AXIS_MM = 1e-3
 
 
@@ -72,7 +72,7 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, diameter = hardware.screw, _diameter_mm(screw)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
-    if screw.size.endswith(SET):
+    if screw.joins == PRESSING and not screw.size.endswith(FORMING):
         return Tightening(_torque_nm(diameter, PRESS_N, 0.0), "the camera's body")
     _, head, hole = THREADS[diameter]
     outer = max(head, table.washer_mm) if "washer" in on_axis else head

@@ -17,11 +17,14 @@ Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 class Lips(Value):
-    """A body that is held by its front: lips along its upper and lower edge, screws that press it against them."""
+    """A body that is held between pads at its front, sides and end, against which screws press it."""
 
     kind: Literal["lips"] = "lips"
-    lip_mm: float = PART_MM.field(
-        description="how far the lips may reach over the front, from its upper and lower edge"
+    lip_mm: float = PART_MM.field(description="how far pads may reach over the front, from its upper and lower edge")
+    display: bool = Field(
+        default=False,
+        exclude_if=lambda display: not display,
+        description="the back is a display: felt goes between it and the screw",
     )
 
 
@@ -71,6 +74,20 @@ class CameraBody(Value):
     hinge_from_back_mm: float = PART_GAP_MM.field(0.0, "how far from the back the hinge reaches along the lens axis")
     cable_mm: float = PART_MM.field(description="diameter of the cable")
     cable_x_mm: float = PART_OFFSET_MM.field(0.0, "where the cable leaves the back, from the lens axis along x")
+    cable_y_mm: float = Field(
+        default=0.0,
+        ge=PART_OFFSET_MM.least,
+        le=PART_OFFSET_MM.most,
+        exclude_if=lambda place: place == 0.0,
+        description="where the cable leaves the back, from the middle of the body along the image's y",
+    )
+    cable_thick_mm: float = Field(
+        default=0.0,
+        ge=PART_GAP_MM.least,
+        le=PART_GAP_MM.most,
+        exclude_if=lambda thick: thick == 0.0,
+        description="thickness of a ribbon whose width along x is cable_mm; 0: the cable is round",
+    )
     mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
     field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
         default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"

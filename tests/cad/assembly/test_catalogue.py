@@ -38,7 +38,9 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> Non
     items = bought_items(device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
     screws = [item for item in items if item.kind == "screw" and item.size == "M3"]
-    assert len(screws) == 4 + 2 + 4 + 2
+    sprung = [item for item in screws if item.joins == ("camera_clip",)]
+    assert len(sprung) == (2 if device.hardware.camera.held_by.kind == "lips" else 0)
+    assert len(screws) == 4 + 2 + 4 + 2 + len(sprung)
     for item in screws:
         origin, out = axis_of(item)
         found = []
@@ -53,10 +55,11 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> Non
         engaged = min(item.length_mm, high) - low
         if screw.kind == "insert":
             assert engaged >= screw.engaged_mm
-            assert item.length_mm - low < screw.insert_depth_mm
+            # Holes of sprung screws go through: they end at the camera.
+            assert item.length_mm - low < screw.insert_depth_mm or len(item.joins) == 1
         else:
             assert engaged == pytest.approx(screw.nut_height_mm, abs=1e-9)
-        assert item.joins[1] in {name for other in threads for name in other.joins}
+        assert item.joins[-1] in {name for other in threads for name in other.joins}
 
 
 def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
@@ -64,8 +67,7 @@ def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
     kind = device.hardware.screw.kind
     lips = device.hardware.camera.held_by.kind == "lips"
     sizes = [(item.kind, item.size) for item in items]
-    assert sizes.count((kind, "M3")) == 12 + (3 if lips else 0)
-    assert sizes.count(("screw", "M3 set")) == (3 if lips else 0)
+    assert sizes.count((kind, "M3")) == 12 + (2 if lips else 0)
     assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
 
 
@@ -78,20 +80,23 @@ def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(device: Dev
     assert len(forming) == (0 if device.hardware.camera.held_by.kind == "lips" else 4)
 
 
-def test_set_screws_reach_from_the_socket_through_their_thread_to_the_body(device: Device) -> None:
-    back = device.hardware.camera.pupil_behind_front_mm - device.hardware.camera.depth_mm
-    for item in bought_items(device):
-        if item.size == "M3 set":
-            origin, out = axis_of(item)
-            assert (origin - item.length_mm * out)[2] == pytest.approx(back)
-            assert origin[2] < device.clip.bottom_mm
+def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(device: Device) -> None:
+    tips = [screw.tip for screw in device.clip.nest.screws] if device.clip.nest else []
+    screws = [item for item in bought_items(device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+    if not tips:
+        assert all(item.size.endswith(" thread-forming") for item in screws)
+        return
+    for tip, item, sprung in zip(tips, screws, device.clip.nest.screws if device.clip.nest else (), strict=True):
+        origin, out = axis_of(item)
+        np.testing.assert_allclose(origin - item.length_mm * out, tip, atol=1e-9)
+        assert item.length_mm - sprung.mouth_mm >= 3.0
 
 
 def test_nuts_lie_in_their_pockets(device: Device) -> None:
     """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
     made = {part.name: part.make(part.plan) for part in parts_of(device) if part.name in POCKETS}
     nuts = [item for item in bought_items(device) if item.kind == "nut" and item.joins[-1] in made]
-    assert len(nuts) == (11 if device.hardware.camera.held_by.kind == "lips" else 8) * (
+    assert len(nuts) == (10 if device.hardware.camera.held_by.kind == "lips" else 8) * (
         device.hardware.screw.kind == "nut"
     )
     for item in nuts:

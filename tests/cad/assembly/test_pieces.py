@@ -107,7 +107,7 @@ def test_a_mirror_goes_with_the_nearest_piece_of_a_split_holder(device: Device, 
             assert sideways == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("name", "out"), [("c920", (94.0 + 15.0, 0.0, 0.0)), ("board_38", (0.0, 0.0, 40.0))])
+@pytest.mark.parametrize(("name", "out"), [("c920", (0.0, 29.0 + 15.0, 0.0)), ("board_38", (0.0, 0.0, 40.0))])
 def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
     device: Device, parts: list[BuiltPart], name: str, out: tuple[float, float, float]
 ) -> None:

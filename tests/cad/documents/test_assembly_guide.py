@@ -38,7 +38,7 @@ from tests.cad.documents.conftest import Made
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert [int(n) for n in re.findall(r"^## Step (\d+)", text, re.MULTILINE)] == list(range(1, 11))
-    for word in ("heat-set", "rests against the lips", "row 0 is the", made.device.layout.identity, "Ø63"):
+    for word in ("heat-set", "three quarters of a turn", "row 0 is the", made.device.layout.identity, "Ø63"):
         assert word in text
     for name in (picture.name for picture in made.pictures[4:]):
         assert f"(pictures/{name}.png)" in text

@@ -30,7 +30,6 @@ from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.optics.geometry.camera_body import Lips
 from tests.hostile_names import ACCEPTED
 
 ROOT = Path(__file__).parents[3]
@@ -209,17 +208,12 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     assert "4x Ø3.4 through M3" in said
 
 
-def test_the_clip_says_its_channel_its_lips_and_its_slot(device: Device) -> None:
-    camera, hardware = device.hardware.camera, device.hardware
+def test_the_clip_says_where_its_pads_are(device: Device) -> None:
     said = [words.text for words in drawn(device, "camera_clip").words]
-    assert isinstance(camera.held_by, Lips)
-    assert f"{number(camera.height_mm + 2.0 * hardware.fit.slide_mm)} channel" in said
-    assert f"{number(camera.depth_mm + hardware.clip.behind_mm)} channel" in said
-    assert f"{number(hardware.clip.wall_mm)} lip" in said
-    assert f"{number(camera.held_by.lip_mm + 2.0 * hardware.fit.slide_mm)} lip" in said
-    assert f"{number(hardware.clip.wall_mm)} end wall" in said
-    slot = camera.height_mm / 2.0 + 2.0 * hardware.fit.slide_mm - camera.lens_y_mm
-    assert f"{number(slot + camera.cable_mm / 2.0 + hardware.fit.free_mm)} slot" in said
+    nest = device.clip.nest
+    assert nest is not None
+    first, along = nest.points[1], nest.points[2]
+    assert f"{number(along[0] - first[0])} pads" in said
 
 
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:

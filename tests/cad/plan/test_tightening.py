@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,13 +61,14 @@ def test_what_is_on_another_axis_or_beyond_the_tip_does_not_count() -> None:
     assert torque(screw, aside, beyond) == torque(screw)
 
 
-def test_threads_in_plastic_and_set_screws_have_limits_of_their_own() -> None:
+def test_threads_in_plastic_and_screws_that_press_have_limits_of_their_own() -> None:
     forming = item("screw", f"M2{FORMING}", 8.0, (0, 0, 0))
     found = tightenings([forming], HARDWARE.replaced(camera=read_body("board_38")))[0]
     assert found is not None
     assert found.limit == "thread in the plastic"
     assert 0.01 < found.torque_nm < 0.1
-    assert torque(item("screw", "M3 set", 10.0, (0, 0, 0))).limit == "the camera's body"
+    pressing = replace(item("screw", "M3", 10.0, (0, 0, 0)), joins=("camera_clip",))
+    assert torque(pressing).limit == "the camera's body"
     assert tightenings([item("insert", "M3", 5.7, (0, 0, 0))], HARDWARE) == (None,)
 
 

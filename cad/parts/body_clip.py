@@ -1,0 +1,200 @@
+"""The clip's holding of a camera by its body: a tray open to the scene, with a nest of six points.
+
+Three pads fix the body's front, beside the slide and at the corner of the stop's end. The body's side towards the mount
+and its end rest on two pads and one; round ends rest on a V instead, and on one pad. Two screws in leaves press: one on
+the back, one obliquely on the far corner. The part prints lying on its slide, the leaves and all that stands off them
+at 45 deg or steeper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held, tie_height_mm
+from mirrorcam.cad.parts.nest import (
+    GRAVITY_N_PER_KG,
+    Leaf,
+    Nest,
+    SprungScrew,
+    leaf_thickness_mm,
+    least_forces_n,
+)
+from mirrorcam.cad.parts.tray import APART_MM, PAD_MM, PAD_WIDE_MM, Tray, back_leaf, far_leaf, stops, thread_cuts
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM
+from mirrorcam.cad.plan.hardware import Fastening, Hardware
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
+
+# Pads keep off the rounding of the edges.
+OFF_ROUND_MM = 3.0
+# How much further a screw can be turned in than the drawn body needs.
+RESERVE_MM = 3.0
+# What the screws press with at least, and the leaf behind the back's widest and least width.
+LEAST_FORCE_N = 3.0
+LEAF_WIDE_MM, LEAF_NARROW_MM = 20.0, 11.0
+# Share of the back's screw that the front pad away from the slide takes.
+FAR_SHARE = 0.6
+
+
+def hold_body(camera: CameraBody, lips: Lips, around_mm: float, hardware: Hardware) -> Held:
+    """Lay out the tray of a body; raises InputError with the measure at fault.
+
+    `around_mm` is the radius of a boss for a screw.
+    """
+    tray = Tray.of(camera, lips)
+    nest = _with_forces(tray, _nest(tray, camera, around_mm, hardware), camera, hardware)
+    back, far = nest.screws
+    top = float(tray.high[2]) + hardware.clip.wall_mm
+    pieces = [*stops(tray, nest, top, hardware.clip.wall_mm), *back_leaf(tray, back, around_mm, hardware)]
+    pieces += far_leaf(tray, far, around_mm)
+    bottom = min(
+        float(back.tip[2]) - back.mouth_mm, float(tray.low[2]) - hardware.clip.behind_mm - tie_height_mm(hardware)
+    )
+    far_u = float(tray.high[0]) + APART_MM + far.leaf.thickness_mm
+    ends = sorted(tray.side * np.array([tray.end_mm - hardware.clip.wall_mm, far_u]))
+    return Held(
+        pieces=tuple(pieces),
+        cuts=tuple(cut for screw in nest.screws for cut in thread_cuts(screw, around_mm, hardware)),
+        inner_y_mm=tray.wall_mm,
+        x_mm=(float(ends[0]), float(ends[1])),
+        z_mm=(bottom, top),
+        board_screws=np.zeros((0, 3)),
+        nest=nest,
+    )
+
+
+def _nest(tray: Tray, camera: CameraBody, around_mm: float, hardware: Hardware) -> Nest:
+    """The six points and the two screws, their leaves of a first thickness."""
+    front = _front_points(tray, camera)
+    sides, inwards = _side_points(tray)
+    points = tray.rig(np.vstack([front, sides]))
+    normals = tray.rig(np.vstack([np.tile(-ABOVE, (3, 1)), inwards]))
+    screws = (
+        _back_screw(tray, front, camera, around_mm, hardware),
+        _far_screw(tray, around_mm, hardware),
+    )
+    return Nest(points, normals, screws)
+
+
+def _front_points(tray: Tray, camera: CameraBody) -> FloatArray:
+    """Points (3, 3) in (u, y, z) of the front: at the stop's corner away from the wall, and two beside the wall."""
+    low, high, r = tray.low, tray.high, tray.radius_mm
+    reach, half = tray.lip_mm / 2.0, OFF_ROUND_MM + PAD_WIDE_MM / 2.0
+    near, far = float(low[1]) + reach, float(high[1]) - reach
+    corner = float(low[0]) + max(r + 1.0, half)
+    ring = camera.lens_ring_mm / 2.0
+    if (clear := -(corner + PAD_WIDE_MM / 2.0 + 1.0) - ring) < 0.0:
+        raise InputError(
+            f"camera clip's corner reaches {-clear:.1f} mm over the lens ring, expected it beside the ring"
+        )
+    if (clear := -float(low[1]) - tray.lip_mm - ring) < 0.0:
+        raise InputError(
+            f"camera clip's lip reaches {-clear:.1f} mm over the lens ring ({camera.lens_ring_mm:g} mm across), "
+            f"expected it beside it: lip_mm at most {tray.lip_mm + clear:.1f}"
+        )
+    z = float(high[2])
+    return np.array([(corner, far, z), (float(low[0]) + r + half, near, z), (float(high[0]) - r - half, near, z)])
+
+
+def _side_points(tray: Tray) -> tuple[FloatArray, FloatArray]:
+    """Points (3, 3) in (u, y, z) of the sides and the end, and unit vectors (3, 3) into the body there."""
+    low, high, r, z = tray.low, tray.high, tray.radius_mm, tray.level_mm
+    off = r + OFF_ROUND_MM
+    far = (float(high[0]) - off, float(low[1]), z)
+    if tray.is_round:
+        both = np.array([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0)]) / np.sqrt(2.0)
+        centres = np.array([(low[0] + r, low[1] + r, z), (low[0] + r, high[1] - r, z)])
+        return np.vstack([centres - r * both, far]), np.vstack([both, SCENE])
+    end = (float(low[0]), float(low[1]) + off + PAD_WIDE_MM / 2.0, z)
+    return np.array([(float(low[0]) + off, float(low[1]), z), far, end]), np.array([SCENE, SCENE, UP])
+
+
+def _back_screw(tray: Tray, front: FloatArray, camera: CameraBody, around_mm: float, hardware: Hardware) -> SprungScrew:
+    """The screw on the back, within the triangle of the front's points, its leaf beside the cable."""
+    shares = np.array([FAR_SHARE, *((1.0 - FAR_SHARE) / 2.0,) * 2])
+    u, y, _ = (float(value) for value in shares @ front)
+    cable = tray.side * camera.cable_x_mm
+    beside = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
+    width = min(LEAF_WIDE_MM, 2.0 * beside, 2.0 * (u - tray.end_mm))
+    if width < LEAF_NARROW_MM:
+        raise InputError(
+            f"camera clip's leaf behind the body would be {width:.1f} mm wide beside the cable, "
+            f"expected at least {LEAF_NARROW_MM:g} mm"
+        )
+    screw = hardware.screw
+    space = hardware.clip.behind_mm
+    thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
+    mouth = space + thick
+    way = np.array([space + float(tray.level_mm - tray.low[2]), 0.0])
+    out = float(tray.high[1]) - y + 2.0 * around_mm
+    leaf = Leaf(
+        y - tray.wall_mm, min(around_mm + thick - hardware.printer.wall_mm, 0.8 * (y - tray.wall_mm)), width, 2.0, 1.0
+    )
+    return SprungScrew(
+        tip=tray.rig((u, y, float(tray.low[2]))),
+        axis=ABOVE,
+        mouth_mm=mouth,
+        thread_mm=thread,
+        length_mm=_long_enough(mouth, screw),
+        leaf=leaf,
+        nut_way_mm=np.array([way[0] * ABOVE, out * SCENE]),
+    )
+
+
+def _far_screw(tray: Tray, around_mm: float, hardware: Hardware) -> SprungScrew:
+    """The screw on the far corner, at 45 deg; its boss stands on a leaf beyond the body's end."""
+    r, screw = tray.radius_mm, hardware.screw
+    out = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
+    corner = np.array([tray.high[0] - r, tray.high[1] - r, tray.level_mm]) + r * out
+    inner = float(tray.high[0]) + APART_MM
+    thread, thick = _boss_mm(screw, hardware.printer.wall_mm)
+    # From where the axis enters the leaf, the boss is cut obliquely: the thread keeps off that.
+    enters = (inner - float(corner[0])) * np.sqrt(2.0)
+    mouth = enters + around_mm / 2.0 + thick
+    along = float(corner[1] + enters / np.sqrt(2.0)) - tray.wall_mm
+    low_side = float(corner[1]) - around_mm / np.sqrt(2.0) + (inner - float(corner[0]) - around_mm / np.sqrt(2.0))
+    width = min(LEAF_WIDE_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
+    leaf = Leaf(along, along + tray.wall_mm - low_side, max(width, 2.0 * around_mm), 3.0, 1.0 / np.sqrt(2.0))
+    return SprungScrew(
+        tip=tray.rig(corner),
+        axis=tray.rig(-out),
+        mouth_mm=mouth,
+        thread_mm=thread,
+        length_mm=_long_enough(mouth, screw),
+        leaf=leaf,
+        nut_way_mm=np.array(
+            [tray.rig(-out) * (mouth + around_mm), (float(np.ptp([tray.low[1], tray.high[1]])) + mouth) * SCENE]
+        ),
+    )
+
+
+def _boss_mm(screw: Fastening, wall_mm: float) -> tuple[float, float]:
+    """How deep the thread of a sprung screw begins below the mouth, and the thickness of the boss."""
+    if screw.kind == "insert":
+        return 0.0, screw.insert_depth_mm + wall_mm
+    # The nut is pressed against the shoulder by the screw, and enters from the body's side.
+    return screw.insert_wall_mm, screw.insert_wall_mm + screw.nut_height_mm + NUT_FIT_MM
+
+
+def _long_enough(mouth_mm: float, screw: Fastening) -> float:
+    fits = [length for length in screw.lengths_mm if length >= mouth_mm + RESERVE_MM]
+    if not fits:
+        raise InputError(
+            f"camera clip needs an M3 screw of {mouth_mm + RESERVE_MM:.1f} mm, longer than any on the list"
+        )
+    return min(fits)
+
+
+def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
+    """The nest with leaves as thick as the camera's weight needs, when the robot moves."""
+    middle = tray.rig((tray.low + tray.high) / 2.0)
+    weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
+    forces = np.maximum(least_forces_n(nest, middle, weight), LEAST_FORCE_N)
+    modulus, least = hardware.printer.plastic_mpa, hardware.printer.wall_mm
+    screws = []
+    for screw, force in zip(nest.screws, forces, strict=True):
+        thick = max(least, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
+        screws.append(replace(screw, leaf=replace(screw.leaf, thickness_mm=thick)))
+    return replace(nest, screws=tuple(screws))

@@ -1,0 +1,30 @@
+"""Checks of the nest: the default passes, and what fails is seen to fail."""
+
+from __future__ import annotations
+
+from mirrorcam.cad.checks.camera_nest import check_nest
+from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.layout import Layout
+
+
+def test_the_default_camera_is_held_and_repeats_within_what_the_guide_says(default_layout: Layout) -> None:
+    checks = check_nest(plan_clip(HARDWARE), default_layout, HARDWARE)
+    assert [name for name, check in checks.items() if check.passed is False] == []
+    assert 0.02 < checks["camera_clip.reclamped_mm"].value < 0.05
+    assert 0.04 < checks["camera_clip.reclamped_deg"].value < 0.1
+    assert 1.0 < checks["camera_clip.reclamped_px"].value < 3.0
+
+
+def test_a_heavier_camera_than_planned_lets_go_and_a_brittle_plastic_is_bent_too_far(default_layout: Layout) -> None:
+    clip = plan_clip(HARDWARE)
+    heavy = HARDWARE.replaced(camera=HARDWARE.camera.replaced(mass_g=300.0))
+    brittle = HARDWARE.replaced(printer=HARDWARE.printer.replaced(plastic_strain=0.002))
+    assert not check_nest(clip, default_layout, heavy)["camera_clip.contact_n"].passed
+    assert not check_nest(clip, default_layout, brittle)["camera_clip.leaf_strain"].passed
+
+
+def test_a_board_has_no_nest(default_layout: Layout) -> None:
+    board = HARDWARE.replaced(camera=read_body("board_38"))
+    assert check_nest(plan_clip(board), default_layout, board) == {}

@@ -1,0 +1,145 @@
+"""Bodies in their trays: six points on the body as it is drawn, round ends too, and forces on all of them."""
+
+from __future__ import annotations
+
+import manifold3d
+import numpy as np
+import pytest
+from shapely import MultiPoint
+
+from mirrorcam.cad.assembly.bought_solids import camera_solid
+from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, Nest, least_contact_n, reactions
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera_body import CameraBody
+from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+
+BODIES = [name for name in camera_names() if read_body(name).held_by.kind == "lips"]
+ON_MM = 0.06  # a body is a mesh here
+
+
+def with_camera(name: str) -> Hardware:
+    return HARDWARE.replaced(camera=read_body(name))
+
+
+def nest_of(hardware: Hardware) -> Nest:
+    nest = plan_clip(hardware).nest
+    assert nest is not None
+    return nest
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_six_points_and_both_tips_lie_on_the_drawn_body_and_look_into_it(name: str) -> None:
+    """Also where its ends are round: a box around the body would be touched where there is no body."""
+    hardware = with_camera(name)
+    nest, body = nest_of(hardware), solid_of(tessellated(camera_solid(hardware.camera)))
+    speck = manifold3d.Manifold.cube((2e-3, 2e-3, 2e-3), center=True)
+    places = np.vstack([nest.points, [screw.tip for screw in nest.screws]])
+    inwards = np.vstack([nest.normals, [screw.axis for screw in nest.screws]])
+    for place, inward in zip(places, inwards, strict=True):
+        assert body.min_gap(speck.translate(tuple(place - 0.5 * inward)), 1.0) == pytest.approx(0.5, abs=ON_MM)
+        assert not (body ^ speck.translate(tuple(place + ON_MM * 2.0 * inward))).is_empty()
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_screws_press_on_all_six_points_however_the_robot_shakes_the_camera(name: str) -> None:
+    hardware = with_camera(name)
+    nest, camera = nest_of(hardware), hardware.camera
+    weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
+    assert least_contact_n(nest, body_box(camera).middle, weight, hardware.printer.plastic_mpa) >= 0.0
+    assert max(screw.leaf.strain for screw in nest.screws) <= hardware.printer.plastic_strain
+    # Each alone presses on the points that it is for, and lifts the body off none.
+    tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
+    pressed = reactions(nest, tips, axes)
+    assert (pressed[:3, 0] > 0.1).all()
+    assert (pressed[3:, 1] > 0.1).all()
+
+
+def test_three_points_fix_the_front_and_none_of_them_is_on_the_lens() -> None:
+    for name in BODIES:
+        camera, nest = read_body(name), nest_of(with_camera(name))
+        np.testing.assert_allclose(nest.normals[:3], np.tile([0.0, 0.0, -1.0], (3, 1)))
+        np.testing.assert_allclose(nest.points[:3, 2], camera.pupil_behind_front_mm)
+        assert np.linalg.norm(nest.points[:3, :2], axis=1).min() > camera.lens_ring_mm / 2.0 + 1.0
+
+
+def test_round_ends_rest_on_a_v_and_flat_ones_on_a_pad() -> None:
+    c920, oak = nest_of(with_camera("c920")), nest_of(with_camera("oak_d"))
+    np.testing.assert_allclose(np.abs(c920.normals[3:5, :2]), np.sqrt(0.5))
+    np.testing.assert_allclose(oak.normals[5], [1.0, 0.0, 0.0])
+
+
+def test_a_lens_near_one_end_has_the_stop_at_the_other() -> None:
+    """The corner over the front would cover it: of the D435 the colour camera is near the low end of x."""
+    assert nest_of(with_camera("d435")).points[0, 0] > 0.0
+    assert nest_of(with_camera("c920")).points[0, 0] < 0.0
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_body_goes_in_from_the_scene(name: str) -> None:
+    """A body with flat ends straight down; one with round ends with one end first, the other then turned down."""
+    hardware = with_camera(name)
+    plan, camera, nest = plan_clip(hardware), hardware.camera, nest_of(hardware)
+    body = body_box(camera)
+    outline = rounded(camera)
+    corner = nest.points[0]
+    side = 1.0 if corner[0] < body.middle[0] else -1.0
+    pivot = body.middle[:2] - [side * (camera.width_mm / 2.0 - camera.end_radius_mm), 0.0]
+    is_v = abs(nest.normals[4, 0]) > 0.1
+    slices = [
+        np.vstack([piece.base, piece.top])[:, :2]
+        for piece in plan.pieces
+        if np.vstack([piece.base, piece.top])[:, 2].min() < body.high[2] - 0.01
+        and np.vstack([piece.base, piece.top])[:, 2].max() > body.low[2] + 0.01
+    ]
+    for step in np.linspace(0.0, 1.0, 40):
+        if is_v:
+            turn = side * step * np.deg2rad(40.0)
+            matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+            # Turned up, a round end with a little flat moves off the V.
+            placed = (outline - pivot) @ matrix.T + pivot + [side * 0.5 * np.sin(abs(turn)), 0.0]
+        else:
+            placed = outline + np.array([0.0, 80.0 * step])
+        assert not any(cross(placed, points) for points in slices)
+
+
+def rounded(camera: CameraBody) -> np.ndarray:
+    """The outline of a body as points (n, 2) in x and y, a little smaller than it is."""
+    body, r = body_box(camera), camera.end_radius_mm
+    half = np.array([camera.width_mm, camera.height_mm]) / 2.0 - r
+    angles = np.linspace(0.0, 2.0 * np.pi, 181)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.asarray(body.middle[:2] + np.sign(circle.round(9)) * half + (r - 0.02) * circle)
+
+
+def cross(first: np.ndarray, second: np.ndarray) -> bool:
+    return bool(MultiPoint(first).convex_hull.intersection(MultiPoint(second).convex_hull).area > 0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lens_ring_mm": 26.0}, r"lip reaches 1\.5 mm over the lens ring \(26 mm across\).*lip_mm at most 1\.5"),
+        ({"lens_x_mm": -20.0, "width_mm": 60.0}, None),
+        ({"cable_x_mm": -16.0}, r"leaf behind the body would be -?\d+\.\d mm wide beside the cable, expected at least"),
+        ({"cable_x_mm": 17.0}, r"slot for the cable's tie is \d\.\d mm beyond the screws"),
+        ({"width_mm": 47.0, "lens_ring_mm": 22.0}, r"corner reaches \d+\.\d mm over the lens ring"),
+    ],
+)
+def test_a_body_that_cannot_be_held_is_refused_with_the_measure(changes: dict[str, float], message: str | None) -> None:
+    hardware = HARDWARE.replaced(camera=HARDWARE.camera.replaced(**changes))
+    if message is None:
+        plan_clip(hardware)
+        return
+    with pytest.raises(InputError, match=message):
+        plan_clip(hardware)
+
+
+def test_a_screw_that_nobody_sells_is_refused() -> None:
+    short = HARDWARE.replaced(screw=HARDWARE.screw.replaced(lengths_mm=(8.0, 12.0)))
+    with pytest.raises(InputError, match=r"needs an M3 screw of 20\.\d mm, longer than any on the list"):
+        plan_clip(short)

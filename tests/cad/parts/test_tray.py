@@ -1,0 +1,83 @@
+"""The pieces of a tray: pads end at the points of the nest, and nothing hangs over when it lies on its slide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.catalogue import Y_UP, standing
+from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.checks.overhangs import check_overhangs
+from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
+from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.parts.part_solids import make_clip
+from mirrorcam.cad.parts.tray import PAD_MM, Tray
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.geometry.camera_body import Lips
+from mirrorcam.optics.geometry.camera_library import read_body
+
+
+def hardware_of(name: str, kind: str = "insert") -> Hardware:
+    return HARDWARE.replaced(camera=read_body(name), screw=HARDWARE.screw.replaced(kind=kind))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("c920", "insert"), ("c920", "nut"), ("d435", "insert"), ("oak_d", "nut")])
+def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: str) -> None:
+    hardware = hardware_of(name, kind)
+    plan = plan_clip(hardware)
+    mesh = tessellated(make_clip(plan))
+    assert thinnest_wall_mm(mesh, solid_of(mesh)) >= hardware.printer.wall_mm - 0.01
+    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-6)
+    failed = [
+        name for name, check in check_overhangs(mesh, solid_of(mesh), hardware.printer).items() if not check.passed
+    ]
+    assert [name for name in failed if name != "bridged_mm2"] == []
+
+
+@pytest.mark.parametrize("name", ["c920", "oak_d", "iphone_13"])
+def test_each_point_of_the_nest_is_on_the_face_of_a_piece_and_on_no_other(name: str) -> None:
+    """Pads stand off everything else by their height: only they touch the body."""
+    plan = plan_clip(hardware_of(name))
+    assert plan.nest is not None
+    for point, normal in zip(plan.nest.points, plan.nest.normals, strict=True):
+        assert sum(depth(piece, point) > -1e-6 for piece in plan.pieces) == 1
+        assert max(depth(piece, point - 0.1 * normal) for piece in plan.pieces) > 0.05
+        assert sum(depth(piece, point + 0.5 * PAD_MM * normal) > 0.0 for piece in plan.pieces) == 0
+
+
+def depth(solid: Frustum, point: np.ndarray) -> float:
+    normals, offsets = solid.half_spaces
+    return float((offsets - normals @ point).min())
+
+
+def test_a_mirrored_tray_is_the_mirror_image() -> None:
+    """Seen from the stop on, the D435 and its mirror image are one tray."""
+    camera = read_body("d435")
+    assert isinstance(camera.held_by, Lips)
+    other = camera.replaced(lens_x_mm=-camera.lens_x_mm)
+    first, second = Tray.of(camera, camera.held_by), Tray.of(other, camera.held_by)
+    assert (first.side, second.side) == (-1.0, 1.0)
+    np.testing.assert_allclose(first.low, second.low)
+    np.testing.assert_allclose(first.high, second.high)
+    np.testing.assert_allclose(first.rig((3.0, 1.0, 2.0)), (-3.0, 1.0, 2.0))
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
+    """From the mouth to just before the tip; the insert's or nut's space lies along it."""
+    plan = plan_clip(hardware_of("c920", kind))
+    assert plan.nest is not None
+    for screw in plan.nest.screws:
+        holes = [
+            cut
+            for cut in plan.cuts
+            if isinstance(cut, Bore | Hexagon) and abs(abs(float(cut.axis @ screw.axis)) - 1.0) < 1e-9
+        ]
+        along = [cut for cut in holes if np.linalg.norm(np.cross(cut.mouth - screw.tip, screw.axis)) < 1e-6]
+        through = max(cut.depth_mm for cut in along if isinstance(cut, Bore))
+        assert len(along) == 2
+        assert screw.mouth_mm - 0.2 < through < screw.mouth_mm
