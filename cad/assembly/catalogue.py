@@ -21,7 +21,7 @@ from mirrorcam.cad.assembly.ways_out import (
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.bed_placement import turn
-from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount, make_ring
+from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_cover, make_mount, make_ring
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
@@ -45,6 +45,7 @@ EXPLODE = {
     "adapter_saddle": (0.0, -60.0, -45.0),
     "adapter_cap": (0.0, -60.0, -95.0),
     "fit_coupon": (0.0, 0.0, 0.0),
+    "dust_cover": (0.0, 0.0, 0.0),
 }
 
 
@@ -63,6 +64,7 @@ def _on_bed(device: Device) -> Pieces:
         "adapter_saddle": corners_of((device.adapter.saddle.bounds,)),
         "adapter_cap": corners_of((device.adapter.cap.bounds,)),
         "fit_coupon": corners_of(device.coupon.pieces),
+        **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
     }
     cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
@@ -100,7 +102,15 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
         _half_of_adapter("Adapter saddle", 4, device.adapter.saddle, (0.35, 0.60, 0.42)),
         _half_of_adapter("Adapter cap", 5, device.adapter.cap, (0.55, 0.74, 0.52)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
+        *_cover(device),
     )
+
+
+def _cover(device: Device) -> tuple[PartPlan, ...]:
+    if device.cover is None:
+        return ()
+    bed_from_rig = lying_on(device.cover.rig_from_front)
+    return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
 
 
 def _half_of_adapter(title: str, number: int, ring: RingPlan, rgb: Rgb) -> PartPlan:

@@ -13,6 +13,7 @@ from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
 from mirrorcam.cad.parts.camera_box import ABOVE, body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
+from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.prisms import box, moved, require_dark
@@ -36,6 +37,7 @@ class Device:
     clip: ClipPlan
     adapter: AdapterPlan
     coupon: CouponPlan
+    cover: CoverPlan | None
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,16 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         require_dark(name, solids, layout, light)
     # Last, because it takes longest: a minute for large layouts.
     holder = plan_holder(layout, hardware)
+    mount = plan_mount(layout, holder, clip, hardware)
     return Device(
         layout=layout,
         hardware=hardware,
         holder=holder,
-        mount=plan_mount(layout, holder, clip, hardware),
+        mount=mount,
         clip=clip,
         adapter=adapter,
         coupon=plan_coupon(layout, hardware),
+        cover=plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None,
     )
 
 

@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.camera_library import profile_of, read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
-WHOLE = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon")
+WHOLE = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon", "dust_cover")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
 PICTURES = (
