@@ -27,6 +27,7 @@ from mirrorcam.cad.checks.insertion import check_insertion
 from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.step_views import check_step_views
+from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -121,6 +122,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_cover(made, parts),
         **check_clashes(made.sound | wrist, hardware.fit.press_mm),
         **check_insertion(bought_items(device), made.sound),
+        **check_tool_reach(bought_items(device), made.sound),
         **check_step_views(device.layout, bought_items(device), made.sound),
     }
 
