@@ -59,7 +59,7 @@ LAYERS = {
         *("light_field.io", "light_field.io.formats", "drift", "alignment"),
     ),
     "mirrorcam.cad": (
-        *("plan", "splitting", "mirrors", "holder", "parts", "assembly"),
+        *("plan", "splitting", "mirrors", "holder", "parts", "backs", "assembly"),
         *("write", "checks", "documents", ""),
     ),
     "mirrorcam.render_scenes": (

@@ -239,8 +239,10 @@ def layout(folder: Path, random: np.random.Generator) -> str:
 def profile(folder: Path, random: np.random.Generator) -> str:
     """Write the name of a camera of a profile as the documents of a device do."""
     body = read_body("c920").model_dump(mode="json") | {"name": _odd(ODD_TEXTS, random, folder)}
-    wrist = {"name": _odd(ODD_TEXTS, random, folder), "link": _odd(ODD_TEXTS, random, folder)}
-    (folder / "hardware.json").write_text(json.dumps({"camera": body, "wrist": wrist if random.random() < 0.3 else {}}))
+    back = {"kind": "none"}
+    if random.random() < 0.3:
+        back = {"kind": "gen2", "name": _odd(ODD_TEXTS, random, folder), "link": _odd(ODD_TEXTS, random, folder)}
+    (folder / "hardware.json").write_text(json.dumps({"camera": body, "back": back}))
     camera = read_model(Hardware, folder / "hardware.json").camera
     (folder / "camera.toml").write_text(camera_toml(camera), encoding="utf-8")
     if read_model(CameraBody, folder / "camera.toml") != camera:

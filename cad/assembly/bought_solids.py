@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from build123d import (
@@ -10,6 +9,7 @@ from build123d import (
     Box,
     BuildPart,
     BuildSketch,
+    Cone,
     Cylinder,
     Hole,
     Locations,
@@ -22,6 +22,7 @@ from build123d import (
 )
 
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 
 ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
@@ -30,8 +31,6 @@ HINGE_MM = 7.8
 CABLE_STUB_MM = 20.0
 # A set screw (ISO 4026) has no head: its origin is at the end with the socket.
 SET = " set"
-# ISO 4762 and ISO 4032: head and flats of a thread, over its diameter.
-HEAD, FLATS = 5.5 / 3.0, 5.5 / 3.0
 # ISO 7089: outer diameter and hole of a washer, over the diameter of its thread.
 WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
@@ -77,18 +76,21 @@ def _rounded(camera: CameraBody) -> None:
 
 def item_solid(item: BoughtItem) -> Part:
     """A screw, insert, nut or pin in its own frame: origin under the head (at the mouth of the hole), z outwards."""
-    diameter = thread_mm(item)
+    diameter = diameter_mm(item.size)
     with BuildPart() as body:
         if item.kind == "screw":
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
-            if not item.size.endswith(SET):
-                Cylinder(HEAD * diameter / 2.0, diameter, align=ABOVE)
+            if item.size.endswith(COUNTERSUNK):
+                Cone(diameter / 2.0, SUNK_HEAD * diameter / 2.0, (SUNK_HEAD - 1.0) * diameter / 2.0, align=BELOW)
+            elif not item.size.endswith(SET):
+                thread = thread_of(item.size)
+                Cylinder(thread.head_mm / 2.0, thread.head_height_mm, align=ABOVE)
         elif item.kind == "washer":
             Cylinder(WASHER * diameter / 2.0, item.length_mm, align=ABOVE)
             Hole(WASHER_HOLE * diameter / 2.0)
         elif item.kind == "nut":
             with BuildSketch(Plane.XY.offset(-item.length_mm)):
-                RegularPolygon(FLATS * diameter / 2.0, 6, major_radius=False)
+                RegularPolygon(thread_of(item.size).nut_flats_mm / 2.0, 6, major_radius=False)
             extrude(amount=item.length_mm)
             Hole(diameter / 2.0)
         elif item.kind == "insert":
@@ -98,14 +100,6 @@ def item_solid(item: BoughtItem) -> Part:
         else:
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
     return _solid(body)
-
-
-def thread_mm(item: BoughtItem) -> float:
-    """The diameter in an item's size, "M3" or "3"."""
-    found = re.search(r"\d+(\.\d+)?", item.size)
-    if found is None:
-        raise ValueError(f"{item.size=} names no diameter, expected one like M3")
-    return float(found.group())
 
 
 def _solid(body: BuildPart) -> Part:

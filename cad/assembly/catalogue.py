@@ -12,17 +12,18 @@ import numpy as np
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.named_faces import named_faces
 from mirrorcam.cad.assembly.ways_out import (
-    clamp_nut_ways_mm,
     foot_nut_ways_mm,
     holder_nut_ways_mm,
     insert_way_mm,
     slide_nut_ways_mm,
 )
+from mirrorcam.cad.backs.back import BackJoint, BackPart
+from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.holder.holder_solid import make_holder
-from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.bed_placement import turn
-from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_cover, make_mount, make_ring
+from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount
 from mirrorcam.cad.plan.fasteners import Stack
+from mirrorcam.cad.plan.item_frames import ACROSS, along
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.splitting.split import Pieces, split
@@ -35,17 +36,13 @@ X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 Z_UP = np.eye(3)
-ACROSS = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
 
 EXPLODE = {
     "mirror_holder": (0.0, 30.0, 60.0),
     "mount": (0.0, -60.0, 0.0),
     "camera_clip": (0.0, 20.0, -20.0),
-    "adapter_saddle": (0.0, -60.0, -45.0),
-    "adapter_cap": (0.0, -60.0, -95.0),
     "fit_coupon": (0.0, 0.0, 0.0),
-    "dust_cover": (0.0, 0.0, 0.0),
 }
 
 
@@ -61,10 +58,8 @@ def _on_bed(device: Device) -> Pieces:
         "mirror_holder": device.holder.corners_in_rig,
         "mount": corners_of(device.mount.pieces),
         "camera_clip": corners_of(device.clip.pieces),
-        "adapter_saddle": corners_of((device.adapter.saddle.bounds,)),
-        "adapter_cap": corners_of((device.adapter.cap.bounds,)),
+        **{part.name: part.plan.corners for part in device.back.parts},
         "fit_coupon": corners_of(device.coupon.pieces),
-        **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
     }
     cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
@@ -99,22 +94,23 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             (0.16, 0.46, 0.62),
         ),
         _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
-        _half_of_adapter("Adapter saddle", 4, device.adapter.saddle, (0.35, 0.60, 0.42)),
-        _half_of_adapter("Adapter cap", 5, device.adapter.cap, (0.55, 0.74, 0.52)),
+        *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
-        *_cover(device),
     )
 
 
-def _cover(device: Device) -> tuple[PartPlan, ...]:
-    if device.cover is None:
-        return ()
-    bed_from_rig = lying_on(device.cover.rig_from_front)
-    return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
-
-
-def _half_of_adapter(title: str, number: int, ring: RingPlan, rgb: Rgb) -> PartPlan:
-    return _part(ring.name, title, number, ring, make_ring, standing(Y_DOWN, -ring.band_mm[1]), rgb)
+def _of_back(part: BackPart, number: int) -> PartPlan:
+    low = float((part.plan.corners @ part.bed_from_rig[2]).min())
+    return PartPlan(
+        name=part.name,
+        title=part.title,
+        number=f"MC-{number:02d}",
+        plan=part.plan,
+        make=MAKERS[type(part.plan)],
+        print_from_rig=standing(part.bed_from_rig, low),
+        explode_mm=part.explode_mm,
+        rgb=part.rgb,
+    )
 
 
 def _part(
@@ -140,7 +136,7 @@ def _part(
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     """Screws, inserts, nuts and pins of the device, in their places."""
-    mount, clip, adapter = device.mount, device.clip, device.adapter
+    mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
     slide = np.array(
@@ -148,7 +144,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     )
     slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
-    head, foot, clamp = ("mount", "mirror_holder"), ("adapter_saddle", "mount"), ("adapter_cap", "adapter_saddle")
+    head, foot = ("mount", "mirror_holder"), (back.parts[0].name, "mount")
     return (
         *_screws(
             device,
@@ -160,12 +156,25 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             slots,
         ),
         *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip"), slide_nut_ways_mm),
-        *_screws(device, adapter.foot_heads, down, adapter.foot, foot, foot_nut_ways_mm),
-        # The channel for these nuts runs along y: their flats are on its sides.
-        *_screws(device, adapter.clamp_heads, down, adapter.clamp, clamp, clamp_nut_ways_mm, scene),
+        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_ways_mm, size=back.foot_size),
+        *(item for joint in back.joints for item in _of_joint(device, joint)),
+        *back.items,
         *_camera_screws(device),
         *_on_bed(device).pins,
     )
+
+
+def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
+    """The screws of a joint between two parts of the back, and their threads."""
+    yield from _screws(
+        device, joint.heads, joint.out, joint.held, joint.joins, lambda _, seats: joint.nut_ways_mm, joint.corners
+    )
+
+
+def explode_of(device: Device) -> dict[str, FloatArray]:
+    """How far each printed part is moved (3,) in an exploded view, by its name."""
+    own = {name: np.array(move) for name, move in EXPLODE.items()}
+    return own | {part.name: part.explode_mm for part in device.back.parts}
 
 
 def _screws(
@@ -176,6 +185,7 @@ def _screws(
     joins: tuple[str, str],
     nut_ways_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = ACROSS,
+    size: str = "M3",
 ) -> Iterator[BoughtItem]:
     """Screws with their heads, or the washers under these, at points (n, 3), their inserts or nuts.
 
@@ -183,22 +193,22 @@ def _screws(
     Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_ways_mm`.
     """
     screw = device.hardware.screw
-    outer, inner = (np.array(EXPLODE[name]) for name in joins)
+    outer, inner = (explode_of(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
-            yield BoughtItem("washer", "M3", stack.washer_mm, _along(head, out), outer + 23.0 * out, joins)
-        under_head = _along(head + stack.washer_mm * out, out)
-        yield BoughtItem("screw", "M3", stack.length_mm, under_head, outer + 25.0 * out, joins)
+            yield BoughtItem("washer", "M3", stack.washer_mm, along(head, out), outer + 23.0 * out, joins)
+        under_head = along(head + stack.washer_mm * out, out)
+        yield BoughtItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         way = insert_way_mm(out)
         for mouth in mouths:
-            yield _thread(device, _along(mouth, out), inner, joins[1:], way)
+            yield _thread(device, along(mouth, out), inner, joins[1:], way)
         return
     seats = mouths - stack.begins_mm * out
     ways = nut_ways_mm(device, seats)
     for seat, way, corner in zip(seats, ways, np.broadcast_to(corners, heads.shape), strict=True):
-        yield _thread(device, _along(seat, out, corner), inner, joins[1:], way)
+        yield _thread(device, along(seat, out, corner), inner, joins[1:], way)
 
 
 def _thread(
@@ -220,25 +230,16 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
             yield BoughtItem(
-                "screw", size, held_by.screw_length_mm, _along(head, above), apart + 20.0 * above, ("camera_clip",)
+                "screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, ("camera_clip",)
             )
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem(
-            "screw", "M3", sprung.length_mm, _along(sprung.head, out), apart + 25.0 * out, ("camera_clip",)
-        )
+        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, ("camera_clip",))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         way = insert_way_mm(out) if insert else sprung.nut_way_mm
         across = ACROSS if insert else SCENE - (SCENE @ out) * out
-        yield _thread(device, _along(seat, out, across), apart, ("camera_clip",), way)
-
-
-def _along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
-    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
-    x_axis = across - (z_axis @ across) * z_axis
-    x_axis = x_axis / np.linalg.norm(x_axis)
-    return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
+        yield _thread(device, along(seat, out, across), apart, ("camera_clip",), way)
 
 
 def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:

@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.backs.back import Back
+from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
-from mirrorcam.cad.parts.adapter import AdapterPlan, plan_adapter
 from mirrorcam.cad.parts.camera_box import ABOVE, body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
-from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
+from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.prisms import box, moved, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -35,24 +35,8 @@ class Device:
     holder: HolderPlan
     mount: MountPlan
     clip: ClipPlan
-    adapter: AdapterPlan
+    back: Back
     coupon: CouponPlan
-    cover: CoverPlan | None
-
-
-@dataclass(frozen=True)
-class Connection:
-    """A joint of two parts: the same frame, once from the plan of each; both (4, 4) in rig.
-
-    z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
-    """
-
-    name: str
-    parent: str
-    child: str
-    rig_from_parent_joint: FloatArray
-    rig_from_child_joint: FloatArray
-    slides_mm: float = 0.0
 
 
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
@@ -79,29 +63,28 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     require_same_camera(layout.camera, hardware.camera)
     require_cuttable(layout, hardware.cutting)
     clip = plan_clip(hardware)
-    adapter = plan_adapter(clip, hardware)
     light = keep_outs(layout, hardware)
     # The camera's cones end in the pupil, inside the camera.
     beams = [[pocket, beam] for pocket, _, beam in light]
     require_dark("camera", camera_boxes(hardware), layout, beams)
-    for name, solids in {
-        "camera clip": slid(clip.pieces, clip.travel_mm),
-        "adapter": (adapter.saddle.bounds, adapter.cap.bounds),
-        "robot's wrist": (wrist_box(adapter, hardware),),
-    }.items():
-        require_dark(name, solids, layout, light)
-    # Last, because it takes longest: a minute for large layouts.
+    require_dark("camera clip", slid(clip.pieces, clip.travel_mm), layout, light)
+    # Late, because it takes longest: a minute for large layouts.
     holder = plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
+    back = plan_back(clip, mount, hardware)
+    for part in back.parts:
+        low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
+        require_dark(part.title.lower(), (box(tuple(low), tuple(high)),), layout, light)
+    for carrier in back.carriers:
+        require_dark(carrier.name, carrier.solids, layout, light)
     return Device(
         layout=layout,
         hardware=hardware,
         holder=holder,
         mount=mount,
         clip=clip,
-        adapter=adapter,
+        back=back,
         coupon=plan_coupon(layout, hardware),
-        cover=plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None,
     )
 
 
@@ -122,22 +105,13 @@ def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
     return tuple(moved(solid, np.array([0.0, 0.0, by])) for by in (-travel_mm, 0.0, travel_mm) for solid in solids)
 
 
-def wrist_box(adapter: AdapterPlan, hardware: Hardware) -> Frustum:
-    """A box around the cylindrical shell of the wrist, the clamp in its middle."""
-    radius, level = adapter.saddle.radius_mm, adapter.saddle.axis_z_mm
-    middle, half = float(adapter.saddle.band_mm.mean()), hardware.wrist.length_mm / 2.0
-    return box((-radius, middle - half, level - radius), (radius, middle + half, level + radius))
-
-
 def connections(device: Device) -> tuple[Connection, ...]:
     """The joints between the parts, from the holder on."""
-    mount, clip, adapter = device.mount, device.clip, device.adapter
+    mount, clip, back = device.mount, device.clip, device.back
     out_of_back = device.holder.rig_from_mount
     downwards = np.diag([1.0, -1.0, -1.0])
     foot = rigid(downwards, mount.foot.mean(axis=0))
-    saddle_foot = rigid(downwards, adapter.foot_heads.mean(axis=0) + adapter.foot.grip_mm * ABOVE)
-    split = rigid(downwards, adapter.saddle.ears.mean(axis=0))
-    cap_split = rigid(downwards, adapter.cap.ears.mean(axis=0) + adapter.cap.gap_mm * ABOVE)
+    back_foot = rigid(downwards, back.foot_heads.mean(axis=0) + back.foot.grip_mm * ABOVE)
     # x along the slide, z towards the clip.
     along_slide = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
     slide = rigid(along_slide, mount.slide)
@@ -147,6 +121,6 @@ def connections(device: Device) -> tuple[Connection, ...]:
             "back", "mirror_holder", "mount", out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])
         ),
         Connection("slide", "mount", "camera_clip", slide, clip_slide, clip.travel_mm),
-        Connection("foot", "mount", "adapter_saddle", foot, saddle_foot),
-        Connection("clamp", "adapter_saddle", "adapter_cap", split, cap_split),
+        Connection("foot", "mount", back.parts[0].name, foot, back_foot),
+        *back.connections,
     )

@@ -34,9 +34,11 @@ ITEM_RGB: dict[str, Rgb] = {
 STANDARDS = {
     "set screw": "ISO 4026, flat point",
     "thread-forming screw": "for plastics, pan head",
+    "countersunk screw": "ISO 10642, hexagon socket",
     "screw": "ISO 4762, socket head",
     "washer": "ISO 7089",
     "heat-set insert": "brass",
+    "UNC hexagon nut": "ASME B18.2.2",
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
 }
@@ -45,9 +47,8 @@ MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
 CAMERA_OUT_MM = 15.0
 BOARD_OUT_MM = 40.0
-COUPON, COVER = "fit_coupon", "dust_cover"
-APART = (COUPON, COVER)
-"""Parts to print that are no pieces of the device in use."""
+COUPON = "fit_coupon"
+"""A part to print that is no piece of the device."""
 
 TOLERANCE_MM = 0.05
 ANGLE_RAD = 0.35
@@ -77,7 +78,7 @@ PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
 
 def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
     """All pieces of a device, its printed parts read from their STL files."""
-    printed = [_printed(part) for part in parts if part.name not in APART]
+    printed = [_printed(part) for part in parts if part.name != COUPON]
     return (
         *printed,
         *mirror_pieces(device, printed),
@@ -167,9 +168,12 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 
 def item_title(item: BoughtItem) -> str:
-    """The title of a bought item: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut"."""
+    """The title of a bought item: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut".
+
+    A nut with an inch thread is a "1/4-20 UNC hexagon nut", as shops call it.
+    """
     if item.kind in ("nut", "washer"):
-        return f"{item.size} {item.kind}"
+        return f"{item.size}{' hexagon' if item.size.endswith('UNC') else ''} {item.kind}"
     thread, _, form = item.size.partition(" ")
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"

@@ -6,14 +6,13 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.foot import foot_plate_mm
+from mirrorcam.cad.plan.item_frames import beyond
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.optics.base.values import FloatArray
 
 SIDE = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
 ABOVE = np.array([0.0, 0.0, 1.0])
-# What has left a part is this far from it: half a nut, and as much as shows.
-CLEAR_MM = 12.0
 # An insert is drawn so far from its hole.
 INSERT_OUT_MM = 17.0
 
@@ -27,13 +26,13 @@ def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
     corners, ways = device.holder.corners_in_rig, device.holder.slot_ways
     unit = ways / np.linalg.norm(ways, axis=1)[:, None]
-    return np.array([[_beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
+    return np.array([[beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
 
 
 def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
     corners = corners_of(device.clip.pieces)
-    return np.array([[_beyond(corners, seat, SCENE)] for seat in seats])
+    return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
 
 
 def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
@@ -42,16 +41,5 @@ def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
     plate = float(device.mount.foot[0, 2]) + foot_plate_mm(device.hardware)
     # The origin of a nut is at its face towards the screw.
     off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * ABOVE for seat in seats]
-    sides = [_beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]
+    sides = [beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]
     return np.stack([off_plate, sides], axis=1)
-
-
-def clamp_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
-    """Moves (n, 1, 3) of the nuts in the saddle's ears: along their channel, away from the scene."""
-    corners = corners_of((device.adapter.saddle.bounds,))
-    return np.array([[_beyond(corners, seat, -SCENE)] for seat in seats])
-
-
-def _beyond(corners: FloatArray, place: FloatArray, way: FloatArray) -> FloatArray:
-    """The move (3,) along a unit vector (3,) by which a place (3,) leaves the hull of corners (n, 3)."""
-    return float(((corners - place) @ way).max() + CLEAR_MM) * way

@@ -73,8 +73,8 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
 def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) -> dict[str, Metric]:
     """Volume that two solids fill; gaps between those that do not touch; fasteners that hold nothing.
 
-    Of each part, the camera and the wrist, and of each mirror and fastener in the way. A gap of less than `least_mm` is
-    neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
+    Of each part, the camera and what carries the device, and of each mirror and fastener in the way. A gap of less than
+    `least_mm` is neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
     """
     met = meetings(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]

@@ -17,27 +17,24 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS, COUPON, MIRRORS, STEEL, composed, mass_of
+from mirrorcam.cad.checks.back_checks import check_back
 from mirrorcam.cad.checks.camera_nest import check_nest
-from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, WRIST, check_clashes, common_mm3, is_mirror
-from mirrorcam.cad.checks.cover_checks import check_cover
+from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
 from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.step_views import check_step_views
-from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"
 CAMERA = "camera"
-# Its corners lie on the shell; the flats between them are this little below it, as those of the clamp's mesh are.
-WRIST_SAGITTA_MM = 0.02
 # Surroundings that the camera sees past all parts veil the sub-images: by one of 255 grey levels at most, if they are
 # five times as bright as the scene and the lens scatters 3 % of the light over all of the picture (its veiling glare,
 # ISO 9358).
@@ -66,7 +63,7 @@ class DeviceAsMade:
     @classmethod
     def read(cls, device: Device, parts: Sequence[BuiltPart], folder: Path) -> Self:
         """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
-        printed = [part for part in parts if part.name not in APART]
+        printed = [part for part in parts if part.name != COUPON]
         sheets = sorted((folder / "mirrors").glob("*.dxf"))
         laid = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
         assembly = read_glb(folder / ASSEMBLY)
@@ -107,23 +104,22 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     -------
     dict of str to Metric
         Checks and figures by name: `device.NAME`, `mirrors.NAME`, or that of a piece. Parts are taken as printed,
-        mirrors as cut, camera and fasteners as in the assembly, the robot's wrist as the hardware table has it.
+        mirrors as cut, camera and fasteners as in the assembly, what carries the device as the back has it.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    wrist = {WRIST: wrist_shell(device)}
+    carriers, items, whole = carriers_of(device), bought_items(device), weighed(hardware, made.assembly)
     return {
         **_check_pieces(made, parts),
-        **check_mass(hardware, made.assembly),
+        **check_mass(whole),
+        **check_back(device.back, items, made.sound, whole),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
-        **check_light(device.layout, hardware, made.sound_parts | wrist, made.mirrors, made.sound.get(CAMERA)),
+        **check_light(device.layout, hardware, made.sound_parts | carriers, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),
-        **_check_cover(made, parts),
-        **check_clashes(made.sound | wrist, hardware.fit.press_mm),
-        **check_insertion(bought_items(device), made.sound),
-        **check_tool_reach(bought_items(device), made.sound),
-        **check_step_views(device.layout, bought_items(device), made.sound),
+        **check_clashes(made.sound | carriers, hardware.fit.press_mm),
+        **check_insertion(items, made.sound),
+        **check_step_views(device.layout, items, made.sound),
     }
 
 
@@ -167,20 +163,15 @@ def _check_stray_light(made: DeviceAsMade) -> dict[str, Metric]:
     return {"device.stray_light": Metric(value=past, unit="of the pixels", limit=STRAY_LIGHT)}
 
 
-def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
-    """Check the dust cover, if the device has one, against all that is there when the device is at rest."""
-    covers = [solid_of(read_stl(part.stl)) for part in parts if part.name == COVER]
-    plan = made.device.cover
-    return check_cover(plan, covers[0], made.sound) if plan and covers else {}
-
-
-def wrist_shell(device: Device) -> manifold3d.Manifold:
-    """The cylindrical shell of the robot's wrist in rig: along y, with the clamp in the middle of its length."""
-    wrist, saddle = device.hardware.wrist, device.adapter.saddle
-    radius = wrist.diameter_mm / 2.0
-    corners = int(np.ceil(np.pi / np.arccos(1.0 - WRIST_SAGITTA_MM / radius)))
-    shell = manifold3d.Manifold.cylinder(wrist.length_mm, radius, circular_segments=corners, center=True)
-    return shell.rotate((90.0, 0.0, 0.0)).translate((0.0, float(saddle.band_mm.mean()), saddle.axis_z_mm))
+def carriers_of(device: Device) -> dict[str, manifold3d.Manifold]:
+    """What the back is fastened to, by name, in rig: no pieces of the device."""
+    return {
+        carrier.name: manifold3d.Manifold.batch_boolean(
+            [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in carrier.solids],
+            manifold3d.OpType.Add,
+        )
+        for carrier in device.back.carriers
+    }
 
 
 def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
@@ -194,9 +185,9 @@ def _names_expected(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     return names
 
 
-def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> dict[str, Metric]:
-    """Mass and centre in rig of the assembly, plastic taken as solid, without the camera's cable."""
-    weighed = []
+def weighed(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> MassProperties:
+    """All of the assembly as one body, plastic taken as solid, without the camera's cable."""
+    bodies = []
     density: float
     for name, mesh in assembly.items():
         if name == CAMERA:
@@ -207,8 +198,12 @@ def check_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> d
             density = BRASS if name.startswith("insert") else STEEL
         else:
             density = hardware.printer.plastic_g_per_cm3
-        weighed.append(mass_of(mesh, density))
-    whole = composed(weighed)
+        bodies.append(mass_of(mesh, density))
+    return composed(bodies)
+
+
+def check_mass(whole: MassProperties) -> dict[str, Metric]:
+    """Mass and centre in rig of the assembly."""
     return {
         "device.mass_g": Metric(value=round(whole.mass_g, 2), unit="g"),
         **{

@@ -119,7 +119,7 @@ def check_light(
     hardware : Hardware
         The gap between parts and light, and the working distance of a layout without a spec.
     parts : mapping of str to Manifold
-        Solids that must not stand in the light, by name: the printed parts and the robot's wrist.
+        Solids that must not stand in the light, by name: the printed parts and what carries the device.
     mirrors : sequence of Manifold or None
         Solids of the mirrors in the layout's order, None where one is missing.
     camera : Manifold or None

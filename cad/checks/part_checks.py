@@ -10,7 +10,7 @@ from build123d import GeomType, import_step
 
 from mirrorcam.cad.checks.exported_mesh import check_mesh, is_manifold, read_3mf, read_stl, solid_of
 from mirrorcam.cad.checks.overhangs import check_overhangs
-from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
+from mirrorcam.cad.checks.wall_thickness import thinnest_floor_mm, thinnest_wall_mm
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
@@ -49,7 +49,8 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     volume_limit = STL_TOLERANCE_MM * curved + SAME_VOLUME * volume
     mesh, printed = read_stl(folder / f"{part.name}.stl"), read_3mf(folder / f"{part.name}.3mf")
     body, lying = solid_of(mesh), solid_of(printed)
-    wall = thinnest_wall_mm(mesh, body) if is_manifold(body) else 0.0
+    up, sound = part.print_from_rig[2, :3], is_manifold(body)
+    wall, floor = (thinnest_wall_mm(mesh, body, up), thinnest_floor_mm(mesh, body, up)) if sound else (0.0, 0.0)
     return {
         "solids": Metric(value=len(solids), unit="", limit=1),
         "invalid_solids": Metric(value=sum(not solid.is_valid for solid in solids) if solids else 1, unit="", limit=0),
@@ -58,6 +59,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
         "stl_volume_error_mm3": Metric(value=round(abs(mesh.volume - volume), 3), unit="mm3", limit=volume_limit),
         "3mf_volume_error_mm3": Metric(value=round(abs(printed.volume - volume), 3), unit="mm3", limit=volume_limit),
         "wall_mm": Metric(value=round(wall, 3), unit="mm", limit=printer.wall_mm, lower_is_better=False),
+        "floor_mm": Metric(value=round(floor, 3), unit="mm", limit=printer.floor_mm, lower_is_better=False),
         **check_bed(mesh, printed, part, printer),
         **(
             check_overhangs(printed, lying, printer)

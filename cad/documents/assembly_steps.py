@@ -81,8 +81,13 @@ class Stages:
 
     @property
     def threads(self) -> list[Piece]:
-        """Inserts and captive nuts, which go in before parts are joined."""
-        return self.of_kind("insert", "nut")
+        """Inserts and captive nuts, which go in before parts are joined: all but the back's own."""
+        return [piece for piece in self.of_kind("insert", "nut") if piece.item is None or piece.item.size == "M3"]
+
+    @property
+    def back_nuts(self) -> list[Piece]:
+        """Nuts of other sizes than M3, which the back holds for what it is fastened to."""
+        return [piece for piece in self.of_kind("nut") if piece not in self.threads]
 
     @property
     def pins(self) -> list[Piece]:

@@ -104,7 +104,7 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
         DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
         DevicePicture("camera", "Camera and clip", above, _camera_in_clip(stages)),
         DevicePicture("clip", "Clip and mount", front, _clip_on_mount(stages)),
-        DevicePicture("adapter", "The clamp", front, _adapter_on_mount(stages)),
+        DevicePicture("adapter", "What carries the device", front, _adapter_on_mount(stages)),
     )
 
 
@@ -189,9 +189,9 @@ def _clip_on_mount(stages: Stages) -> tuple[Item, ...]:
 
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
     held = stages.threads_in(stages.adapter)
-    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *held)}
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *held)}
     rest = [piece for piece in stages.pieces if piece.name not in new]
-    items = _joined(rest, stages.adapter, stages.adapter_screws, stages.mount)
+    items = _joined(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
     # Inserts and nuts are in the adapter already.
     base = _mean([piece.explode_mm for piece in stages.mount])
     homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in held]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.plan.back_table import RingGauge
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
@@ -27,17 +28,16 @@ RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
 
 @dataclass(frozen=True)
 class CouponPlan:
-    """A coupon in rig, mm: pieces and cuts, and a segment of the clamp's ring, open to +x, about `centre` (3,) along z.
+    """A coupon in rig, mm: pieces and cuts; of a back that clamps, a segment of its ring, open to +x.
 
-    `right_mm` is the plate's edge, where the segment ends; the wrist touches nothing else.
+    The segment of `ring` is about `centre` (3,) along z. `right_mm` is the plate's edge, where it ends; what is clamped
+    touches nothing else.
     """
 
     pieces: tuple[Frustum, ...]
     cuts: tuple[Frustum | Bore | Hexagon, ...]
     centre: FloatArray
-    radius_mm: float
-    ring_mm: float
-    band_mm: float
+    ring: RingGauge | None
     right_mm: float
 
     @property
@@ -48,22 +48,24 @@ class CouponPlan:
 
 def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
     """Lay out the coupon; of the layout only the thickness of the thickest mirror counts."""
-    at, radius, ring = RIG_FROM_COUPON_MM, hardware.wrist.diameter_mm / 2.0, hardware.wrist.ring_mm
+    at, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
     depth = seat_y + pitch
-    half_chord = min(0.42 * depth, 0.5 * radius)
-    sagitta = radius - np.sqrt(radius**2 - half_chord**2)
-    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0) + sagitta + ring
+    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0)
+    centre = right
+    if ring:
+        half_chord = min(0.42 * depth, 0.5 * ring.radius_mm)
+        to_chord = np.sqrt(ring.radius_mm**2 - half_chord**2)
+        right += ring.radius_mm - to_chord + ring.ring_mm
+        centre = right + to_chord
     rims, grooves = _seat(layout, hardware)
     block, hole = _screw_block(seat_x + 2.0, hardware)
     return CouponPlan(
         pieces=(_box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)), *rims, block),
         cuts=(*grooves, *hole, *_lens_gauges(seat_y, pitch, hardware)),
-        centre=at + np.array([right + np.sqrt(radius**2 - half_chord**2), depth / 2.0, 0.0]),
-        radius_mm=radius,
-        ring_mm=ring,
-        band_mm=hardware.wrist.band_mm,
+        centre=at + np.array([centre, depth / 2.0, 0.0]),
+        ring=ring,
         right_mm=float(at[0] + right),
     )
 

@@ -1,4 +1,4 @@
-"""Cuts of the mount: holes for screws and tools, the cable's window, a tripod's thread, the scale."""
+"""Cuts of the mount: holes for screws and tools, the cable's window, the scale."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.fasteners import (
-    NUT_FIT_MM,
     OUTSIDE_MM,
     ROOF_DEG,
     ROOF_IN_SKINS_DEG,
@@ -57,7 +56,7 @@ def openings(
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for spot in foot_screws(clip, hardware):
         cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
-    cuts += _cable_and_tripod(y, foot_z_mm(clip, hardware) + plate, section, plate, hardware)
+    cuts += _for_cable(y, foot_z_mm(clip, hardware) + plate, section, hardware)
     cuts += _scale(clip, half_width, hardware)
     if abs(away[0]) > 1e-6:
         cuts.append(_flush(holder, head, half_width))
@@ -72,10 +71,8 @@ def cable_reach_mm(hardware: Hardware) -> float:
     return float(width + height) / 2.0 + TIE_OFF_MM + tie_width + roof + hardware.printer.wall_mm
 
 
-def _cable_and_tripod(
-    y: float, floor_z: float, section: Section, plate: float, hardware: Hardware
-) -> list[Frustum | Bore | Hexagon]:
-    """A window for the cable over the foot's plate, slots for a tie beside it, and a pocket for a tripod's nut."""
+def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -> list[Frustum]:
+    """A window for the cable over the foot's plate, and slots for a tie beside it."""
     mount, depth = hardware.mount, section.depth_mm
     width, height = mount.cable_window_mm
     half, middle_z = width / 2.0, floor_z + height / 2.0
@@ -89,14 +86,7 @@ def _cable_and_tripod(
         )
         for x in (-half - TIE_OFF_MM - tie_width, half + height / 2.0 + TIE_OFF_MM)
     ]
-    middle = np.array([0.0, y - depth / 2.0, floor_z + OUTSIDE_MM])
-    nut_depth = mount.tripod_height_mm + NUT_FIT_MM + OUTSIDE_MM
-    return [
-        window,
-        *ties,
-        Bore(middle, -ABOVE, mount.tripod_hole_mm / 2.0, plate + 2.0 * OUTSIDE_MM, UP, roof_deg=ROOF_IN_SKINS_DEG),
-        Hexagon(middle, -ABOVE, UP, mount.tripod_flats_mm + NUT_FIT_MM, nut_depth),
-    ]
+    return [window, *ties]
 
 
 def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:

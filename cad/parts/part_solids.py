@@ -10,7 +10,6 @@ from build123d import (
     BuildLine,
     BuildPart,
     BuildSketch,
-    Circle,
     Cylinder,
     Line,
     Locations,
@@ -27,17 +26,15 @@ from build123d import (
 )
 
 from mirrorcam.cad.holder.holder_solid import solid_of
-from mirrorcam.cad.parts.adapter import RingPlan
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
-from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import InputError
 
-Cut = Frustum | Bore | Hexagon
+Cut = Frustum | Bore | Countersink | Hexagon
 
 
 def bore_solid(bore: Bore) -> Solid:
@@ -77,8 +74,14 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
 
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """The solid that a nut's pocket removes."""
-    side = np.cross(pocket.axis, pocket.up)
     radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
+    if pocket.up is None:
+        turn = np.pi / 3.0 * np.arange(6)
+        across = np.array([1.0, 0.0, 0.0])
+        loop = np.outer(np.cos(turn), across) + np.outer(np.sin(turn), np.cross(pocket.axis, across))
+        base = pocket.mouth + radius * loop
+        return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
+    side = np.cross(pocket.axis, pocket.up)
     # The two sides at the top would hang at 60 deg: a roof stands in for them.
     ups = np.array([-1.0, -0.5, 0.5, 0.5 + tall / np.tan(np.deg2rad(ROOF_DEG)), 0.5, -0.5])
     sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
@@ -90,6 +93,9 @@ def cut_solid(cut: Cut) -> Solid:
     """The solid that a cut removes."""
     if isinstance(cut, Bore):
         return bore_solid(cut)
+    if isinstance(cut, Countersink):
+        plane = Plane(origin=tuple(cut.mouth), z_dir=tuple(cut.axis))
+        return Solid.make_cone(cut.radius_mm, cut.end_radius_mm, cut.depth_mm, plane)
     return hexagon_solid(cut) if isinstance(cut, Hexagon) else solid_of(cut)
 
 
@@ -101,34 +107,12 @@ def one_solid(name: str, built: BuildPart) -> Part:
     return Part(pieces, label=name)
 
 
-def _built(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
+def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
+    """Convex pieces as one solid, less what is cut from them; raises InputError where it falls apart."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in pieces])
         insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)
     return one_solid(name, part)
-
-
-@recipe("cad.parts.solids.make_ring")
-def make_ring(plan: RingPlan) -> Part:
-    """Half of the wrist's clamp."""
-    side = 1.0 if plan.above else -1.0
-    # Seen along +y, with x to the left and z up.
-    plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
-    outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
-    with BuildPart() as part:
-        insert([solid_of(piece) for piece in plan.pieces])
-        # As far as the middle of the ring, which comes after, so that no two round faces coincide.
-        with BuildSketch(plane.offset(-reach)):
-            Circle(plan.radius_mm + plan.ring_mm / 2.0)
-        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
-        with BuildSketch(plane):
-            Circle(outer)
-            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
-            with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
-                Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
-        extrude(amount=plan.band_mm[1] - plan.band_mm[0])
-        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
-    return one_solid(plan.name, part)
 
 
 @recipe("cad.parts.solids.make_coupon")
@@ -136,14 +120,15 @@ def make_coupon(plan: CouponPlan) -> Part:
     """The fit coupon."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
-        with Locations(tuple(plan.centre)):
-            upright = (Align.CENTER, Align.CENTER, Align.MIN)
-            Cylinder(plan.radius_mm + plan.ring_mm, plan.band_mm, align=upright)
-            Cylinder(plan.radius_mm, plan.band_mm, align=upright, mode=Mode.SUBTRACT)
-        # Of the ring and the plate there remains what lies left of the plate's edge.
-        with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
-            Rectangle(4.0 * plan.radius_mm, 4.0 * plan.radius_mm, align=(Align.MIN, Align.CENTER))
-        extrude(amount=plan.band_mm, mode=Mode.SUBTRACT)
+        if (ring := plan.ring) is not None:
+            with Locations(tuple(plan.centre)):
+                upright = (Align.CENTER, Align.CENTER, Align.MIN)
+                Cylinder(ring.radius_mm + ring.ring_mm, ring.band_mm, align=upright)
+                Cylinder(ring.radius_mm, ring.band_mm, align=upright, mode=Mode.SUBTRACT)
+            # Of the ring and the plate there remains what lies left of the plate's edge.
+            with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
+                Rectangle(4.0 * ring.radius_mm, 4.0 * ring.radius_mm, align=(Align.MIN, Align.CENTER))
+            extrude(amount=ring.band_mm, mode=Mode.SUBTRACT)
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid("fit_coupon", part)
 
@@ -151,20 +136,10 @@ def make_coupon(plan: CouponPlan) -> Part:
 @recipe("cad.parts.solids.make_clip")
 def make_clip(plan: ClipPlan) -> Part:
     """The camera clip: its pieces joined, its holes cut."""
-    return _built("camera_clip", plan.pieces, plan.cuts)
+    return built_of("camera_clip", plan.pieces, plan.cuts)
 
 
 @recipe("cad.parts.solids.make_mount")
 def make_mount(plan: MountPlan) -> Part:
     """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
-    return _built("mount", plan.pieces, (*plan.cuts, *plan.light))
-
-
-@recipe("cad.parts.solids.make_cover")
-def make_cover(plan: CoverPlan) -> Part:
-    """The dust cover: a hollow cap with a notch in its rim, and catches."""
-    with BuildPart() as part:
-        insert(solid_of(plan.outer))
-        insert([solid_of(plan.inner), solid_of(plan.notch)], mode=Mode.SUBTRACT)
-        insert([solid_of(catch) for catch in plan.catches])
-    return one_solid("dust_cover", part)
+    return built_of("mount", plan.pieces, (*plan.cuts, *plan.light))

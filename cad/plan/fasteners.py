@@ -49,15 +49,30 @@ class Bore:
 
 
 @dataclass(frozen=True)
-class Hexagon:
-    """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
+class Countersink:
+    """A cone from the middle of its mouth (3,) along an axis (3,), in rig, mm, to its smaller end.
 
-    Its two upper sides are a roof, `ROOF_DEG` from upright; the others hold the nut.
+    The room of a countersunk head: it prints without support with its mouth on the bed, where it leans 45 deg.
     """
 
     mouth: FloatArray
     axis: FloatArray
-    up: FloatArray
+    radius_mm: float
+    end_radius_mm: float
+    depth_mm: float
+
+
+@dataclass(frozen=True)
+class Hexagon:
+    """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
+
+    Its two upper sides are a roof, `ROOF_DEG` from upright; the others hold the nut. One that prints upright has no
+    `up`: all six sides hold, two corners lie along x.
+    """
+
+    mouth: FloatArray
+    axis: FloatArray
+    up: FloatArray | None
     flats_mm: float
     depth_mm: float
 

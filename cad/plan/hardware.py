@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.optics.base.bounds import PART_GAP_MM, PART_MM, Bounds
-from mirrorcam.optics.base.names import Link, Name
+from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
@@ -42,6 +43,7 @@ class Printer(Value):
 
     bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
     wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
+    floor_mm: float = _positive(0.6, "thinnest level floor that prints: three layers")
     overhang_deg: float = Bounds(1.0, 89.0).field(45.0, "steepest overhang from upright without support")
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
     plastic: Name = Field(default="PLA", description="what is printed")
@@ -114,7 +116,6 @@ class HolderDimensions(Value):
         1.4, "how far they reach out of the rims: less than they are thick leaves no slit"
     )
     shade_step_mm: float = _positive(5.0, "length of their straight pieces")
-    dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 
@@ -135,9 +136,6 @@ class MountDimensions(Value):
         default=(18.0, 10.0), description="width and height of the window for the cable: a USB plug passes"
     )
     tie_mm: tuple[_Size, _Size] = Field(default=(4.0, 2.0), description="slots for the cable tie beside the window")
-    tripod_hole_mm: float = _positive(6.6, "hole for a 1/4 in tripod screw")
-    tripod_flats_mm: float = _positive(11.11, "1/4 in nut across flats (7/16 in)")
-    tripod_height_mm: float = _positive(5.56, "height of that nut (7/32 in)")
 
 
 class ClipDimensions(Value):
@@ -176,20 +174,6 @@ class Cutting(Value):
     def least_width(self) -> float:
         """Smallest width of a mirror that can be cut, over its thickness: scored glass breaks where it will below."""
         return 1.0 if self.material == "acrylic" else 4.0
-
-
-class Wrist(Value):
-    """The last shell of the robot's arm that the adapter is clamped to: Kinova MICO, which has no published bolts."""
-
-    name: Name = Field(default="Kinova MICO", description="the arm")
-    link: Link = Field(default="mico_link_hand", description="the link of the arm's URDF that the shell belongs to")
-    diameter_mm: float = _positive(63.0, "diameter of the shell")
-    band_mm: float = _positive(8.0, "width of the clamp: the joint ring leaves 7 mm and a taper")
-    ring_mm: float = _positive(4.0, "thickness of the clamp's ring")
-    gap_mm: float = _positive(2.0, "gap between the clamp's halves, closed by its screws")
-    length_mm: float = _positive(17.0, "length of the cylindrical shell")
-    riser_mm: float = _positive(16.0, "material between the shell and the mount's foot")
-    joint_mm: float = _positive(6.0, "space over the shell beside the clamp, for the joint's ring")
 
 
 def field_of_view(camera: Camera) -> str:
@@ -234,7 +218,7 @@ class Hardware(Value):
     mount: MountDimensions = MountDimensions()
     clip: ClipDimensions = ClipDimensions()
     cutting: Cutting = Cutting()
-    wrist: Wrist = Wrist()
+    back: AnyBack = Field(default=DeskBack(), description="what is screwed under the mount's foot, by its `kind`")
     camera: Annotated[CameraBody, BeforeValidator(_named)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )

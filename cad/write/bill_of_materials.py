@@ -141,14 +141,6 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(
         BoughtLine(
-            title="1/4-20 UNC hexagon nut",
-            count=1,
-            standard="ASME B18.2.2",
-            note="mount, only to stand on a tripod",
-        )
-    )
-    lines.append(
-        BoughtLine(
             title=GLUES[device.hardware.cutting.material],
             count=None,
             note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",

@@ -1,8 +1,7 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The link's frame lies on the axis of the wrist, in the middle of the clamp: x forward to the scene, y left, z up (REP
-103). Frames of camera and views are optical ones: x right, y down, z forward; the camera's is the rig. All in metres
-and kilograms.
+The link's frame is where the back says: x forward to the scene, y left, z up (REP 103). Frames of camera and views are
+optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from trimesh.exchange.stl import export_stl
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, composed
+from mirrorcam.cad.backs.back import RobotLink
 from mirrorcam.optics.base.files import atomic, write_text
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -27,22 +27,25 @@ from mirrorcam.optics.geometry.transforms import rigid
 LINK_AXES_IN_RIG = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rows: the link's x, y and z in rig."""
 
-# Kinova's last link has its z along the wrist and its fingers towards -z.
-PARENT_FROM_LINK = '<origin xyz="0 0 0" rpy="0 1.5707963268 0"/>'
 XACRO = "http://www.ros.org/wiki/xacro"
-USAGE = """MirrorCam on the last link of an arm. In the arm's own xacro:
+USAGE = """MirrorCam on the last link of an arm: {arms}. In the arm's own xacro:
      <xacro:include filename="mirrorcam.xacro"/>
      <xacro:mirrorcam parent="{parent}" mesh_root="package://your_package/cad">{origin}</xacro:mirrorcam>
-     mesh_root is the folder above this file's; origin says where on the wrist the clamp sits and how it is turned.
+     mesh_root is the folder above this file's; origin says where on that link the device sits and how it is turned.
      The mass takes the plastic for solid; printed with infill the device is lighter."""
 
 
 def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
-    """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same below a bare wrist link), and their meshes.
+    """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same below a bare link of the arm), and their meshes.
+
+    Writes nothing of a device that is made for no arm.
 
     Printed parts are shown by `../parts/NAME.stl`; `meshes/` gets the mirrors, the camera and the fasteners (in rig,
     mm) and for collisions a convex hull of every printed part and of the camera.
     """
+    robot = device.back.robot
+    if robot is None:
+        return
     groups = {
         "mirrors": ([piece for piece in pieces if piece.kind == "mirror"], MIRROR_RGB),
         "camera": ([piece for piece in pieces if piece.kind == "camera"], CAMERA_RGB),
@@ -58,16 +61,15 @@ def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
         if piece.kind in ("part", "camera"):
             write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", hull_of(piece.mesh))
             hulls.append(f"robot/meshes/{piece.name}_hull.stl")
-    elements = [link(device, pieces, shown, hulls), *frames(device)]
-    parent = device.hardware.wrist.link
-    write_text(folder / "mirrorcam.xacro", as_macro(elements, parent))
-    write_text(folder / "mirrorcam.urdf", as_urdf(elements, parent))
+    pose = link_from_rig(robot)
+    elements = [link(pose, pieces, shown, hulls), *frames(device.layout, pose)]
+    write_text(folder / "mirrorcam.xacro", as_macro(elements, robot))
+    write_text(folder / "mirrorcam.urdf", as_urdf(elements, robot))
 
 
-def link_from_rig(device: Device) -> FloatArray:
+def link_from_rig(robot: RobotLink) -> FloatArray:
     """The transform (4, 4), mm, from rig to the link's frame."""
-    saddle = device.adapter.saddle
-    return rigid(LINK_AXES_IN_RIG, -LINK_AXES_IN_RIG @ (0.0, saddle.band_mm.mean(), saddle.axis_z_mm))
+    return rigid(LINK_AXES_IN_RIG, -LINK_AXES_IN_RIG @ robot.origin_in_rig)
 
 
 def rig_from_view(layout: Layout, index: int) -> FloatArray:
@@ -76,10 +78,12 @@ def rig_from_view(layout: Layout, index: int) -> FloatArray:
 
 
 def link(
-    device: Device, pieces: Sequence[Piece], shown: dict[str, tuple[str, tuple[float, float, float]]], hulls: list[str]
+    pose: FloatArray,
+    pieces: Sequence[Piece],
+    shown: dict[str, tuple[str, tuple[float, float, float]]],
+    hulls: list[str],
 ) -> Element:
     """The link: mass properties of all pieces as one, what is seen (file and colour by name), what may collide."""
-    pose = link_from_rig(device)
     body = composed([piece.mass for piece in pieces])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
     turn = pose[:3, :3]
@@ -107,11 +111,10 @@ def _mesh(parent: Element, pose: FloatArray, file: str) -> None:
     SubElement(geometry, "mesh", filename=f"${{mesh_root}}/{file}", scale="0.001 0.001 0.001")
 
 
-def frames(device: Device) -> list[Element]:
+def frames(layout: Layout, pose: FloatArray) -> list[Element]:
     """Links without a body, each with its fixed joint: the camera's frame, and below it one per virtual view."""
-    layout = device.layout
     camera = "${prefix}_camera_optical_frame"
-    elements = _frame(camera, "${prefix}_link", link_from_rig(device))
+    elements = _frame(camera, "${prefix}_link", pose)
     for index in range(len(layout.mirrors)):
         row, column = divmod(index, layout.cols)
         elements += _frame(f"${{prefix}}_view_{row}_{column}", camera, rig_from_view(layout, index))
@@ -137,10 +140,16 @@ def _numbers(values: Sequence[float] | FloatArray) -> str:
     return " ".join(f"{round(float(value), 14) + 0.0:.10g}" for value in values)
 
 
-def as_macro(elements: Sequence[Element], parent: str) -> str:
+def _parent_from_link(robot: RobotLink) -> str:
+    """The pose of the device's link in its parent, as XML."""
+    xyz = _numbers([length / 1000.0 for length in robot.xyz_mm])
+    return f'<origin xyz="{xyz}" rpy="{_numbers(robot.rpy)}"/>'
+
+
+def as_macro(elements: Sequence[Element], robot: RobotLink) -> str:
     """The elements as a xacro macro `mirrorcam`, to be hung on any link."""
     text = "\n".join(_text(element, 2) for element in elements)
-    usage = USAGE.format(parent=parent, origin=PARENT_FROM_LINK)
+    usage = USAGE.format(arms=robot.arms, parent=robot.parent, origin=_parent_from_link(robot))
     return (
         f'<?xml version="1.0"?>\n<!-- {usage} -->\n<robot xmlns:xacro="{XACRO}">\n'
         f'  <xacro:macro name="mirrorcam" params="parent prefix:=mirrorcam mesh_root:=.. *origin">\n'
@@ -150,14 +159,14 @@ def as_macro(elements: Sequence[Element], parent: str) -> str:
     )
 
 
-def as_urdf(elements: Sequence[Element], parent: str) -> str:
+def as_urdf(elements: Sequence[Element], robot: RobotLink) -> str:
     """The elements below a bare link of the arm; meshes by their paths from the file."""
     text = "\n".join(_text(element, 1) for element in elements)
     text = text.replace("${prefix}", "mirrorcam").replace("${mesh_root}", "..")
     return (
-        f'<?xml version="1.0"?>\n<robot name="mirrorcam">\n  <link name="{parent}"/>\n'
-        f'  <joint name="mirrorcam_joint" type="fixed">\n    <parent link="{parent}"/>\n'
-        f'    <child link="mirrorcam_link"/>\n    {PARENT_FROM_LINK}\n  </joint>\n{text}\n</robot>\n'
+        f'<?xml version="1.0"?>\n<robot name="mirrorcam">\n  <link name="{robot.parent}"/>\n'
+        f'  <joint name="mirrorcam_joint" type="fixed">\n    <parent link="{robot.parent}"/>\n'
+        f'    <child link="mirrorcam_link"/>\n    {_parent_from_link(robot)}\n  </joint>\n{text}\n</robot>\n'
     )
 
 

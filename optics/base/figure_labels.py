@@ -17,6 +17,9 @@ ASSEMBLY: Mapping[str, str] = {
     "centre_x_mm": "centre of mass, x",
     "centre_y_mm": "centre of mass, y",
     "centre_z_mm": "centre of mass, z",
+    "tips_at_deg": "angle at which it falls over",
+    "tripod_turns": "turns of a tripod's screw",
+    "back_stress_mpa": "stress in the back, 3 times the weight",
     "tilt_deg": "tilt of the mirrors under gravity",
     "shift_um": "shift of the mirrors under gravity",
     "clash_mm3": "interference volume",
@@ -86,6 +89,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "stl_volume_error_mm3": "volume error of the STL file",
     "3mf_volume_error_mm3": "volume error of the 3MF file",
     "wall_mm": "thinnest wall",
+    "floor_mm": "thinnest level floor",
     "print_length_mm": "length on the bed",
     "print_width_mm": "width on the bed",
     "print_height_mm": "height on the bed",
@@ -99,7 +103,6 @@ PRINTED_PARTS: Mapping[str, str] = {
     "slices": "slicer accepts the 3MF file (1: yes)",
     "print_minutes": "printing time",
     "print_g": "mass as sliced",
-    "way_clash_mm3": "obstruction on its way off",
     "support_filament_mm": "filament used for support, length",
 }
 

@@ -19,6 +19,12 @@ SHOWN = ("device.", "mirrors.")
 """Prefixes of the names of checks that are printed even if they pass."""
 
 
+ADAPTER = Annotated[
+    Literal["none", "gen2"] | None,
+    tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)"),
+]
+
+
 class CadOptions(Value):
     """Generate and check every part of the device of a layout: files to print, cut, assemble and view.
 
@@ -38,6 +44,7 @@ class CadOptions(Value):
         Literal["insert", "nut"] | None,
         tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
     ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
+    adapter: ADAPTER = Field(default=None, description="what carries the device (docs/cad.md)")
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
         None, "number of worker processes"
     )
@@ -50,7 +57,9 @@ def run(options: CadOptions) -> int:
     from mirrorcam.workflow.device_folder import read_hardware, write_device
 
     layout = Layout.load(options.layout)
-    hardware = read_hardware(options.hardware, camera=options.camera, fasteners=options.fasteners, layout=layout)
+    hardware = read_hardware(
+        options.hardware, camera=options.camera, fasteners=options.fasteners, adapter=options.adapter, layout=layout
+    )
     if hardware.camera.field_of_view_deg is None:
         body, seen = hardware.camera.name, field_of_view(layout.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")

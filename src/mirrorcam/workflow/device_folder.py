@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -14,7 +15,8 @@ from mirrorcam.optics.geometry.camera_library import profile_of, read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
-WHOLE = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon", "dust_cover")
+BACKS = ("adapter_desk", "adapter_saddle", "adapter_cap")
+WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
 PICTURES = (
@@ -43,13 +45,15 @@ def read_hardware(
     *,
     camera: str | None = None,
     fasteners: Literal["insert", "nut"] | None = None,
+    adapter: str | None = None,
     layout: Layout | None = None,
 ) -> Hardware:
-    """The table of dimensions of a TOML file, else the default one, with another camera or other fasteners.
+    """The table of dimensions of a TOML file, else the default one, with another camera, other fasteners or back.
 
     `camera` is the name of a camera of the library or a TOML file. Where neither it nor the table states one, the body
-    is that of the camera of the library that the layout is made for, else that of the C920. Raises InputError for a
-    file that is not valid.
+    is that of the camera of the library that the layout is made for, else that of the C920. `adapter` is the kind of a
+    back, one of `BACKS` of `cad.plan.back_table`; of the same kind, the dimensions of the table's own are kept. Raises
+    InputError for a file that is not valid.
     """
     hardware = HARDWARE if table is None else read_model(Hardware, table)
     if camera:
@@ -58,6 +62,8 @@ def read_hardware(
         hardware = hardware.replaced(camera=known.body)
     if fasteners:
         hardware = hardware.replaced(screw=hardware.screw.replaced(kind=fasteners))
+    if adapter and adapter != hardware.back.kind:
+        hardware = hardware.replaced(back=back_of(adapter))
     return hardware
 
 

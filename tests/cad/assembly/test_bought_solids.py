@@ -19,6 +19,9 @@ from tests.cad.assembly.bought import item
         ("washer", "M3", 0.5, np.pi / 4.0 * (7.0**2 - 3.2**2) * 0.5),
         ("insert", "M3", 5.7, np.pi * (2.0**2 - 1.5**2) * 5.7),
         ("nut", "M3", 2.4, (np.sqrt(3.0) / 2.0 * 5.5**2 - np.pi * 1.5**2) * 2.4),
+        ("screw", "M3 countersunk", 12.0, np.pi * (1.5**2 * 12.0 + (3.36**3 - 1.5**3) / 3.0 - 1.5**2 * 1.86)),
+        ("screw", "M6", 16.0, np.pi * (3.0**2 * 16.0 + 5.0**2 * 6.0)),
+        ("nut", "1/4-20 UNC", 5.56, (np.sqrt(3.0) / 2.0 * 11.11**2 - np.pi * 3.175**2) * 5.56),
         ("pin", "3", 16.0, np.pi * 1.5**2 * 16.0),
     ],
 )
@@ -43,5 +46,5 @@ def test_a_body_with_round_ends_lacks_four_corners(width: float, height: float, 
 
 
 def test_a_size_without_a_diameter_is_refused() -> None:
-    with pytest.raises(ValueError, match="expected one like M3"):
+    with pytest.raises(ValueError, match="size='steel' names no thread, expected one of M2, M3"):
         item_solid(item("pin", "steel", 16.0))

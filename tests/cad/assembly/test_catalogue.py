@@ -12,17 +12,28 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
+from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
-POCKETS = ("mount", "camera_clip", "adapter_saddle")
+POCKETS = ("mount", "camera_clip", "adapter_saddle", "adapter_desk")
 BOARD = HARDWARE.replaced(camera=read_body("board_38"))
 
 
-@pytest.fixture(scope="module", params=[HARDWARE, NUTS, BOARD], ids=["insert", "nut", "board"])
+CLAMPED = HARDWARE.replaced(back=back_of("gen2"))
+CASES = {
+    "insert": HARDWARE,
+    "nut": NUTS,
+    "board": BOARD,
+    "gen2": CLAMPED,
+    "gen2 with nuts": CLAMPED.replaced(screw=NUTS.screw),
+}
+
+
+@pytest.fixture(scope="module", params=list(CASES.values()), ids=list(CASES))
 def device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
     hardware: Hardware = request.param
     return plan_device(default_layout, hardware)
@@ -37,10 +48,10 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> Non
     screw = device.hardware.screw
     items = bought_items(device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
-    screws = [item for item in items if item.kind == "screw" and item.size == "M3"]
+    screws = [item for item in items if item.kind == "screw" and item.size in ("M3", "M3 countersunk")]
     sprung = [item for item in screws if item.joins == ("camera_clip",)]
     assert len(sprung) == (2 if device.hardware.camera.held_by.kind == "lips" else 0)
-    assert len(screws) == 4 + 2 + 4 + 2 + len(sprung)
+    assert len(screws) == 4 + 2 + 4 + sum(len(joint.heads) for joint in device.back.joints) + len(sprung)
     for item in screws:
         origin, out = axis_of(item)
         found = []
@@ -67,7 +78,7 @@ def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
     kind = device.hardware.screw.kind
     lips = device.hardware.camera.held_by.kind == "lips"
     sizes = [(item.kind, item.size) for item in items]
-    assert sizes.count((kind, "M3")) == 12 + (2 if lips else 0)
+    assert sizes.count((kind, "M3")) == 10 + sum(len(joint.heads) for joint in device.back.joints) + (2 if lips else 0)
     assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
 
 
@@ -96,9 +107,8 @@ def test_nuts_lie_in_their_pockets(device: Device) -> None:
     """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
     made = {part.name: part.make(part.plan) for part in parts_of(device) if part.name in POCKETS}
     nuts = [item for item in bought_items(device) if item.kind == "nut" and item.joins[-1] in made]
-    assert len(nuts) == (10 if device.hardware.camera.held_by.kind == "lips" else 8) * (
-        device.hardware.screw.kind == "nut"
-    )
+    m3 = 6 + sum(len(joint.heads) for joint in device.back.joints) + (device.hardware.camera.held_by.kind == "lips") * 2
+    assert len(nuts) == m3 * (device.hardware.screw.kind == "nut") + len(device.back.items)
     for item in nuts:
         placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
         nut = item_solid(item)
@@ -118,7 +128,7 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> 
         turn = part.print_from_rig[:3, :3]
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(turn) == pytest.approx(1.0)
-        if part.name in ("mirror_holder", "dust_cover"):
+        if part.name == "mirror_holder":
             continue
         printed = part.make(part.plan).bounding_box()
         corners = np.array(

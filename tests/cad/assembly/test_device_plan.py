@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from build123d import Box, Location, RigidJoint
 
 from mirrorcam.cad.assembly.device_plan import Device, connections, plan_device
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.backs.back import Back, Carrier
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.back_table import BACKS, back_of
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.prisms import box
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 
-def test_parts_are_joined_where_they_already_stand(device: Device) -> None:
+@pytest.mark.parametrize("kind", list(BACKS))
+def test_parts_are_joined_where_they_already_stand(kind: str, device: Device) -> None:
     """Each frame comes from the plans of both parts; joined by build123d, nothing moves."""
-    joined = connections(device)
+    on = device.hardware.replaced(back=back_of(kind))
+    joined = connections(replace(device, back=(back := plan_back(device.clip, device.mount, on))))
     assert {joint.parent for joint in joined} | {joint.child for joint in joined} == {
         "mirror_holder",
         "mount",
         "camera_clip",
-        "adapter_saddle",
-        "adapter_cap",
+        *(part.name for part in back.parts),
     }
     for joint in joined:
         np.testing.assert_allclose(joint.rig_from_parent_joint, joint.rig_from_child_joint, atol=1e-9)
@@ -62,7 +70,7 @@ def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_par
     from mirrorcam.cad.assembly.catalogue import parts_of
 
     other = plan_device(make_parabola(2, 2, scale_mm=60.0), HARDWARE)
-    same = {"camera_clip", "adapter_saddle", "adapter_cap", "fit_coupon"}
+    same = {"camera_clip", "fit_coupon"}
     first, second = ({part.name: part.identity for part in parts_of(d)} for d in (device, other))
     assert {name for name in first if first[name] == second[name]} == same
 
@@ -70,3 +78,13 @@ def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_par
 def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
     with pytest.raises(InputError, match=r"mirror 0-0 is 2\.50 mm across, expected at least its thickness, 3 mm"):
         plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
+
+
+def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
+    def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
+        wall = Carrier("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
+        return replace(plan_back(clip, mount, hardware), carriers=(wall,))
+
+    monkeypatch.setattr("mirrorcam.cad.assembly.device_plan.plan_back", on_a_wall)
+    with pytest.raises(InputError, match=r"light of mirror \d-\d enters the wall by \d+\.\d mm"):
+        plan_device(default_layout, HARDWARE)

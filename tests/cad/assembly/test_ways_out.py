@@ -12,16 +12,19 @@ from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces, tessellated
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
+from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
-HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle")
+HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_desk")
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 
 
 @pytest.mark.parametrize(
-    "hardware", [HARDWARE, NUTS, NUTS.replaced(camera=read_body("board_38"))], ids=["insert", "nut", "board"]
+    "hardware",
+    [HARDWARE, NUTS, NUTS.replaced(camera=read_body("board_38"), back=back_of("gen2"))],
+    ids=["insert", "nut", "board on a clamp"],
 )
 def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: Layout) -> None:
     device = plan_device(small_layout, hardware)

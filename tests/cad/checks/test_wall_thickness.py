@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
+from mirrorcam.cad.checks.wall_thickness import THICK_MM, thinnest_floor_mm, thinnest_wall_mm
 from mirrorcam.optics.geometry.transforms import rigid
 
 
@@ -54,3 +54,20 @@ def test_a_wall_smaller_than_a_dot_is_not_taken_for_one() -> None:
     both = (block + crumb.translate((0.0, 0.0, 2.05))).to_mesh64()
     mesh = trimesh.Trimesh(np.array(both.vert_properties)[:, :3], np.array(both.tri_verts))
     assert wall_mm(mesh) > 3.9
+
+
+def test_a_floor_is_told_from_a_wall_by_the_way_that_it_prints() -> None:
+    """An open box with a floor of 0.6 mm and walls of 2 mm, and a plate that is level, upright or neither."""
+    outer, inner = (
+        solid_of(trimesh.creation.box((30.0, 20.0, 10.0))),
+        solid_of(trimesh.creation.box((26.0, 16.0, 10.0))),
+    )
+    both = (outer - inner.translate((0.0, 0.0, 0.6))).to_mesh64()
+    tray = trimesh.Trimesh(np.array(both.vert_properties)[:, :3], np.array(both.tri_verts))
+    up, along = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    assert thinnest_floor_mm(tray, solid_of(tray), up) == pytest.approx(0.6, abs=1e-6)
+    assert thinnest_wall_mm(tray, solid_of(tray), up) == pytest.approx(2.0, abs=1e-6)
+    # Printed on its end, the floor is a wall.
+    assert thinnest_wall_mm(tray, solid_of(tray), along) == pytest.approx(0.6, abs=1e-6)
+    ball = trimesh.creation.icosphere(radius=20.0)
+    assert thinnest_floor_mm(ball, solid_of(ball), up) == THICK_MM

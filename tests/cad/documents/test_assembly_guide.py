@@ -18,11 +18,13 @@ from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
+from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.seats import mirror_prism, outline_at
@@ -38,7 +40,7 @@ from tests.cad.documents.conftest import Made
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert [int(n) for n in re.findall(r"^## Step (\d+)", text, re.MULTILINE)] == list(range(1, 11))
-    for word in ("heat-set", "three quarters of a turn", "row 0 is the", made.device.layout.identity, "Ø63"):
+    for word in ("heat-set", "three quarters of a turn", "row 0 is the", made.device.layout.identity, "1/4-20 UNC"):
         assert word in text
     for name in (picture.name for picture in made.pictures[4:]):
         assert f"(pictures/{name}.png)" in text
@@ -94,9 +96,10 @@ def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None
     hardware = hardware.replaced(
         camera=hardware.camera.replaced(name=name),
         printer=hardware.printer.replaced(plastic=name),
-        wrist=hardware.wrist.replaced(name=name),
+        back=Gen2Back(name=name),
     )
-    write_guide(tmp_path, replace(made.device, hardware=hardware), made.parts, made.pieces)
+    clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
+    write_guide(tmp_path, clamped, made.parts, made.pieces)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
     assert "onerror" not in re.sub(r"&lt;img src=x onerror=alert\(1\)&gt;", "", page)
@@ -197,3 +200,23 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
         assert "kerf" in text
         assert "the bare back, written with a paint marker" in text
     assert "Grind a bevel of 0.2 mm" in guide
+
+
+def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) -> None:
+    """A device that stands on a desk has its nut put in by a numbered step, and no word of an arm in its files."""
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    step = text.partition("screw on the desk foot")[2].partition("## Step")[0]
+    assert re.search(r"^1\. Lay the nut into its pocket", step, re.MULTILINE)
+    assert f"1 {TIMES} 1/4-20 UNC hexagon nut" in step
+    assert "tip it by less than 10" in step
+    for document in ("guide.md", "bom.md"):
+        written = (made.folder / document).read_text(encoding="utf-8")
+        assert not re.search(r"kinova|wrist|robot|\barm\b|xacro|clamp", written, re.IGNORECASE)
+    assert not re.search("kinova|wrist", (made.folder / "index.html").read_text(encoding="utf-8"), re.IGNORECASE)
+    hardware = made.device.hardware.replaced(back=Gen2Back())
+    clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
+    write_guide(tmp_path, clamped, made.parts, made.pieces)
+    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    assert "clamp the device to the arm" in text
+    assert "does not fit the hand with three fingers" in text
+    assert "screw on the desk foot" not in text

@@ -23,6 +23,7 @@ def test_the_guide_takes_every_bought_piece_once(made: Made) -> None:
         *stages.camera_screws,
         *stages.clip_screws,
         *stages.adapter_screws,
+        *stages.back_nuts,
     ]
     assert Counter(piece.name for piece in taken) == Counter(
         piece.name for piece in stages.of_kind("screw", "washer", "insert", "nut", "pin")

@@ -14,6 +14,7 @@ from mirrorcam.cad.parts.coupon import (
     CouponPlan,
     plan_coupon,
 )
+from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -22,6 +23,7 @@ from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
+CLAMPED = HARDWARE.replaced(back=back_of("gen2"))
 FREE_MM, RIM_MM = HARDWARE.fit.free_mm, HARDWARE.holder.rim_mm
 
 
@@ -81,10 +83,18 @@ def test_one_two_and_three_notches_tell_the_gauges_apart(coupon: CouponPlan) -> 
         assert np.count_nonzero(np.diff(within(coupon.cuts, line).astype(int)) == 1) == count
 
 
-def test_the_wrist_reaches_into_the_plate_and_clears_the_other_gauges(coupon: CouponPlan) -> None:
-    deepest = coupon.centre[0] - coupon.radius_mm
+def test_the_wrist_reaches_into_the_plate_and_clears_the_other_gauges(default_layout: Layout) -> None:
+    coupon = plan_coupon(default_layout, CLAMPED)
+    ring = coupon.ring
+    assert ring is not None
+    deepest = coupon.centre[0] - ring.radius_mm
     assert deepest < coupon.right_mm < coupon.centre[0]
-    assert coupon.radius_mm == HARDWARE.wrist.diameter_mm / 2.0
-    edge = deepest - coupon.ring_mm
+    assert ring == CLAMPED.back.ring_gauge
+    edge = deepest - ring.ring_mm
     assert corners_of(coupon.pieces[1:])[:, 0].max() <= edge
     assert max(bore.mouth[0] + bore.radius_mm for bore in gauges(coupon)) <= edge
+
+
+def test_a_device_that_is_clamped_to_nothing_has_no_segment_to_try(coupon: CouponPlan) -> None:
+    assert coupon.ring is None
+    assert coupon.right_mm == corners_of(coupon.pieces)[:, 0].max()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mirrorcam.cad.parts.clip import plan_clip
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_plate_mm, foot_screws, foot_stack, foot_z_mm
 from mirrorcam.cad.plan.fasteners import stack
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.base.values import InputError
 
 
 def test_the_clip_at_its_lowest_leaves_the_window_for_the_cable_over_the_foots_plate() -> None:
@@ -16,12 +18,21 @@ def test_the_clip_at_its_lowest_leaves_the_window_for_the_cable_over_the_foots_p
     assert clip.bottom_mm - clip.travel_mm - top_of_plate > HARDWARE.mount.cable_window_mm[1]
 
 
-def test_the_plate_holds_the_adapters_screws_and_a_tripod_nut() -> None:
-    plate = foot_plate_mm(HARDWARE)
-    assert plate >= stack(HARDWARE.mount.skin_mm, HARDWARE).wall_mm
-    assert plate > HARDWARE.mount.tripod_height_mm + HARDWARE.mount.web_mm
-    thick = HARDWARE.replaced(mount=HARDWARE.mount.replaced(tripod_height_mm=12.0))
-    assert foot_plate_mm(thick) > 12.0 > plate
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+@pytest.mark.parametrize("grip_mm", [1.6, 5.5])
+def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_mm: float) -> None:
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
+    held = foot_stack(grip_mm, hardware)
+    assert held.wall_mm == foot_plate_mm(hardware) == stack(hardware.mount.skin_mm, hardware).wall_mm
+    least = hardware.screw.engaged_mm if kind == "insert" else hardware.screw.nut_height_mm
+    assert held.engaged_mm >= least - 1e-9
+    # Under an insert there is plastic, over a nut the hollow of the truss.
+    assert held.length_mm - grip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1.0)
+
+
+def test_screws_that_no_length_holds_are_refused() -> None:
+    with pytest.raises(InputError, match=r"M3 screws through 40 mm hold by 0\.0 mm of thread"):
+        foot_stack(40.0, HARDWARE)
 
 
 def test_four_screws_enter_the_foots_lower_face_mirror_images_in_x() -> None:

@@ -15,13 +15,25 @@ from scipy.spatial.transform import Rotation
 from shapely import Polygon
 from urdf_parser_py.urdf import URDF
 
-from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import Piece, camera_piece, composed, mirror_pieces
-from mirrorcam.cad.plan.hardware import HARDWARE, Wrist
+from mirrorcam.cad.backs.kinova_gen2 import RingPlan
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write.robot_link import hull_of, write_robot
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
+
+WRIST = Gen2Back()
+
+
+@pytest.fixture(scope="module")
+def device(default_layout: Layout) -> Device:
+    """The default device on a Kinova arm."""
+    return plan_device(default_layout, HARDWARE.replaced(back=WRIST))
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +79,7 @@ def root_from(urdf: Element, link: str) -> FloatArray:
     while link in joints:
         matrix = pose(joints[link].find("origin")) @ matrix
         link = attribute(joints[link], "parent", "link")
-    assert link == HARDWARE.wrist.link
+    assert link == WRIST.link
     return matrix
 
 
@@ -75,18 +87,18 @@ def test_every_link_hangs_on_the_arm(urdf: Element, device: Device) -> None:
     links = [link.get("name") for link in urdf.findall("link")]
     assert len(set(links)) == len(links)
     views = [f"mirrorcam_view_{row}_{column}" for row in range(3) for column in range(3)]
-    assert set(links) == {HARDWARE.wrist.link, "mirrorcam_link", "mirrorcam_camera_optical_frame", *views}
+    assert set(links) == {WRIST.link, "mirrorcam_link", "mirrorcam_camera_optical_frame", *views}
     for link in links:
         root_from(urdf, str(link))
     assert all(joint.get("type") == "fixed" for joint in urdf.findall("joint"))
 
 
-@pytest.mark.parametrize("name", ["mico_link_hand", "arm/tool-0", "a.b", "7", "null"])
+@pytest.mark.parametrize("name", ["m1n6s200_link_6", "arm/tool-0", "a.b", "7", "null"])
 def test_parsers_of_robots_find_the_link_that_the_device_hangs_on(
     name: str, device: Device, pieces: tuple[Piece, ...], tmp_path: Path
 ) -> None:
-    wrist = Wrist.model_validate_json(json.dumps({"link": name, "name": "--> <img src=x onerror=alert(1)>"}))
-    hung = replace(device, hardware=device.hardware.replaced(wrist=wrist))
+    wrist = Gen2Back.model_validate_json(json.dumps({"link": name, "name": "--> <img src=x onerror=alert(1)>"}))
+    hung = replace(device, back=plan_back(device.clip, device.mount, device.hardware.replaced(back=wrist)))
     write_robot(tmp_path / "robot", hung, pieces)
     robot = URDF.from_xml_file(str(tmp_path / "robot" / "mirrorcam.urdf"))
     assert robot.get_root() == name
@@ -123,13 +135,15 @@ def test_views_of_another_fold_look_along_their_own_axis(
 
 def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: Device) -> None:
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
-    saddle = device.adapter.saddle
+    saddle = device.back.parts[0].plan
+    assert isinstance(saddle, RingPlan)
     on_axis = np.array([0.0, saddle.band_mm.mean() / 1000.0, saddle.axis_z_mm / 1000.0, 1.0])
     np.testing.assert_allclose(link_from_rig @ on_axis, [0.0, 0.0, 0.0, 1.0], atol=1e-9)
     # REP 103: x forward (the rig's y), z up (the rig's z), y left.
     np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
-    # The arm's fingers, and the scene, are towards its link's -z.
+    # The arm's fingers, and the scene, are towards its link's -z, and the clamp is 14 mm that way.
+    np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 3], [0.0, 0.0, -0.014], atol=1e-9)
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 0], [0.0, 0.0, -1.0], atol=1e-9)
 
 
@@ -217,3 +231,9 @@ def test_a_hull_is_closed_though_a_face_is_flat_but_for_rounding() -> None:
     # The face and the corner furthest from it span a pyramid, which the other lies beyond.
     base = Polygon([point[1:] for point in points[:7]]).convex_hull.area
     assert hull.volume > base * 164.529 / 3.0
+
+
+def test_a_device_for_no_arm_has_no_link(device: Device, pieces: tuple[Piece, ...], tmp_path: Path) -> None:
+    stands = replace(device, back=replace(device.back, robot=None))
+    write_robot(tmp_path / "robot", stands, pieces)
+    assert not list(tmp_path.iterdir())

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cad.assembly.catalogue import EXPLODE
+from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.plan.back_table import BACKS, Gen2Back, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera_library import read_body, read_camera
@@ -50,8 +53,25 @@ def test_a_file_replaces_dimensions_and_a_bad_one_is_refused(tmp_path: Path) -> 
         read_hardware(table)
 
 
+def test_the_back_is_the_one_that_is_named(tmp_path: Path) -> None:
+    assert read_hardware().back.kind == "none"
+    assert read_hardware(adapter="gen2").back == Gen2Back()
+    table = tmp_path / "hardware.toml"
+    table.write_text('[back]\nkind = "gen2"\ndiameter_mm = 65\n', encoding="utf-8")
+    assert read_hardware(table).back == read_hardware(table, adapter="gen2").back == Gen2Back(diameter_mm=65.0)
+    assert read_hardware(table, adapter="none") == HARDWARE
+    table.write_text('[back]\nkind = "shelf"\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"hardware\.toml: back"):
+        read_hardware(table)
+    with pytest.raises(InputError, match=r"adapter shelf: expected one of none, "):
+        read_hardware(adapter="shelf")
+
+
 def test_the_files_of_every_part_are_known_before_it_is_built(default_layout: Layout) -> None:
-    names = [f"parts/{part}.step" for part in (*EXPLODE, "mirror_holder_2")]
+    device = plan_device(default_layout, HARDWARE)
+    backs = [plan_back(device.clip, device.mount, HARDWARE.replaced(back=back_of(kind))) for kind in BACKS]
+    printed = {part.name for back in backs for part in back.parts}
+    names = [f"parts/{part}.step" for part in (*EXPLODE, *printed, "mirror_holder_2")]
     names += [f"mirrors/{sheet.stem}.dxf" for sheet in plan_sheets(default_layout, HARDWARE.cutting)]
     assert len(names) > 6
     assert [name for name in names if not any(fnmatchcase(name, pattern) for pattern in FILES)] == []

@@ -1,0 +1,152 @@
+"""A back as the rest of the device sees it: its parts, joints and bought items, what it stands on or is fastened to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from mirrorcam.cad.plan.connection import Connection
+from mirrorcam.cad.plan.fasteners import Stack
+from mirrorcam.cad.plan.part_plan import BoughtItem, Rgb
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray
+
+# Which way a part of a back stands when printed: rows are the bed's x, y and z in rig.
+AS_IT_STANDS = np.eye(3)
+FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+BACK_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+ON_ITS_SIDE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+class PlannedPart(Protocol):
+    """The plan of a printed part of a back, of which a solid is made."""
+
+    @property
+    def corners(self) -> FloatArray:
+        """Points (n, 3) in rig whose hull holds the part and is no larger along the axes."""
+        ...
+
+
+@dataclass(frozen=True)
+class BackPart:
+    """A printed part of a back: the numbers it is made of, how it lies on the bed (3, 3), where it is when exploded."""
+
+    name: str
+    title: str
+    plan: PlannedPart
+    bed_from_rig: FloatArray
+    explode_mm: FloatArray
+    rgb: Rgb
+
+
+@dataclass(frozen=True)
+class BackJoint:
+    """M3 screws between two parts of a back, into inserts or nuts.
+
+    Their heads are at points (n, 3), `out` (3,) points from the tips to the heads. Nuts have a corner towards
+    `corners` (3,) and leave their seats by `nut_ways_mm` (n, k, 3).
+    """
+
+    heads: FloatArray
+    out: FloatArray
+    held: Stack
+    joins: tuple[str, str]
+    nut_ways_mm: FloatArray
+    corners: FloatArray
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """What a back is fastened to, as convex solids in rig, mm, for clearances and light; no piece of the device."""
+
+    name: str
+    solids: tuple[Frustum, ...]
+
+
+@dataclass(frozen=True)
+class Neck:
+    """The section of a back that its load passes: a rectangle about a point (3,), across a unit vector (3,).
+
+    `sides_mm` are its lengths along `along` (3,), in its plane, and at right angles to that. A neck that only bends,
+    about `along`, does so under forces `arm_mm` away, such as those on the edge of a foot.
+    """
+
+    name: str
+    at: FloatArray
+    across: FloatArray
+    along: FloatArray
+    sides_mm: tuple[float, float]
+    arm_mm: float | None = None
+
+    def stress_mpa(self, force_n: float, at: FloatArray) -> float:
+        """The largest stress of a force at a point (3,), whichever way it points: of the sum of its components.
+
+        Tension F/A, bending M/W about both sides, W = b h^2 / 6, and torsion T / (a b^2) with a = 1/5, b the shorter
+        side, which is the least that holds for any rectangle (Timoshenko, Theory of Elasticity, 109).
+        """
+        a, b = self.sides_mm
+        if self.arm_mm is not None:
+            return force_n * (1.0 / (a * b) + self.arm_mm / (a * b**2 / 6.0))
+        lever = at - self.at
+        normal = np.cross(self.across, self.along)
+        far = {axis: float(np.linalg.norm(lever - (lever @ way) * way)) for axis, way in self._axes(normal).items()}
+        bending = far["along"] / (a * b**2 / 6.0) + far["normal"] / (b * a**2 / 6.0)
+        torsion = far["across"] / (max(a, b) * min(a, b) ** 2 / 5.0)
+        return force_n * (1.0 / (a * b) + bending + torsion)
+
+    def _axes(self, normal: FloatArray) -> dict[str, FloatArray]:
+        return {"along": self.along, "normal": normal, "across": self.across}
+
+
+@dataclass(frozen=True)
+class RobotLink:
+    """Where the device hangs on an arm: the parent link, and the pose of the device's link in it.
+
+    The device's link has x to the scene, y left and z up; its origin is at `origin_in_rig` (3,), mm. Its pose in the
+    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` says which arms that is for.
+    """
+
+    parent: str
+    xyz_mm: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+    origin_in_rig: FloatArray
+    arms: str
+
+
+@dataclass(frozen=True)
+class Stand:
+    """What a device stands on by itself: corners (n, 2; x and y) of its support, convex, at `z_mm` in rig."""
+
+    corners: FloatArray
+    z_mm: float
+    tip_deg: float
+
+
+@dataclass(frozen=True)
+class Back:
+    """A back of any kind, in rig, mm; the first of its parts is screwed to the mount's foot.
+
+    The foot's screws, of `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are its
+    further M3 screws with their threads, `items` what else is bought for it, `connections` how its parts meet each
+    other. `table` is the part of the hardware that it was planned from.
+    """
+
+    table: Any
+    parts: tuple[BackPart, ...]
+    foot: Stack
+    foot_heads: FloatArray
+    foot_size: str = "M3"
+    joints: tuple[BackJoint, ...] = ()
+    items: tuple[BoughtItem, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    carriers: tuple[Carrier, ...] = ()
+    necks: tuple[Neck, ...] = ()
+    robot: RobotLink | None = None
+    stand: Stand | None = None
+
+    @property
+    def kind(self) -> str:
+        """The kind, as a hardware file and the command name it."""
+        return str(self.table.kind)

@@ -1,0 +1,47 @@
+"""The printed parts of backs as B-rep solids, made of the numbers of their plans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, extrude, insert
+
+from mirrorcam.cad.backs.blocks import BlocksPlan
+from mirrorcam.cad.backs.kinova_gen2 import RingPlan
+from mirrorcam.cad.holder.holder_solid import solid_of
+from mirrorcam.cad.parts.part_solids import built_of, cut_solid, one_solid
+from mirrorcam.cad.plan.part_plan import recipe
+
+
+@recipe("cad.parts.solids.make_ring")
+def make_ring(plan: RingPlan) -> Part:
+    """Half of the wrist's clamp."""
+    side = 1.0 if plan.above else -1.0
+    # Seen along +y, with x to the left and z up.
+    plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
+    outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        # As far as the middle of the ring, which comes after, so that no two round faces coincide.
+        with BuildSketch(plane.offset(-reach)):
+            Circle(plan.radius_mm + plan.ring_mm / 2.0)
+        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
+        with BuildSketch(plane):
+            Circle(outer)
+            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
+            with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
+                Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
+        extrude(amount=plan.band_mm[1] - plan.band_mm[0])
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid(plan.name, part)
+
+
+@recipe("cad.backs.back_solids.make_blocks")
+def make_blocks(plan: BlocksPlan) -> Part:
+    """A part of blocks and holes."""
+    return built_of(plan.name, plan.pieces, plan.cuts)
+
+
+MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks}
+"""What makes a solid of the plan of a back's part."""

@@ -1,0 +1,304 @@
+"""Kinova's second generation: a split clamp round the last shell, its upper half (the saddle) under the mount's foot.
+
+The wrist runs along y, below the camera: parallel to the views of a fold of 90 deg. Both halves are profiles in the x-z
+plane along y; they print with the clamp's face on the bed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from mirrorcam.cad.backs.back import FRONT_DOWN, Back, BackJoint, BackPart, Carrier, Neck, RobotLink
+from mirrorcam.cad.backs.blocks import ALONG_X
+from mirrorcam.cad.backs.load import Load
+from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.connection import Connection
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import holes, length
+from mirrorcam.cad.plan.item_frames import beyond
+from mirrorcam.cad.plan.prisms import box, corners_of
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import rigid
+
+UP = np.array([0.0, -1.0, 0.0])
+CAP_EAR_MM = 5.0
+EAR_OFF_MM = 0.3
+SADDLE_RGB, CAP_RGB = (0.35, 0.60, 0.42), (0.55, 0.74, 0.52)
+
+ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
+# Least and largest radius, mm, of the last shell with two fingers at distances from its link's origin towards the
+# fingers; and of the joint's ring, which reaches as far to both sides of the origin. Measured in sections of
+# `hand_2finger.STL` and `ring_small.STL`, kinova-ros, kinova_description/meshes, commit 924781d3 (Kinova Robotics,
+# BSD-3-Clause). The shell with three fingers, `hand_3finger.STL`, is 31.5 to 31.8 mm at 12 mm and to 34.0 mm at 18 mm,
+# where a clamp needs it round: it does not fit.
+SHELL_MM = np.array(
+    [
+        *((0.0, 31.47, 31.51), (4.0, 31.43, 31.51), (8.0, 31.41, 31.51), (10.0, 31.41, 31.51), (12.0, 31.43, 31.51)),
+        *((14.0, 31.47, 31.50), (16.0, 31.49, 31.53), (17.0, 31.46, 31.59), (18.0, 31.41, 31.64), (19.0, 31.34, 31.72)),
+        *((20.0, 31.25, 31.82), (22.0, 31.04, 32.10), (24.0, 30.76, 32.53), (27.0, 30.09, 33.47), (30.0, 28.99, 34.71)),
+        *((35.0, 26.52, 37.00), (40.0, 23.81, 39.25), (45.0, 21.26, 41.65)),
+    ]
+)
+SHELL_DIAMETER_MM = 63.0
+JOINT_RING_MM = (34.05, 9.75)
+# Where the shell is no longer round to 0.12 mm, as the clamp needs it.
+ROUND_TO_MM = 18.0
+# Corners of round solids lie on them, the flats between them this little below.
+SAGITTA_MM = 0.02
+
+
+@dataclass(frozen=True)
+class RingPlan:
+    """Half of the clamp in rig, mm: a ring about x = 0, z = `axis_z_mm`, over or under that, and what it carries.
+
+    `above` says which half; the ring spans `band_mm` (2,) along y and is `radius_mm` wide inside. `ears` (2, 3) are
+    where the clamp's screws go through its face towards the other half.
+    """
+
+    name: str
+    above: bool
+    radius_mm: float
+    ring_mm: float
+    axis_z_mm: float
+    gap_mm: float
+    band_mm: FloatArray
+    pieces: tuple[Frustum, ...]
+    cuts: tuple[Frustum | Bore | Hexagon, ...]
+    ears: FloatArray
+
+    @property
+    def dimensions(self) -> tuple[Length | Hole, ...]:
+        """The bore, the clamp's band, and the holes."""
+        middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
+        across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
+        ear = np.array([self.ears[:, 0].max(), self.band_mm[1], self.ears[0, 2]])
+        return (
+            length(middle - across, middle + across, "bore diameter"),
+            length(ear - along, ear, "band"),
+            *holes(self.cuts),
+        )
+
+    @property
+    def corners(self) -> FloatArray:
+        """The corners (8, 3) of a box around all of it."""
+        return corners_of((self.bounds,))
+
+    @property
+    def bounds(self) -> Frustum:
+        """A box around all of it."""
+        reach = self.radius_mm + self.ring_mm
+        level = self.axis_z_mm + (self.gap_mm if self.above else -self.gap_mm) / 2.0
+        end = self.axis_z_mm + (reach if self.above else -reach)
+        solids = (
+            box((-reach, self.band_mm[0], min(level, end)), (reach, self.band_mm[1], max(level, end))),
+            *self.pieces,
+        )
+        corners = corners_of(solids)
+        return box(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
+
+
+@dataclass(frozen=True)
+class ClampPlan:
+    """Both halves, the stacks of the clamp's and the foot's screws, and where their heads (n, 3) rest."""
+
+    saddle: RingPlan
+    cap: RingPlan
+    clamp: Stack
+    foot: Stack
+    foot_heads: FloatArray
+    clamp_heads: FloatArray
+
+
+def plan_gen2(wrist: Gen2Back, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """The clamp as a back: it holds the device over the wrist, which looks where the device looks."""
+    plan = plan_clamp(wrist, clip, hardware)
+    saddle, cap = plan.saddle, plan.cap
+    joins = ("adapter_cap", "adapter_saddle")
+    corners = saddle.corners
+    seats = plan.clamp_heads + (plan.clamp.grip_mm + plan.clamp.begins_mm) * ABOVE
+    middle = float(saddle.band_mm.mean())
+    downwards = np.diag([1.0, -1.0, -1.0])
+    split = rigid(downwards, saddle.ears.mean(axis=0))
+    cap_split = rigid(downwards, cap.ears.mean(axis=0) + cap.gap_mm * ABOVE)
+    ring_top = saddle.axis_z_mm + saddle.radius_mm + saddle.ring_mm
+    saddle_half = FOOT_X_MM + _around_mm(hardware) + 1.0
+    return Back(
+        table=wrist,
+        parts=(
+            BackPart("adapter_saddle", "Adapter saddle", saddle, FRONT_DOWN, np.array([0.0, -60.0, -45.0]), SADDLE_RGB),
+            BackPart("adapter_cap", "Adapter cap", cap, FRONT_DOWN, np.array([0.0, -60.0, -95.0]), CAP_RGB),
+        ),
+        foot=plan.foot,
+        foot_heads=plan.foot_heads,
+        # The channel for these nuts runs along y: their flats are on its sides.
+        joints=(
+            BackJoint(
+                plan.clamp_heads,
+                -ABOVE,
+                plan.clamp,
+                joins,
+                np.array([[beyond(corners, seat, -SCENE)] for seat in seats]),
+                SCENE,
+            ),
+        ),
+        connections=(Connection("clamp", "adapter_saddle", "adapter_cap", split, cap_split),),
+        carriers=(Carrier("wrist", _wrist(wrist, middle, saddle.axis_z_mm)),),
+        necks=(
+            Neck(
+                "saddle over the ring",
+                np.array([0.0, middle, ring_top]),
+                ABOVE,
+                ALONG_X,
+                (2.0 * saddle_half, float(np.ptp(saddle.band_mm))),
+            ),
+        ),
+        # Kinova's last link has its z along the wrist and its fingers towards -z.
+        robot=RobotLink(
+            parent=wrist.link,
+            xyz_mm=(0.0, 0.0, -wrist.along_mm),
+            rpy=(0.0, np.pi / 2.0, 0.0),
+            origin_in_rig=np.array([0.0, middle, saddle.axis_z_mm]),
+            arms=ARMS,
+        ),
+    )
+
+
+def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
+    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table says.
+
+    Another diameter is taken for a shell of the same form. Where the clamp sits, the shell has its mean radius, in
+    front of it its largest.
+    """
+    scale, origin = wrist.diameter_mm / SHELL_DIAMETER_MM, middle_mm - wrist.along_mm
+    along, least, most = SHELL_MM.T
+    radii = scale * np.where(along <= ROUND_TO_MM, (least + most) / 2.0, most)
+    ring, reach = scale * JOINT_RING_MM[0], JOINT_RING_MM[1]
+    turned = [_round_solid((ring, ring), (origin - reach, origin + reach), axis_z_mm)]
+    for (start, first), (end, last) in pairwise(zip(along, radii, strict=True)):
+        turned.append(_round_solid((first, last), (origin + start, origin + end), axis_z_mm))
+    return tuple(turned)
+
+
+def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_z_mm: float) -> Frustum:
+    """A cone or cylinder along y, its radius from one to another."""
+    count = int(np.ceil(np.pi / np.arccos(1.0 - SAGITTA_MM / max(radii_mm))))
+    turn = 2.0 * np.pi / count * np.arange(count)
+    ends = [
+        np.column_stack([radius * np.cos(turn), np.full(count, y), axis_z_mm + radius * np.sin(turn)])
+        for radius, y in zip(radii_mm, y_mm, strict=True)
+    ]
+    return Frustum(*ends)
+
+
+def plan_clamp(wrist: Gen2Back, clip: ClipPlan, hardware: Hardware) -> ClampPlan:
+    """Lay out the clamp below the foot of the mount; the same for all layouts."""
+    foot, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
+    place = _place(wrist, clip, hardware)
+    spans, ear_at = _ears(wrist, place, hardware)
+    heads = foot_screws(clip, hardware) - wrist.grip_mm * ABOVE
+    clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
+    (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.around_mm + 1.0
+    saddle_z, cap_z = place.axis_z_mm + face, place.axis_z_mm - face
+    saddle_pieces = (
+        box((-half, back, place.axis_z_mm + 0.6 * place.radius_mm), (half, front, place.foot_z_mm)),
+        box((-half, clip.slide_y_mm - FOOT_DEPTH_MM, place.under_mm), (half, front, place.foot_z_mm)),
+        *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
+    )
+    cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
+    clearance = hardware.screw.clearance_hole_mm / 2.0
+    cap_cuts = tuple(Bore(head - ABOVE, ABOVE, clearance, CAP_EAR_MM + 2.0, UP) for head in clamp_heads)
+    saddle_cuts = (*_foot_cuts(heads, wrist.grip_mm, hardware), *_ear_cuts(ear_at, place.band_mm, clamp, hardware))
+    common = (place.radius_mm, wrist.ring_mm, place.axis_z_mm, wrist.gap_mm, place.band_mm)
+    return ClampPlan(
+        saddle=RingPlan("adapter_saddle", True, *common, saddle_pieces, saddle_cuts, ear_at),
+        cap=RingPlan("adapter_cap", False, *common, cap_pieces, cap_cuts, ear_at - wrist.gap_mm * ABOVE),
+        clamp=clamp,
+        foot=foot,
+        foot_heads=heads,
+        clamp_heads=clamp_heads,
+    )
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the clamp is in rig, mm: the wrist's radius and axis, the clamp's band (2,) along y.
+
+    Its plate reaches from `under_mm` to the mount's foot; `around_mm` is from a screw's axis to the end of its wall.
+    """
+
+    radius_mm: float
+    axis_z_mm: float
+    band_mm: FloatArray
+    under_mm: float
+    foot_z_mm: float
+    around_mm: float
+
+
+def _around_mm(hardware: Hardware) -> float:
+    """From a screw's axis to the end of its wall."""
+    return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+
+
+def _place(wrist: Gen2Back, clip: ClipPlan, hardware: Hardware) -> _Place:
+    """Place the clamp; raises InputError where its plate is too thin for its screws."""
+    screw = hardware.screw
+    foot_z = foot_z_mm(clip, hardware)
+    radius = wrist.diameter_mm / 2.0
+    axis_z = foot_z - wrist.riser_mm - radius
+    under = axis_z + radius + wrist.joint_mm
+    needed = wrist.grip_mm + screw.head_height_mm + hardware.printer.wall_mm
+    if (thick := foot_z - under) < needed:
+        raise InputError(
+            f"adapter's plate is {thick:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
+        )
+    band = np.array([clip.slide_y_mm, clip.slide_y_mm + wrist.band_mm])
+    return _Place(radius, axis_z, band, under, foot_z, _around_mm(hardware))
+
+
+def _ears(wrist: Gen2Back, place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]], FloatArray]:
+    """The reach of the left and the right ear along x, and where their screws (2, 3) go through the saddle's face."""
+    screw, radius = hardware.screw, place.radius_mm
+    x = radius + wrist.ring_mm + place.around_mm
+    end = x + max(place.around_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
+    spans = [(-end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, end)]
+    # The holes' roofs are higher than the holes: a little off the middle, both sides have their wall.
+    y, z = float(place.band_mm.mean()) + EAR_OFF_MM, place.axis_z_mm + wrist.gap_mm / 2.0
+    return spans, np.array([(-x, y, z), (x, y, z)])
+
+
+def _foot_cuts(heads: FloatArray, grip_mm: float, hardware: Hardware) -> Iterator[Bore]:
+    """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the driver."""
+    screw = hardware.screw
+    driver = head_room_mm(hardware)
+    for head in heads:
+        yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, screw.clearance_hole_mm / 2.0, grip_mm + 1.0, UP)
+        yield Bore(head, -ABOVE, driver, 99.0, UP)
+
+
+def _ear_cuts(
+    ears: FloatArray, band_mm: FloatArray, clamp: Stack, hardware: Hardware
+) -> Iterator[Frustum | Bore | Hexagon]:
+    """The threads of the clamp's screws in the saddle's ears.
+
+    An ear is too narrow for a nut's pocket all round: a channel through it holds the nut by two sides.
+    """
+    screw = hardware.screw
+    flat = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0
+    for ear in ears:
+        hole, *pocket = thread(ear, ABOVE, UP, clamp, clamp.wall_mm, screw)
+        yield hole
+        if pocket:
+            top = ear[2] + clamp.wall_mm
+            low = (ear[0] - flat, band_mm[0] - 1.0, top - screw.nut_height_mm - NUT_FIT_MM)
+            yield box(low, (ear[0] + flat, band_mm[1] + 1.0, top + 1.0))

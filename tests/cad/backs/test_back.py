@@ -1,0 +1,33 @@
+"""The section that a back's load passes, against the formulas of beams."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.backs.back import AS_IT_STANDS, BACK_DOWN, FRONT_DOWN, ON_ITS_SIDE, Neck
+
+X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("turn", [AS_IT_STANDS, BACK_DOWN, FRONT_DOWN, ON_ITS_SIDE])
+def test_parts_are_turned_onto_the_bed_not_mirrored(turn: np.ndarray) -> None:
+    np.testing.assert_array_equal(turn @ turn.T, np.eye(3))
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_a_force_through_the_middle_pulls_and_one_above_it_bends() -> None:
+    neck = Neck("post", np.zeros(3), Z, X, (20.0, 10.0))
+    assert neck.stress_mpa(100.0, np.zeros(3)) == pytest.approx(100.0 / 200.0)
+    above = neck.stress_mpa(100.0, np.array([0.0, 0.0, 50.0]))
+    # M / W about either side, W = b h^2 / 6; the force above the middle twists nothing.
+    bending = 100.0 * 50.0 * 6.0 * (1.0 / (20.0 * 10.0**2) + 1.0 / (10.0 * 20.0**2))
+    assert above == pytest.approx(0.5 + bending)
+    aside = neck.stress_mpa(100.0, np.array([0.0, 50.0, 0.0]))
+    assert aside == pytest.approx(0.5 + 5000.0 * 6.0 / (20.0 * 10.0**2) + 5000.0 * 5.0 / (20.0 * 10.0**2))
+
+
+def test_a_neck_that_only_bends_has_its_own_arm() -> None:
+    neck = Neck("plate", np.zeros(3), Z, X, (60.0, 6.0), arm_mm=30.0)
+    for at in (np.zeros(3), np.array([500.0, 0.0, 0.0])):
+        assert neck.stress_mpa(12.0, at) == pytest.approx(12.0 / 360.0 + 12.0 * 30.0 * 6.0 / (60.0 * 36.0))

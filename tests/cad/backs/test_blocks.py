@@ -1,0 +1,66 @@
+"""Parts of blocks: their holes against closed forms, and the nut of a tripod in its pocket."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.bought_solids import item_solid
+from mirrorcam.cad.backs.back_solids import make_blocks
+from mirrorcam.cad.backs.blocks import (
+    BlocksPlan,
+    countersunk_hole,
+    tripod_cuts,
+    tripod_depth_mm,
+    tripod_nut,
+)
+from mirrorcam.cad.plan.back_table import TripodNut
+from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.threads import thread_of
+
+PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
+
+
+def test_a_countersunk_hole_is_a_cylinder_under_a_cone_of_44_degrees() -> None:
+    cuts = countersunk_hole(np.array([0.0, 0.0, 1.0]), 7.0, 1.0, "M3")
+    removed = 40.0 * 40.0 * 8.0 - make_blocks(BlocksPlan("plate", (PLATE,), cuts)).volume
+    # From the face, where the cone is as much wider as it lies deep, to the hole for the screw; 44 deg print well.
+    wide, half = 2.24 * 1.5 + 1.0, 1.7
+    slope = np.tan(np.radians(44.0))
+    cone = np.pi / 3.0 * (wide**3 - half**3) / slope
+    assert removed == pytest.approx(cone + np.pi * half**2 * (8.0 - (wide - half) / slope), rel=2e-3)
+
+
+def test_the_nut_of_a_tripod_lies_flush_on_its_floor() -> None:
+    nut, top = TripodNut(), np.array([3.0, -2.0, 8.0])
+    item = tripod_nut(top, 8.0, nut, "plate", np.zeros(3))
+    low = item.rig_from_item[2, 3] - item.length_mm
+    assert low == pytest.approx(nut.floor_mm)
+    assert item.rig_from_item[2, 3] <= 8.0
+    assert item.way_out_mm[0, 2] > 8.0
+    flush = tripod_depth_mm(nut)
+    assert tripod_nut(np.array([0.0, 0.0, flush]), flush, nut, "plate", np.zeros(3)).rig_from_item[2, 3] < flush
+    assert nut.screw_mm - nut.floor_mm >= 3.0 * thread_of("1/4-20 UNC").pitch_mm
+
+
+def test_the_pocket_holds_the_nut_and_keeps_it_from_turning() -> None:
+    nut, top = TripodNut(), np.array([3.0, -2.0, 8.0])
+    plate = make_blocks(BlocksPlan("plate", (PLATE,), tripod_cuts(top, 8.0, nut)))
+    item = tripod_nut(top, 8.0, nut, "plate", np.zeros(3))
+    from build123d import Location, Plane, Rotation
+
+    x_axis, _, z_axis, origin = (tuple(column) for column in item.rig_from_item[:3].T)
+    placed = Location(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis))
+
+    def common_mm3(turn_deg: float) -> float:
+        body = placed * Rotation(0.0, 0.0, turn_deg) * item_solid(item)
+        return float(sum(solid.volume for solid in plate.intersect(body) or []))
+
+    assert common_mm3(0.0) == pytest.approx(0.0, abs=1e-6)
+    assert common_mm3(30.0) > 3.0
+
+
+def test_dimensions_are_the_lengths_and_every_hole() -> None:
+    plan = BlocksPlan("plate", (PLATE,), tripod_cuts(np.array([0.0, 0.0, 8.0]), 8.0, TripodNut()))
+    assert [hole.diameter_mm for hole in plan.dimensions] == [6.6, pytest.approx(11.31)]  # type: ignore[union-attr]
+    assert plan.corners.shape == (8, 3)

@@ -1,0 +1,61 @@
+"""Every kind of back is planned, of what all have in common."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back_solids import MAKERS
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.parts.foot import foot_screws
+from mirrorcam.cad.plan.back_table import BACKS, back_of
+
+WEB = Path(__file__).parents[3] / "cad" / "web" / "backs"
+
+
+@pytest.mark.parametrize("screws", ["insert", "nut"])
+@pytest.mark.parametrize("kind", list(BACKS))
+def test_every_kind_hangs_on_the_four_screws_of_the_foot(kind: str, screws: str, device: Device) -> None:
+    hardware = device.hardware.replaced(
+        back=back_of(kind),
+        screw=device.hardware.screw.replaced(kind=screws),
+    )
+    back = plan_back(device.clip, device.mount, hardware)
+    assert back.kind == kind
+    np.testing.assert_allclose(
+        back.foot_heads + np.array([0.0, 0.0, back.foot.grip_mm]), foot_screws(device.clip, hardware), atol=1e-9
+    )
+    assert back.necks
+    names = [part.name for part in back.parts]
+    assert len(set(names)) == len(names)
+    assert all(
+        re.fullmatch(r"adapter_[a-z]+", name) and type(part.plan) in MAKERS
+        for name, part in zip(names, back.parts, strict=True)
+    )
+    for joint in back.joints:
+        assert set(joint.joins) <= {*names, "mount"}
+        assert len(joint.nut_ways_mm) == len(joint.heads)
+    for item in back.items:
+        assert set(item.joins) <= set(names)
+
+
+def test_every_kind_has_its_step_in_the_guide_and_no_other_has() -> None:
+    assert {path.stem for path in WEB.glob("*.md")} == set(BACKS)
+    for path in WEB.glob("*.md"):
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith("## Step {{ step_of.back }}: ")
+        assert "(pictures/adapter.png)" in text
+        assert "stages.adapter_screws|counted" in text
+
+
+def test_only_arms_hang_on_a_link(device: Device) -> None:
+    arms = set()
+    for kind in BACKS:
+        back = plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))
+        if back.robot is not None:
+            arms.add(kind)
+    assert arms == {"gen2"}
