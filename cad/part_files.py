@@ -7,7 +7,8 @@ from pathlib import Path, PurePosixPath
 
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.documents import write_drawing
-from mirrorcam.cad.documents.title_block import issue_date
+from mirrorcam.cad.documents.title_block import UNDATED, issue_date
+from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
@@ -42,20 +43,28 @@ def make_part(
     key = _key(part, printer, screw)
     if previous and (built := _take_over(part, key, out, previous)):
         return built
-    solid = part.make(part.plan)
-    solid.label = part.name
+    bare = part.make(part.plan)
+    bare.label = part.name
+    mark = plan_mark(bare, mark_of(part), part.print_from_rig[2, :3], part.faces)
+    solid = engraved(bare, mark) if mark else bare
     folder = out / "parts"
     step, stl, threemf = (folder / f"{part.name}{suffix}" for suffix in (".step", ".stl", ".3mf"))
     write_step(step, solid, part.faces)
     write_stl(stl, solid)
     write_3mf(threemf, stl, part, printer)
-    drawings = write_drawing(out / "drawings", solid, part, printer, screw)
+    drawings = write_drawing(out / "drawings", bare, part, printer, screw)
     mass = mass_properties(solid, printer.plastic_g_per_cm3)
     built = BuiltPart.of(part, folder, mass, check_part(part, folder, printer))
     files = {path.relative_to(out).as_posix(): file_digest(path) for path in (step, stl, threemf, *drawings)}
     record = _Record(key=key, files=files, part=built.replaced(folder=Path("parts")))
     write_text(_record_path(out, part), record.model_dump_json(indent=1) + "\n")
     return built
+
+
+def mark_of(part: PartPlan) -> tuple[str, ...]:
+    """What is engraved into a part, line by line: its number, its revision, and the date of issue, if it has one."""
+    date = issue_date()
+    return (part.number, part.identity[:8], *(() if date == UNDATED else (date,)))
 
 
 def _take_over(part: PartPlan, key: str, out: Path, previous: Path) -> BuiltPart | None:

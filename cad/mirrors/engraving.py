@@ -8,25 +8,12 @@ import numpy as np
 from shapely import Polygon, maximum_inscribed_circle
 from shapely.geometry.polygon import orient
 
+from mirrorcam.cad.plan.stroke_font import STROKES
 from mirrorcam.optics.base.values import FloatArray
 
 LINE_GAP_MM = 0.5
 """Lines of a laser closer than this burn into one."""
 
-# Corners of a seven-segment digit, one wide and two high, and the strokes that draw each sign through them.
-STROKES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
-    "0": (((0, 0), (1, 0), (1, 2), (0, 2), (0, 0)),),
-    "1": (((1, 0), (1, 2)),),
-    "2": (((0, 2), (1, 2), (1, 1), (0, 1), (0, 0), (1, 0)),),
-    "3": (((0, 2), (1, 2), (1, 0), (0, 0)), ((0, 1), (1, 1))),
-    "4": (((0, 2), (0, 1), (1, 1)), ((1, 2), (1, 0))),
-    "5": (((1, 2), (0, 2), (0, 1), (1, 1), (1, 0), (0, 0)),),
-    "6": (((1, 2), (0, 2), (0, 0), (1, 0), (1, 1), (0, 1)),),
-    "7": (((0, 2), (1, 2), (1, 0)),),
-    "8": (((0, 0), (1, 0), (1, 2), (0, 2), (0, 0)), ((0, 1), (1, 1))),
-    "9": (((1, 1), (0, 1), (0, 2), (1, 2), (1, 0), (0, 0)),),
-    "-": (((0, 1), (1, 1)),),
-}
 # Between signs, of half their height: as it reads best, and as small signs need it.
 GAPS = (0.6, 1.0)
 ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))

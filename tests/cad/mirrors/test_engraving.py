@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from shapely import LineString, Polygon, union_all
 
-from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, STROKES, mark
+from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
 
 WIDE = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]])
 
@@ -45,11 +43,3 @@ def test_signs_of_a_small_mirror_stay_apart() -> None:
     figures = [union_all([arrow, head]), *signs]
     gaps = [figure.distance(other) for i, figure in enumerate(figures) for other in figures[i + 1 :]]
     assert min(gaps) >= LINE_GAP_MM - 1e-9
-
-
-def test_no_sign_looks_like_another() -> None:
-    drawn = {
-        sign: frozenset(frozenset(pair) for stroke in strokes for pair in pairwise(stroke))
-        for sign, strokes in STROKES.items()
-    }
-    assert len(set(drawn.values())) == len(STROKES)
