@@ -21,7 +21,7 @@ from mirrorcam.cad.backs.back import BackJoint, BackPart
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.bed_placement import turn
-from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_mount
+from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.item_frames import ACROSS, along
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
@@ -43,6 +43,7 @@ EXPLODE = {
     "mount": (0.0, -60.0, 0.0),
     "camera_clip": (0.0, 20.0, -20.0),
     "fit_coupon": (0.0, 0.0, 0.0),
+    "dust_cover": (0.0, 0.0, 0.0),
 }
 
 
@@ -60,6 +61,7 @@ def _on_bed(device: Device) -> Pieces:
         "camera_clip": corners_of(device.clip.pieces),
         **{part.name: part.plan.corners for part in device.back.parts},
         "fit_coupon": corners_of(device.coupon.pieces),
+        **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
     }
     cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
@@ -96,7 +98,15 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
         _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
         *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
+        *_cover(device),
     )
+
+
+def _cover(device: Device) -> tuple[PartPlan, ...]:
+    if device.cover is None:
+        return ()
+    bed_from_rig = lying_on(device.cover.rig_from_front)
+    return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
 
 
 def _of_back(part: BackPart, number: int) -> PartPlan:

@@ -14,6 +14,7 @@ from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.camera_box import ABOVE, body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
+from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
@@ -37,6 +38,7 @@ class Device:
     clip: ClipPlan
     back: Back
     coupon: CouponPlan
+    cover: CoverPlan | None
 
 
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
@@ -85,6 +87,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         clip=clip,
         back=back,
         coupon=plan_coupon(layout, hardware),
+        cover=plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None,
     )
 
 

@@ -47,8 +47,9 @@ MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
 CAMERA_OUT_MM = 15.0
 BOARD_OUT_MM = 40.0
-COUPON = "fit_coupon"
-"""A part to print that is no piece of the device."""
+COUPON, COVER = "fit_coupon", "dust_cover"
+APART = (COUPON, COVER)
+"""Parts to print that are no pieces of the device in use."""
 
 TOLERANCE_MM = 0.05
 ANGLE_RAD = 0.35
@@ -78,7 +79,7 @@ PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
 
 def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
     """All pieces of a device, its printed parts read from their STL files."""
-    printed = [_printed(part) for part in parts if part.name != COUPON]
+    printed = [_printed(part) for part in parts if part.name not in APART]
     return (
         *printed,
         *mirror_pieces(device, printed),

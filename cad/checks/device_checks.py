@@ -17,10 +17,11 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import BRASS, COUPON, MIRRORS, STEEL, composed, mass_of
+from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, mass_of
 from mirrorcam.cad.checks.back_checks import check_back
 from mirrorcam.cad.checks.camera_nest import check_nest
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
+from mirrorcam.cad.checks.cover_checks import check_cover
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
@@ -63,7 +64,7 @@ class DeviceAsMade:
     @classmethod
     def read(cls, device: Device, parts: Sequence[BuiltPart], folder: Path) -> Self:
         """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
-        printed = [part for part in parts if part.name != COUPON]
+        printed = [part for part in parts if part.name not in APART]
         sheets = sorted((folder / "mirrors").glob("*.dxf"))
         laid = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
         assembly = read_glb(folder / ASSEMBLY)
@@ -117,6 +118,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
         **check_light(device.layout, hardware, made.sound_parts | carriers, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),
+        **_check_cover(made, parts),
         **check_clashes(made.sound | carriers, hardware.fit.press_mm),
         **check_insertion(items, made.sound),
         **check_step_views(device.layout, items, made.sound),
@@ -161,6 +163,13 @@ def _check_stray_light(made: DeviceAsMade) -> dict[str, Metric]:
     parts = manifold3d.Manifold.compose(list(made.sound_parts.values()))
     past = stray_light(made.device.layout, parts, [solid for solid in made.mirrors if solid is not None])
     return {"device.stray_light": Metric(value=past, unit="of the pixels", limit=STRAY_LIGHT)}
+
+
+def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Metric]:
+    """Check the dust cover, if the device has one, against all that is there when the device is at rest."""
+    covers = [solid_of(read_stl(part.stl)) for part in parts if part.name == COVER]
+    plan = made.device.cover
+    return check_cover(plan, covers[0], made.sound) if plan and covers else {}
 
 
 def carriers_of(device: Device) -> dict[str, manifold3d.Manifold]:

@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import COUPON, Piece
+from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
@@ -68,6 +68,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         facings={surface: facing_of(surface, hardware.cutting.material) for surface in SURFACES},
         glass=hardware.cutting.material == "glass",
         settings=PRINT_SETTINGS,
+        covered=next((part.number for part in parts if part.name == COVER), ""),
         tightening=_tightening_rows(pieces, hardware),
         coupon_mirror_mm=MIRROR_MM,
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",

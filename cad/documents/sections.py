@@ -15,6 +15,7 @@ from shapely import LineString, MultiLineString, Polygon
 from mirrorcam.cad.documents.drawing_sheet import INK, DrawingSheet
 from mirrorcam.cad.documents.hole_callouts import DEPTH
 from mirrorcam.cad.documents.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
+from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.optics.base.values import FloatArray
@@ -46,11 +47,13 @@ class Section:
 def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) -> tuple[int, float] | None:
     """The plane that shows the cavities of a part: the axis of the bed that it is square to, and its place, mm.
 
-    A mount is cut through its middle, any other part through the axes of most of its holes, blind ones first. None for
-    a part without holes. `bed_from_rig` is a rotation (3, 3).
+    A mount and a cover are cut through their middles, any other part through the axes of most of its holes, blind ones
+    first. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
     """
     if isinstance(plan, MountPlan):
         return 2, float(bed_from_rig[2] @ plan.slide)
+    if isinstance(plan, CoverPlan):
+        return 0, float(bed_from_rig[0] @ plan.rig_from_front[:3, 3])
     scores: Counter[tuple[int, float]] = Counter()
     for place, hole in {_axis_of(hole): hole for hole in holes}.items():
         axis = bed_from_rig @ hole.axis_in_rig

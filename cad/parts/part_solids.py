@@ -28,6 +28,7 @@ from build123d import (
 from mirrorcam.cad.holder.holder_solid import solid_of
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
+from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.part_plan import recipe
@@ -143,3 +144,13 @@ def make_clip(plan: ClipPlan) -> Part:
 def make_mount(plan: MountPlan) -> Part:
     """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
     return built_of("mount", plan.pieces, (*plan.cuts, *plan.light))
+
+
+@recipe("cad.parts.solids.make_cover")
+def make_cover(plan: CoverPlan) -> Part:
+    """The dust cover: a hollow cap with a notch in its rim, and catches."""
+    with BuildPart() as part:
+        insert(solid_of(plan.outer))
+        insert([solid_of(plan.inner), solid_of(plan.notch)], mode=Mode.SUBTRACT)
+        insert([solid_of(catch) for catch in plan.catches])
+    return one_solid("dust_cover", part)

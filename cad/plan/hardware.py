@@ -116,6 +116,7 @@ class HolderDimensions(Value):
         1.4, "how far they reach out of the rims: less than they are thick leaves no slit"
     )
     shade_step_mm: float = _positive(5.0, "length of their straight pieces")
+    dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 

@@ -28,7 +28,7 @@ from build123d import (
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, COUPON, ITEM_RGB, MIRROR_RGB, holder_under, item_names
+from mirrorcam.cad.assembly.pieces import APART, CAMERA_RGB, ITEM_RGB, MIRROR_RGB, holder_under, item_names
 from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
 from mirrorcam.cad.write.part_export import write_step
@@ -58,7 +58,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
 
     Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
     """
-    fitted = [part for part in parts if part.name != COUPON]
+    fitted = [part for part in parts if part.name not in APART]
     printed = {part.name: _printed(part) for part in fitted}
     for connection in connections(device):
         parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)

@@ -103,6 +103,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "slices": "slicer accepts the 3MF file (1: yes)",
     "print_minutes": "printing time",
     "print_g": "mass as sliced",
+    "way_clash_mm3": "obstruction on its way off",
     "support_filament_mm": "filament used for support, length",
 }
 

@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"
-COUPON = "fit_coupon"  # among the parts to print, but no piece of the device
+APART = ("fit_coupon", "dust_cover")  # among the parts to print, but no pieces of the device in use
 SAME_MM = 0.05  # tolerance between corners of a mirror in a file and in a layout
 # Printed plastic, dark and diffuse, where a file has no colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
@@ -102,7 +102,7 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
     """
     if (folder / ASSEMBLY).is_file():
         return (folder / ASSEMBLY,)
-    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem != COUPON)
+    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem not in APART)
     if not found:
         raise InputError(f"{folder}: no {ASSEMBLY} and no .stl files, expected a folder that `mirrorcam cad` wrote")
     return found

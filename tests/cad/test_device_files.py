@@ -15,7 +15,7 @@ from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 Built = tuple[Layout, Path, dict[str, Metric]]
-PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon")
+PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon", "dust_cover")
 WHOLE = {"index.html", "guide.md", "bom.md", "bom.csv", "bom.json", "checks.json", "assembly.step", "assembly.glb"}
 
 

@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
 BACKS = ("adapter_desk", "adapter_saddle", "adapter_cap")
-WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon")
+WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon", "dust_cover")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
 PICTURES = (

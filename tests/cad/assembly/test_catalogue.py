@@ -128,7 +128,7 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> 
         turn = part.print_from_rig[:3, :3]
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(turn) == pytest.approx(1.0)
-        if part.name == "mirror_holder":
+        if part.name in ("mirror_holder", "dust_cover"):
             continue
         printed = part.make(part.plan).bounding_box()
         corners = np.array(

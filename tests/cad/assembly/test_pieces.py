@@ -33,7 +33,7 @@ from tests.cad.assembly.bought import item
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
     """The block in the stead of holder, clip and fit coupon: nothing here looks at their shape."""
     folder = tmp_path_factory.mktemp("pieces")
-    names = ("mirror_holder", "camera_clip", "fit_coupon")
+    names = ("mirror_holder", "camera_clip", "fit_coupon", "dust_cover")
     for name in names:
         shutil.copy(built_block.stl, folder / f"{name}.stl")
     return [built_block.replaced(name=name, folder=folder) for name in names]
@@ -73,7 +73,7 @@ def test_every_piece_is_closed_named_once_and_in_the_device(device: Device, part
     names = [piece.name for piece in pieces]
     assert len(set(names)) == len(names)
     assert {"mirror_holder", "mirror_0-0", "mirror_2-2", "camera"} <= set(names)
-    assert "fit_coupon" not in names
+    assert not {"fit_coupon", "dust_cover"} & set(names)
     for piece in pieces:
         assert piece.mesh.is_volume, piece.name
         np.testing.assert_allclose(piece.mesh.center_mass, piece.mass.centre_in_rig_mm, atol=1e-3)

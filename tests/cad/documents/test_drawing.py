@@ -133,6 +133,7 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
 
 
 NAMES = ("mount", "camera_clip", "adapter_desk", "adapter_saddle", "adapter_cap", "fit_coupon")
+ALL = (*NAMES, "dust_cover")
 
 
 @cache
@@ -153,7 +154,7 @@ def drawn(device: Device, name: str) -> DrawingSheet:
     return draw(part.make(part.plan), part, HARDWARE.printer)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL)
 def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
     sheet = drawn(device, name)
     assert overlaps(sheet) == []
@@ -175,7 +176,7 @@ def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name:
     assert called_out(drawn(device, name)) == wanted
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL)
 def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: str) -> None:
     sheet = drawn(device, name)
     said = [words.text for words in sheet.words]

@@ -1,0 +1,120 @@
+"""The dust cover: a cap over the mirrors while the device is not in use, that clicks on the flange of their holder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import Polygon, get_coordinates
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.bed import bed_lengths_mm
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+# Space between the cover and what it covers, and beside the mount.
+CLEAR_MM = 1.0
+# A catch reaches so far over the flange's back edge; both of its sides are at 45 deg.
+CATCH_MM, CATCH_LONG_MM = 0.45, 12.0
+OVERLAP_MM = 0.3
+
+
+@dataclass(frozen=True)
+class CoverPlan:
+    """A cover in rig, mm: what is between `outer` and `inner`, less the `notch` for the mount, with its `catches`.
+
+    `rig_from_front` (4, 4) is the frame of its flat front, z out of the part. `rim_mm` is how far its rim is off the
+    plane of the holder's back, behind it; `way_mm` (2, 3) are the moves in rig by which it is taken off.
+    """
+
+    outer: Frustum
+    inner: Frustum
+    notch: Frustum
+    catches: tuple[Frustum, ...]
+    rig_from_front: FloatArray
+    rim_mm: float
+    way_mm: FloatArray
+
+
+def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: Hardware) -> CoverPlan | None:
+    """Lay out the cover: round the flange, and over all that stands on it; None where it does not fit the bed.
+
+    Its rim reaches behind the flange, which its catches hold; where the mount passes, it ends before the flange.
+    """
+    mount_from_rig = np.linalg.inv(holder.rig_from_mount)
+    flange = Polygon(transform(mount_from_rig, holder.flange.base)[:, :2])
+    fronts = np.vstack([mirror_prism(mirror).top for mirror in layout.mirrors] + [holder.corners_in_rig])
+    highest = -float(transform(mount_from_rig, fronts)[:, 2].min()) + CLEAR_MM
+    wall, slide = hardware.printer.wall_mm, hardware.fit.slide_mm
+    inside, outside = (flange.buffer(by, join_style="mitre") for by in (slide, slide + wall))
+    left, low, right, high = outside.bounds
+    bed = bed_lengths_mm((right - left, high - low), hardware)
+    if right - left > bed[0] or high - low > bed[1] or highest + wall > hardware.printer.bed_mm[2]:
+        return None
+    rim = 3.0 * CATCH_MM
+    away = holder.rig_from_mount[:3, 2]
+    # The mount passes on the side of the camera.
+    pupil = transform(mount_from_rig, np.zeros((1, 3)))[0]
+    scene = layout.view_from_rig[2]
+    sideways = scene - (scene @ away) * away
+    if np.linalg.norm(sideways) < 1e-3:
+        sideways = -(mount_from_rig[:3, :3].T @ np.array([0.0, pupil[1], 0.0]))
+    return CoverPlan(
+        outer=_prism(outside, -(highest + wall), rim, holder.rig_from_mount),
+        inner=_prism(inside, -highest, rim + 1.0, holder.rig_from_mount),
+        notch=_notch(flange, pupil, mount.half_width_mm, hardware, holder),
+        catches=_catches(inside, mount.half_width_mm, holder.rig_from_mount),
+        rig_from_front=holder.rig_from_mount @ rigid(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, -(highest + wall)]),
+        rim_mm=rim,
+        way_mm=np.array([-(highest + wall + CLEAR_MM) * away, 2.0 * high * sideways / np.linalg.norm(sideways)]),
+    )
+
+
+def _prism(area: Polygon, from_mm: float, to_mm: float, rig_from_mount: FloatArray) -> Frustum:
+    """The prism on a convex area of the back, between two heights along the mount's z."""
+    corners = get_coordinates(orient(area))[:-1]
+    base, top = (
+        transform(rig_from_mount, np.column_stack([corners, np.full(len(corners), z)])) for z in (from_mm, to_mm)
+    )
+    return Frustum(base, top)
+
+
+def _notch(flange: Polygon, pupil: FloatArray, half_width_mm: float, hardware: Hardware, holder: HolderPlan) -> Frustum:
+    """The gap in the rim for the mount, which passes on the side of the camera, and lies on the back."""
+    far = float(np.abs(np.array(flange.bounds)).max()) + 10.0
+    half, side = half_width_mm + CLEAR_MM, np.sign(pupil[1])
+    near = np.array([(-half, side * 1.0), (half, side * 1.0), (half, side * far), (-half, side * far)])
+    return _prism(Polygon(near), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
+
+
+def _catches(inside: Polygon, half_width_mm: float, rig_from_mount: FloatArray) -> tuple[Frustum, ...]:
+    """A wedge on the inner wall at the longest side left and right of the mount, over the flange's back edge."""
+    corners = get_coordinates(orient(inside))
+    sides = np.stack([corners[:-1], corners[1:]], axis=1)
+    wedges = []
+    for sign in (-1.0, 1.0):
+        beside = [side for side in sides if (sign * side[:, 0] > half_width_mm).all()]
+        if not beside:
+            continue
+        start, end = max(beside, key=lambda side: float(np.linalg.norm(side[1] - side[0])))
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / length
+        inward = np.array([-along[1], along[0]])
+        half = min(CATCH_LONG_MM, 0.8 * length) / 2.0
+        # Across the wall and along z: it meets the flange's edge halfway up its lower slope.
+        profile = np.array([(-OVERLAP_MM, -0.1), (0.0, -0.1), (CATCH_MM, CATCH_MM - 0.1), (0.0, 2.0 * CATCH_MM - 0.1)])
+        profile = np.vstack([profile, [(-OVERLAP_MM, 2.0 * CATCH_MM - 0.1)]])
+        ends = [
+            transform(
+                rig_from_mount,
+                np.column_stack([(start + end) / 2.0 + way * half * along + profile[:, :1] * inward, profile[:, 1]]),
+            )
+            for way in (-1.0, 1.0)
+        ]
+        wedges.append(Frustum(ends[0], ends[1]))
+    return tuple(wedges)
