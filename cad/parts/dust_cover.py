@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 # Space between the cover and what it covers, and beside the mount.
 CLEAR_MM = 1.0
@@ -46,7 +46,7 @@ def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: H
 
     Its rim reaches behind the flange, which its catches hold; where the mount passes, it ends before the flange.
     """
-    mount_from_rig = np.linalg.inv(holder.rig_from_mount)
+    mount_from_rig = inverse(holder.rig_from_mount)
     flange = Polygon(transform(mount_from_rig, holder.flange.base)[:, :2])
     fronts = np.vstack([mirror_prism(mirror).top for mirror in layout.mirrors] + [holder.corners_in_rig])
     highest = -float(transform(mount_from_rig, fronts)[:, 2].min()) + CLEAR_MM

@@ -14,7 +14,7 @@ from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.geometry.transforms import inverse, transform
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def cover(device: Device) -> CoverPlan:
 
 
 def on_back(device: Device, points: FloatArray) -> FloatArray:
-    return transform(np.linalg.inv(device.holder.rig_from_mount), points)
+    return transform(inverse(device.holder.rig_from_mount), points)
 
 
 def test_it_covers_mirrors_and_holder_with_space_over_the_highest(device: Device, cover: CoverPlan) -> None:
