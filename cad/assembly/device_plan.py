@@ -18,7 +18,7 @@ from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
-from mirrorcam.cad.plan.prisms import box, moved, require_dark
+from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -87,8 +87,19 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         clip=clip,
         back=back,
         coupon=plan_coupon(layout, hardware),
-        cover=plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None,
+        cover=_cover(layout, holder, mount, (*camera_boxes(hardware), *clip.pieces), hardware),
     )
+
+
+def _cover(
+    layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
+) -> CoverPlan | None:
+    """The dust cover, if one is asked for, fits the bed, and comes off past the camera in its clip (`camera`)."""
+    cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
+    if cover is None:
+        return None
+    off = moved(cover.outer, cover.way_mm[0])
+    return None if any(overlap_mm(off, solid) > 0.0 for solid in camera) else cover
 
 
 def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:

@@ -191,7 +191,7 @@ def _reach_mm(front: _Front, mount: MountFace) -> float:
 
 def _baffle(front: _Front, mount: MountFace, rig_from_mount: FloatArray, hardware: Hardware) -> Baffle:
     """Plan the baffle outside all light and every mirror's path into its pocket."""
-    reach = _reach_mm(front, mount)
+    reach = _reach_mm(front, mount) + 2.0 * hardware.holder.hood_mm
     ways_in = (_way_in(mirror, reach, hardware) for mirror in front.layout.mirrors)
     return plan_baffle(
         front.layout,

@@ -88,7 +88,8 @@ def plan_baffle(
     """Lay out the baffle along a convex border, as high as the light beside it permits.
 
     Its crest runs from corner to corner of short pieces, at a height that no light reaches on either side. It ends
-    where the camera sees no further; where it may not rise over `foot_mm` above the back, it stays in the slab.
+    where the camera sees no further, or as a hood `hood_mm` over the highest mirror; where it may not rise over
+    `foot_mm` above the back, it stays in the slab.
 
     Parameters
     ----------
@@ -110,7 +111,12 @@ def plan_baffle(
     hulls = [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in light]
     lit = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
     view = (_field_of_view(layout.camera) - _behind_mirrors(layout, hardware)).transform(mount_from_rig)
-    crest = _crest_mm(outside, inside, lit, view, hardware)
+    hood_mm = 0.0
+    if hardware.holder.hood_mm > 0.0:
+        fronts = np.vstack([outline_at(mirror, mirror.front_mm) for mirror in layout.mirrors])
+        highest_mm = -float((fronts @ mount_from_rig[2, :3] + mount_from_rig[2, 3]).min())
+        hood_mm = highest_mm + hardware.holder.hood_mm
+    crest = _crest_mm(outside, inside, lit, view, hood_mm, hardware)
     inside_slab = foot_mm - 1.0
     crest = np.where(crest > foot_mm + hardware.holder.shade_mm, crest, inside_slab - 0.5)
     foot = np.full(len(outside), 0.5 * inside_slab)
@@ -132,12 +138,14 @@ def _sides(border: Polygon, hardware: Hardware) -> tuple[FloatArray, FloatArray]
     return _in_pieces(corners, counts), _in_pieces(inner, counts)
 
 
-def _crest_mm(outside: FloatArray, inside: FloatArray, lit: Manifold, view: Manifold, hardware: Hardware) -> FloatArray:
+def _crest_mm(
+    outside: FloatArray, inside: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
+) -> FloatArray:
     """Heights (n,) over the back of the corners: each as high as the lower of the two pieces that meet there."""
     levels = []
     for i in range(len(outside)):
         piece = np.array([outside[i - 1], outside[i], inside[i], inside[i - 1]])
-        levels.append(_free_height_mm(piece, lit, view, hardware))
+        levels.append(_free_height_mm(piece, lit, view, hood_mm, hardware))
     return np.minimum(levels, np.roll(levels, -1))
 
 
@@ -175,16 +183,20 @@ def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
     return Manifold.batch_boolean(shadows, OpType.Add)
 
 
-def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hardware: Hardware) -> float:
-    """Height over the back to which a wall on a convex piece (n, 2) may and need rise; 0 where the camera sees none."""
+def _free_height_mm(piece: FloatArray, lit: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
+    """Height over the back to which a wall on a convex piece (n, 2) may and need rise.
+
+    It need rise to `hood_mm`, and to where the camera sees it no more: 0 where it sees none.
+    """
     highest = hardware.printer.bed_mm[2]
     seen = _column(piece, highest) ^ view
-    if seen.is_empty():
+    needed = hood_mm if seen.is_empty() else max(hood_mm, -seen.bounding_box()[2])
+    if needed == 0.0:
         return 0.0
     beside = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
     light = _column(get_coordinates(beside), highest) ^ lit
     lowest = highest if light.is_empty() else -light.bounding_box()[5] - hardware.fit.light_mm
-    return min(lowest, -seen.bounding_box()[2])
+    return min(lowest, needed)
 
 
 def _column(flat: FloatArray, height_mm: float) -> Manifold:

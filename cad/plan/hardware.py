@@ -112,6 +112,11 @@ class HolderDimensions(Value):
     groove_depth_mm: float = _positive(0.6, "its depth below the seat")
     groove_pitch_mm: float = _positive(7.0, "distance of such grooves from one to the next")
     shade_mm: float = _positive(1.6, "thickness of the walls that keep stray light out")
+    hood_mm: float = PART_GAP_MM.field(
+        0.0,
+        "how far these walls reach over the highest mirror where light lets them, as a hood against light and dust "
+        "from the sides; 0: only as far as the camera sees past the mirrors",
+    )
     shade_out_mm: float = PART_GAP_MM.field(
         1.4, "how far they reach out of the rims: less than they are thick leaves no slit"
     )

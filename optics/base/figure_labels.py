@@ -43,6 +43,7 @@ LIGHT: Mapping[str, str] = {
     "rim_light_stopped": "light blocked at pupil's rim",
     "shade_of_sheets": "light blocked by mirrors",
     "stray_light": "pixels with stray light",
+    "surroundings_on_mirrors": "light of the surroundings on mirrors",
     "light_gap_mm": "smallest gap to the light",
 }
 

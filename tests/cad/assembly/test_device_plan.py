@@ -88,3 +88,10 @@ def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: 
     monkeypatch.setattr("mirrorcam.cad.assembly.device_plan.plan_back", on_a_wall)
     with pytest.raises(InputError, match=r"light of mirror \d-\d enters the wall by \d+\.\d mm"):
         plan_device(default_layout, HARDWARE)
+
+
+def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: Layout, device: Device) -> None:
+    """Over a high hood it would have to be drawn into the camera; by choice there is none either."""
+    assert device.cover is not None
+    for change in ({"hood_mm": 25.0}, {"dust_cover": False}):
+        assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None

@@ -81,3 +81,19 @@ def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: f
     section = polygons(lying.slice(-HARDWARE.holder.floor_mm - 1.0))
     closed = section.buffer(0.25, join_style="mitre").buffer(-0.25, join_style="mitre").difference(section).area
     assert closed > 40.0 if slit else closed < 5.0
+
+
+def test_a_hood_reaches_over_the_mirrors_wherever_light_lets_it(default_layout: Layout, plan: HolderPlan) -> None:
+    hood_mm = 25.0
+    hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(hood_mm=hood_mm))
+    hooded = plan_holder(default_layout, hardware)
+
+    def heights(points: np.ndarray) -> np.ndarray:
+        return np.asarray((hooded.rig_from_mount[:3, 3] - points) @ hooded.rig_from_mount[:3, 2])
+
+    highest = max(float(heights(mirror_prism(mirror).top).max()) for mirror in default_layout.mirrors)
+    crest = heights(hooded.walls.outer_crest)
+    assert crest.max() == pytest.approx(highest + hood_mm)
+    assert (crest >= heights(plan.walls.outer_crest) - 1e-9).all()
+    assert 0.2 < np.mean(crest > highest + 0.5 * hood_mm) < 0.9
+    test_walls_stand_in_no_light_and_where_no_mirror_passes(default_layout, hooded)
