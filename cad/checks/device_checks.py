@@ -29,6 +29,7 @@ from mirrorcam.cad.checks.light_paths import check_light
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.step_views import check_step_views
 from mirrorcam.cad.checks.surrounding_light import check_surrounding_light
+from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
@@ -123,6 +124,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_surrounding_light(device.layout, made.sound),
         **check_clashes(made.sound | carriers, hardware.fit.press_mm),
         **check_insertion(items, made.sound),
+        **check_tool_reach(items, made.sound),
         **check_step_views(device.layout, items, made.sound),
     }
 

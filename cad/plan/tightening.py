@@ -69,7 +69,7 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
 
 
 def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening:
-    table, diameter = hardware.screw, _diameter_mm(screw)
+    table, diameter = hardware.screw, thread_of(screw)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
@@ -110,7 +110,8 @@ def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
     return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
 
 
-def _diameter_mm(screw: BoughtItem) -> float:
+def thread_of(screw: BoughtItem) -> float:
+    """The diameter of a screw's thread in mm, one of `THREADS`; raises ValueError for another."""
     found = re.match(r"M(\d+(\.\d+)?)", screw.size)
     diameter = float(found.group(1)) if found else next((INCH[name] for name in INCH if name in screw.size), 0.0)
     if diameter not in THREADS:

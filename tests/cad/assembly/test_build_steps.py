@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from mirrorcam.cad.assembly.build_steps import STEPS, with_camera
+import pytest
+
+from mirrorcam.cad.assembly.build_steps import STEPS, parts_when_joined, with_camera
 
 PIECES = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_cap", "mirror_0-0", "camera")
 FASTENED = {
@@ -35,3 +37,23 @@ def test_pictures_go_to_folders_of_their_own() -> None:
 
 def test_names_of_steps_differ() -> None:
     assert len({step.name for step in STEPS}) == len(STEPS)
+
+
+SPLIT = {"mirror_holder", "mirror_0-0", "mount_1", "mount_2", "camera_clip", "camera", "adapter_saddle", "adapter_cap"}
+
+
+@pytest.mark.parametrize(
+    ("joins", "there"),
+    [
+        (("mount", "mirror_holder"), {"mirror_holder", "mirror_0-0", "mount_1", "mount_2"}),
+        (("camera_clip",), {"camera", "camera_clip"}),
+        (("mount", "camera_clip"), SPLIT - {"adapter_saddle", "adapter_cap"}),
+        (("adapter_saddle", "mount"), SPLIT),
+        (("adapter_cap", "adapter_saddle"), SPLIT),
+        (("something", "else"), set()),
+    ],
+)
+def test_at_a_screw_there_is_what_hangs_together_with_its_parts_by_then(
+    joins: tuple[str, ...], there: set[str]
+) -> None:
+    assert parts_when_joined(joins, SPLIT) == there
