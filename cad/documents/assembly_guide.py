@@ -17,7 +17,7 @@ from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
-from mirrorcam.cad.parts.coupon import MIRROR_MM
+from mirrorcam.cad.parts.coupon import gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -40,6 +40,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
     environment.filters["toml"] = camera_toml
     environment.filters["text"] = markdown_text
     hardware = device.hardware
+    coupon = next((part for part in parts if part.name == COUPON), None)
     text = environment.get_template("guide.md").render(
         layout=device.layout,
         hardware=hardware,
@@ -55,7 +56,9 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         glue=glue_amount(device.holder.glue_mm3),
         glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
         bead_mm=bead_mm(hardware),
-        coupon=next((part for part in parts if part.name == COUPON), None),
+        coupon=coupon,
+        coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
+        gauges=gauges_of(hardware),
         stages=Stages(pieces),
         step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
@@ -70,7 +73,6 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         settings=PRINT_SETTINGS,
         covered=next((part.number for part in parts if part.name == COVER), ""),
         tightening=_tightening_rows(pieces, hardware),
-        coupon_mirror_mm=MIRROR_MM,
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)

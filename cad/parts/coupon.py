@@ -14,6 +14,7 @@ from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 
 MIRROR_MM = (20.0, 15.0)
@@ -22,6 +23,11 @@ MIRROR_MM = (20.0, 15.0)
 PLATE_MM = 2.4
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
+THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
+"""By how much the holes of a gauge differ from those of the parts; one, two, three notches tell them apart."""
+
+GO_MM, GO_DEEP_MM = 0.3, 4.0
+"""A body enters a slot that is so much wider than itself, and not one that is so much narrower, so deep each."""
 RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
 """It stands beside the device."""
 
@@ -42,8 +48,66 @@ class CouponPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The gauges for the lens ring, and the screw's hole."""
+        """The holes of the gauges."""
         return holes(self.cuts)
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that mends it."""
+
+    name: str
+    fits: str
+    parameter: str
+
+
+def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
+    """The gauges that a device's coupon has, as the assembly guide lists them."""
+    screw, camera, fit = hardware.screw, hardware.camera, hardware.fit
+    less, _, more = (f"{step:+g}" for step in THREAD_STEPS_MM)
+    insert = screw.kind == "insert"
+    found = [
+        Gauge(
+            "seat of a mirror",
+            f"a mirror of {MIRROR_MM[0]:g} x {MIRROR_MM[1]:g} mm, cut from an offcut of the stock sheet, drops in with "
+            f"a gap of {fit.free_mm:g} mm all round",
+            "`free_mm` under `[fit]`",
+        ),
+        Gauge(
+            "three screw holes (one to three notches)",
+            "an insert sinks straight into the one with two notches and sits flush; with one notch the hole is "
+            f"{less} mm, with three {more} mm"
+            if insert
+            else "a nut slides into the one with two notches and does not turn; with one notch the pocket is "
+            f"{less} mm, with three {more} mm",
+            f"`insert_hole_mm` under `[screw]` (now {screw.insert_hole_mm:g})"
+            if insert
+            else f"`nut_flats_mm` under `[screw]` (now {screw.nut_flats_mm:g})",
+        ),
+        Gauge(
+            "three holes for the lens (one to three notches)",
+            f"the lens ring goes into the one with two notches, Ø{camera.lens_ring_mm:g} mm, and not into the one with "
+            f"one; they differ by {LENS_STEPS_MM[2]:g} mm",
+            f"`lens_ring_mm` in the camera's file (now {camera.lens_ring_mm:g})",
+        ),
+    ]
+    if _slot_y_mm(hardware):
+        found.append(
+            Gauge(
+                "slot with a step",
+                f"the camera's body, over its height, enters the first {GO_DEEP_MM:g} mm and stops at the step",
+                f"`height_mm` in the camera's file (now {camera.height_mm:g})",
+            )
+        )
+    if hardware.back.ring_gauge is not None:
+        found.append(
+            Gauge(
+                "segment of the clamp",
+                "it sits on the wrist without rocking and without a gap in its middle",
+                "`diameter_mm` under `[back]`",
+            )
+        )
+    return tuple(found)
 
 
 def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
@@ -51,8 +115,10 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
     at, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
-    depth = seat_y + pitch
-    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0)
+    slot_y = _slot_y_mm(hardware)
+    depth = seat_y + pitch + slot_y
+    block, screw_holes = _screw_block(seat_x + 2.0, hardware)
+    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0, _slot_x_mm(hardware) if slot_y else 0.0)
     centre = right
     if ring:
         half_chord = min(0.42 * depth, 0.5 * ring.radius_mm)
@@ -60,10 +126,9 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
         right += ring.radius_mm - to_chord + ring.ring_mm
         centre = right + to_chord
     rims, grooves = _seat(layout, hardware)
-    block, hole = _screw_block(seat_x + 2.0, hardware)
     return CouponPlan(
         pieces=(_box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)), *rims, block),
-        cuts=(*grooves, *hole, *_lens_gauges(seat_y, pitch, hardware)),
+        cuts=(*grooves, *screw_holes, *_lens_gauges(seat_y, pitch, hardware), *_slot(right, depth, hardware)),
         centre=at + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
         right_mm=float(at[0] + right),
@@ -81,9 +146,23 @@ def _seat_mm(hardware: Hardware) -> tuple[float, float]:
     return x, y
 
 
+def _thread_pitch_mm(hardware: Hardware) -> float:
+    """Distance of the screw holes of a block."""
+    return hardware.screw.nut_flats_mm + hardware.screw.insert_wall_mm + 1.0
+
+
 def _block_mm(hardware: Hardware) -> float:
-    """Width of the block with a screw's hole."""
-    return hardware.screw.nut_flats_mm + 2.0 * hardware.screw.insert_wall_mm + 1.0
+    """Width of the block with the screws' holes."""
+    return len(THREAD_STEPS_MM) * _thread_pitch_mm(hardware) + hardware.screw.insert_wall_mm
+
+
+def _slot_x_mm(hardware: Hardware) -> float:
+    return hardware.camera.height_mm + GO_MM + 2.0 * GAUGE_WALL_MM
+
+
+def _slot_y_mm(hardware: Hardware) -> float:
+    """Depth of the plate for the slot for a camera's body; 0 for a bare board, which is held by its holes."""
+    return 0.0 if isinstance(hardware.camera.held_by, BoardHoles) else 2.0 * GO_DEEP_MM + 2.0
 
 
 def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frustum]]:
@@ -105,13 +184,44 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
     return rims, grooves
 
 
-def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, tuple[Bore | Hexagon, ...]]:
-    """A block with a screw's hole, lying as the holes in the parts do."""
-    screw, width = hardware.screw, _block_mm(hardware)
+def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
+    """A block with holes for inserts or nuts, lying as those in the parts do, with notches in its upper edge."""
+    screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
     held = stack(hardware.mount.skin_mm, hardware)
-    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, held.wall_mm, PLATE_MM + width + screw.insert_wall_mm))
-    mouth = RIG_FROM_COUPON_MM + np.array([x_mm + width / 2.0, 0.0, PLATE_MM + width / 2.0])
-    return solid, thread(mouth, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), held, held.wall_mm, screw)
+    high = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
+    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, held.wall_mm, high))
+    scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    cuts: list[Frustum | Bore | Hexagon] = []
+    for index, step in enumerate(THREAD_STEPS_MM):
+        tried = screw.replaced(insert_hole_mm=screw.insert_hole_mm + step, nut_flats_mm=screw.nut_flats_mm + step)
+        x = x_mm + screw.insert_wall_mm / 2.0 + pitch * (index + 0.5)
+        mouth = RIG_FROM_COUPON_MM + np.array([x, 0.0, PLATE_MM + pitch / 2.0])
+        cuts += thread(mouth, scene, up, held, held.wall_mm, tried)
+        cuts += _notches(index + 1, x, (-1.0, held.wall_mm + 1.0), (high - 1.0, high + 1.0))
+    return solid, cuts
+
+
+def _notches(
+    count: int, x_mm: float, along_y_mm: tuple[float, float], along_z_mm: tuple[float, float]
+) -> list[Frustum]:
+    """So many notches about a place along x."""
+    middles = [x_mm + 2.4 * (number - (count - 1) / 2.0) for number in range(count)]
+    (y0, y1), (z0, z1) = along_y_mm, along_z_mm
+    return [_box((middle - 0.5, y0, z0), (middle + 0.5, y1, z1)) for middle in middles]
+
+
+def _slot(right_mm: float, depth_mm: float, hardware: Hardware) -> list[Frustum]:
+    """A go and no-go gauge for the height of a camera's body, open at the far edge; none for a bare board."""
+    if not _slot_y_mm(hardware):
+        return []
+    middle, height = right_mm / 2.0, hardware.camera.height_mm
+    return [
+        _box(
+            (middle - half, depth_mm - deep, -1.0),
+            (middle + half, depth_mm + 1.0, PLATE_MM + 1.0),
+        )
+        for half, deep in ((height / 2.0 + GO_MM / 2.0, GO_DEEP_MM), (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEEP_MM))
+    ]
 
 
 def _lens_gauges(from_y_mm: float, pitch_mm: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:
@@ -123,7 +233,5 @@ def _lens_gauges(from_y_mm: float, pitch_mm: float, hardware: Hardware) -> list[
         middle = RIG_FROM_COUPON_MM + np.array([x, from_y_mm + pitch_mm / 2.0, PLATE_MM + 0.5])
         radius = (hardware.camera.lens_ring_mm + step) / 2.0
         cuts.append(Bore(middle, np.array([0.0, 0.0, -1.0]), radius, PLATE_MM + 1.0))
-        for count in range(index + 1):
-            notch = x + 3.0 * (count - index / 2.0)
-            cuts.append(_box((notch - 0.6, end - 1.0, -1.0), (notch + 0.6, end + 1.0, PLATE_MM + 1.0)))
+        cuts += _notches(index + 1, x, (end - 1.0, end + 0.2), (-1.0, PLATE_MM + 1.0))
     return cuts

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from mirrorcam.cad.parts.coupon import (
     GAUGE_WALL_MM,
+    GO_DEEP_MM,
+    GO_MM,
     LENS_STEPS_MM,
     MIRROR_MM,
     PLATE_MM,
     RIG_FROM_COUPON_MM,
+    THREAD_STEPS_MM,
     CouponPlan,
+    gauges_of,
     plan_coupon,
 )
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.dimension import Hole
-from mirrorcam.cad.plan.fasteners import Bore
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, Bore, Hexagon
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.part_plan import plain
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
 CLAMPED = HARDWARE.replaced(back=back_of("gen2"))
@@ -75,12 +84,74 @@ def test_the_gauges_are_the_lens_ring_and_a_little_less_and_more(coupon: CouponP
         assert wall >= 2.0 * GAUGE_WALL_MM - max(LENS_STEPS_MM) - 1e-9
 
 
+def notched(plan: CouponPlan, point: FloatArray, half_width_mm: float) -> int:
+    """How many notches a line along x through a point meets."""
+    x = np.linspace(-1.0, 1.0, 2001) * half_width_mm
+    return int(np.count_nonzero(np.diff(within(plan.cuts, point + x[:, None] * [1.0, 0.0, 0.0]).astype(int)) == 1))
+
+
 def test_one_two_and_three_notches_tell_the_gauges_apart(coupon: CouponPlan) -> None:
-    back = corners_of(coupon.pieces)[:, 1].max() - 0.5
+    pitch = HARDWARE.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
     for count, bore in enumerate(gauges(coupon), start=1):
-        x = np.linspace(-0.5, 0.5, 2001) * (HARDWARE.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM) + bore.mouth[0]
-        line = np.column_stack([x, np.full_like(x, back), np.full_like(x, RIG_FROM_COUPON_MM[2] + 1.0)])
-        assert np.count_nonzero(np.diff(within(coupon.cuts, line).astype(int)) == 1) == count
+        edge = np.array([bore.mouth[0], bore.mouth[1] + pitch / 2.0 - 0.5, RIG_FROM_COUPON_MM[2] + 1.0])
+        assert notched(coupon, edge, pitch / 2.0) == count
+    for count, bore in enumerate(thread_holes(coupon), start=1):
+        top = corners_of(coupon.pieces)[:, 2].max() - 0.5
+        assert notched(coupon, np.array([bore.mouth[0], bore.mouth[1] + 1.0, top]), 4.0) == count
+
+
+def thread_holes(plan: CouponPlan) -> list[Bore]:
+    """The holes for inserts, from left to right."""
+    level = [cut for cut in plan.cuts if isinstance(cut, Bore) and cut.axis[1] == 1.0]
+    return sorted(level, key=lambda bore: float(bore.mouth[0]))
+
+
+def test_screw_holes_are_those_of_the_parts_and_a_little_less_and_more(
+    coupon: CouponPlan, default_layout: Layout
+) -> None:
+    screw = HARDWARE.screw
+    expected = [screw.insert_hole_mm + step for step in THREAD_STEPS_MM]
+    assert [2.0 * bore.radius_mm for bore in thread_holes(coupon)] == pytest.approx(expected)
+    for left, right in pairwise(thread_holes(coupon)):
+        assert right.mouth[0] - left.mouth[0] - left.radius_mm - right.radius_mm >= screw.insert_wall_mm
+    nuts = plan_coupon(default_layout, HARDWARE.replaced(screw=screw.replaced(kind="nut")))
+    flats = [cut.flats_mm for cut in nuts.cuts if isinstance(cut, Hexagon)]
+    assert flats == pytest.approx([screw.nut_flats_mm + NUT_FIT_MM + step for step in THREAD_STEPS_MM])
+
+
+@pytest.mark.parametrize("height_mm", [28.0, 29.0, 60.0])
+def test_the_slot_lets_the_stated_body_in_and_stops_it_at_the_step(default_layout: Layout, height_mm: float) -> None:
+    camera = HARDWARE.camera.replaced(height_mm=height_mm)
+    plan = plan_coupon(default_layout, HARDWARE.replaced(camera=camera))
+    low, high = corners_of(plan.pieces).min(axis=0), corners_of(plan.pieces).max(axis=0)
+    x = np.arange(low[0], high[0], 0.01)
+    widths = []
+    for depth in (0.5 * GO_DEEP_MM, 1.5 * GO_DEEP_MM):
+        line = np.column_stack([x, np.full_like(x, high[1] - depth), np.full_like(x, low[2] + 1.0)])
+        widths.append(0.01 * np.count_nonzero(within(plan.cuts, line)))
+        assert not within(plan.cuts, line[[0, -1]]).any()
+    assert widths == pytest.approx([height_mm + GO_MM, height_mm - GO_MM], abs=0.03)
+
+
+def test_a_bare_board_has_no_body_to_try(default_layout: Layout) -> None:
+    hardware = HARDWARE.replaced(camera=read_body("board_38"))
+    assert "slot with a step" not in {gauge.name for gauge in gauges_of(hardware)}
+    plan = plan_coupon(default_layout, hardware)
+    assert len(plan.cuts) == len(plan_coupon(default_layout, HARDWARE).cuts) - 2
+
+
+@pytest.mark.parametrize("hardware", [HARDWARE, CLAMPED, HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))])
+def test_every_gauge_changes_with_the_parameter_that_it_names(default_layout: Layout, hardware: Hardware) -> None:
+    tables = {"fit": "fit", "screw": "screw", "back": "back"}
+    before = plain(plan_coupon(default_layout, hardware))
+    found = gauges_of(hardware)
+    assert len(found) == (5 if hardware is CLAMPED else 4)
+    for gauge in found:
+        name, *table = re.findall(r"`\[?(\w+)\]?`", gauge.parameter)
+        place = tables[table[0]] if table else "camera"
+        values = getattr(hardware, place)
+        changed = hardware.replaced(**{place: values.replaced(**{name: getattr(values, name) + 0.1})})
+        assert plain(plan_coupon(default_layout, changed)) != before, gauge.name
 
 
 def test_the_wrist_reaches_into_the_plate_and_clears_the_other_gauges(default_layout: Layout) -> None:
