@@ -36,7 +36,7 @@ WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
 
 def camera_solid(camera: CameraBody) -> Part:
-    """The camera in rig, its entrance pupil in the origin: body, lens ring or barrel, hinge, a stub of the cable."""
+    """The camera in rig, its entrance pupil in the origin: body, lens ring, folded foot, hinge, cable."""
     front = camera.pupil_behind_front_mm
     middle = (-camera.lens_x_mm, -camera.lens_y_mm)
     with BuildPart() as body:
@@ -54,6 +54,10 @@ def camera_solid(camera: CameraBody) -> Part:
             low = front - camera.depth_mm + HINGE_MM / 2.0
             with Locations((middle[0], middle[1] + camera.height_mm / 2.0, low)):
                 Cylinder(HINGE_MM / 2.0, camera.hinge_mm, rotation=(0.0, 90.0, 0.0))
+        if camera.foot_mm is not None:
+            wide, high, deep = camera.foot_mm
+            with Locations((middle[0], middle[1] + (camera.height_mm + high) / 2.0, front - camera.depth_mm)):
+                Box(wide, high, min(deep, camera.depth_mm), align=ABOVE)
         with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
             if camera.cable_thick_mm > 0.0:
                 Box(camera.cable_mm, camera.cable_thick_mm, CABLE_STUB_MM, align=BELOW)

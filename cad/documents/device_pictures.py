@@ -15,6 +15,7 @@ from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.documents.assembly_steps import CLIP, Stages, home_of, joins_of
 from mirrorcam.cad.documents.labels import Label, annotate
 from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
+from mirrorcam.cad.parts.mount_openings import LONGEST_MARK_MM
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
@@ -27,9 +28,10 @@ MARGINS_PX = (275, 50)
 BARE_MARGINS_PX = (60, 50)
 # Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
 IN_FRONT = (0.95, 0.12, 1.0)
-ABOVE = (0.80, -0.55, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
+BESIDE = (1.0, -0.80, 0.25)
+LEVEL = (1.0, -0.45, 0.45)
 LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
 GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
 PALE = 0.55
@@ -40,6 +42,9 @@ STEP_SHARE = 0.8
 # The head of an arrow, from what is put in towards where it goes: its length, its radius, and how far before it.
 ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
+# Bars that show which edge is read on a scale.
+BAR_MM = 1.4
+EDGE_TEXT = "This edge at the longest mark"
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ def write_picture(folder: Path, picture: DevicePicture) -> None:
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
     """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
     layout = device.layout
-    front, above, below, behind = (view_axes(layout, viewer) for viewer in (IN_FRONT, ABOVE, BELOW, BEHIND))
+    viewers = (IN_FRONT, BESIDE, LEVEL, BELOW, BEHIND)
+    front, beside, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
     whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
     bare = tuple(_item(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
@@ -102,8 +108,8 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
         DevicePicture("inserts", "Where inserts and nuts go", behind, _threads(stages)),
         DevicePicture("mirrors", "Which mirror goes where", below, _seating(stages)),
         DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
-        DevicePicture("camera", "Camera and clip", above, _camera_in_clip(stages)),
-        DevicePicture("clip", "Clip and mount", front, _clip_on_mount(stages)),
+        DevicePicture("camera", "Camera and clip", beside, _camera_in_clip(stages)),
+        DevicePicture("clip", "Clip and mount", level, _clip_on_mount(device, stages)),
         DevicePicture("adapter", "What carries the device", front, _adapter_on_mount(stages)),
     )
 
@@ -181,10 +187,29 @@ def _camera_in_clip(stages: Stages) -> tuple[Item, ...]:
     return _joined(rest, stages.camera, stages.camera_screws, stages.clip)
 
 
-def _clip_on_mount(stages: Stages) -> tuple[Item, ...]:
+def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
+    """The clip with its camera before the mount; a red bar on each says what is read against what."""
     rest = [*stages.holder, *stages.mount, *stages.mirrors, *stages.holder_screws]
-    new = [*stages.clip, *stages.camera, *stages.camera_screws, *stages.threads_in(stages.clip)]
-    return _joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
+    new = [*stages.clip, *stages.camera, *stages.camera_screws]
+    items = _joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
+    away = STEP_SHARE * (
+        _mean([piece.explode_mm for piece in stages.clip]) - _mean([p.explode_mm for p in stages.mount])
+    )
+    inside = [_moved(thread, away) for thread in stages.threads_in(stages.clip)]
+    edge, mark = scale_edges(device)
+    bars = (ShadedBody(edge + away, ARROW_RGB), ShadedBody(mark, ARROW_RGB))
+    between = np.array([mark.mean(axis=(0, 1)), edge.mean(axis=(0, 1)) + away])
+    return (*items, *inside, Item(bars[0], EDGE_TEXT, between), Item(bars[1], ""))
+
+
+def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
+    """Bars (n, 3, 3) as triangles in rig: along the clip's edge that reads the scale, and along the longest mark."""
+    clip, mount = device.clip, device.mount
+    ends = np.array([mount.half_width_mm - LONGEST_MARK_MM, mount.half_width_mm])
+    bar = trimesh.creation.box((float(np.ptp(ends)), BAR_MM, BAR_MM))
+    bar.apply_translation((float(ends.mean()), clip.slide_y_mm, clip.top_mm))
+    triangles = np.asarray(bar.triangles, dtype=np.float64)
+    return triangles, triangles
 
 
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:

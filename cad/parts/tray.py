@@ -22,6 +22,8 @@ PAD_MM, PAD_WIDE_MM, PAD_LONG_MM = 0.8, 4.0, 8.0
 FLAT_MM, ROUND_MM = 10.0, 4.0
 # Between the body and the leaf at its far end.
 APART_MM = 1.0
+# Holes go on beyond a screw's tip: at a square corner that lies in the plane of the leaf, or nearly.
+BEYOND_MM = 4.0
 # Pieces that join reach this far into each other.
 ROOT_MM = 0.5
 
@@ -185,7 +187,7 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
             mouth,
             axis,
             table.clearance_hole_mm / 2.0,
-            screw.mouth_mm + OUTSIDE_MM - 0.1,
+            screw.mouth_mm + OUTSIDE_MM + BEYOND_MM,
             up,
             roof_deg=ROOF_IN_SKINS_DEG,
         )
@@ -203,6 +205,6 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
         )
     else:
         seat = mouth + (screw.thread_mm + OUTSIDE_MM) * axis
-        deep = screw.mouth_mm - screw.thread_mm - 0.1
+        deep = screw.mouth_mm - screw.thread_mm + BEYOND_MM
         cuts.append(Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep))
     return cuts

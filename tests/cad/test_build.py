@@ -86,7 +86,7 @@ def test_what_has_changed_is_made_again(
     layout, folder, _ = built_second_surface
     made: list[str] = []
 
-    def note(_: Path, solid: object) -> None:
+    def note(_: Path, solid: object, *_others: object) -> None:
         made.append(str(getattr(solid, "label", "")))
         raise InterruptedError
 

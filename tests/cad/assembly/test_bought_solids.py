@@ -48,3 +48,20 @@ def test_a_body_with_round_ends_lacks_four_corners(width: float, height: float, 
 def test_a_size_without_a_diameter_is_refused() -> None:
     with pytest.raises(ValueError, match="size='steel' names no thread, expected one of M2, M3"):
         item_solid(item("pin", "steel", 16.0))
+
+
+def test_the_foot_of_a_webcam_lies_folded_against_its_scene_side() -> None:
+    """As high as published, no deeper than the body, and in no clip: this has no wall there."""
+    camera = read_body("c920")
+    assert camera.foot_mm is not None
+    box = camera_solid(camera).bounding_box()
+    assert pytest.approx(43.3, abs=0.01) == box.max.Y - box.min.Y
+    without = camera_solid(camera.replaced(foot_mm=None, hinge_mm=0.0))
+    volume = camera_solid(camera.replaced(hinge_mm=0.0)).volume - without.volume
+    assert volume == pytest.approx(40.3 * 14.3 * 24.0, rel=1e-6)
+
+
+def test_a_ribbon_is_as_wide_and_thin_as_stated() -> None:
+    camera = read_body("pi_camera_3")
+    ribbon = camera_solid(camera).volume - camera_solid(camera.replaced(cable_thick_mm=1e-3)).volume
+    assert ribbon == pytest.approx(16.0 * (0.3 - 1e-3) * 20.0, rel=1e-6)

@@ -22,12 +22,15 @@ from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
+from mirrorcam.cad.documents.device_pictures import EDGE_TEXT, scale_edges
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.seats import mirror_prism, outline_at
+from mirrorcam.cad.plan.prisms import corners_of
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
 from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
@@ -220,3 +223,30 @@ def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) ->
     assert "clamp the device to the arm" in text
     assert "does not fit the hand with three fingers" in text
     assert "screw on the desk foot" not in text
+
+
+def test_the_edge_that_the_guide_names_stands_at_the_longest_mark(made: Made) -> None:
+    """Text, engraving, clip and picture: the clip's upper edge, and the longest of the mount's marks, at one height."""
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    assert "Read the scale at the **upper edge of the clip**, on the side of the lens: at the longest mark" in text
+    clip, mount = made.device.clip, made.device.mount
+    marks = [corners_of([cut]) for cut in mount.cuts if isinstance(cut, Frustum) and len(cut.base) == 3]
+    at_edge = [corners for corners in marks if corners[:, 0].max() > mount.half_width_mm]
+    longest = max(at_edge, key=lambda corners: float(np.ptp(corners[:, 0])))
+    height = float(longest[:, 2].min() + longest[:, 2].max()) / 2.0
+    assert height == pytest.approx(clip.top_mm)
+    assert corners_of(clip.pieces)[:, 2].max() == pytest.approx(clip.top_mm)
+    for bar in scale_edges(made.device):
+        assert float(bar[..., 2].min() + bar[..., 2].max()) / 2.0 == pytest.approx(height)
+        assert bar[..., 0].max() == pytest.approx(mount.half_width_mm)
+    (picture,) = (picture for picture in made.pictures if picture.name == "clip")
+    assert [item.label for item in picture.items].count(EDGE_TEXT) == 1
+
+
+def test_the_guide_says_what_the_nest_does(made: Made) -> None:
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    repeats = repeatability(made.device.clip, made.device.layout, made.device.hardware)
+    assert repeats is not None
+    assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text
+    assert "calibrate again whenever the camera has been out of its clip" in text
+    assert "Put a cable tie through the two slots below the camera" in text

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import pytest
+import trimesh
 
 from mirrorcam.cad.assembly.catalogue import Y_UP, standing
 from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.overhangs import check_overhangs
 from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
@@ -68,7 +71,7 @@ def test_a_mirrored_tray_is_the_mirror_image() -> None:
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
-    """From the mouth to just before the tip; the insert's or nut's space lies along it."""
+    """From the mouth to beyond the tip; the insert's or nut's space lies along it."""
     plan = plan_clip(hardware_of("c920", kind))
     assert plan.nest is not None
     for screw in plan.nest.screws:
@@ -80,4 +83,17 @@ def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
         along = [cut for cut in holes if np.linalg.norm(np.cross(cut.mouth - screw.tip, screw.axis)) < 1e-6]
         through = max(cut.depth_mm for cut in along if isinstance(cut, Bore))
         assert len(along) == 2
-        assert screw.mouth_mm - 0.2 < through < screw.mouth_mm
+        assert through > screw.mouth_mm + 3.0
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+@pytest.mark.parametrize("name", ["c920", "oak_d"])
+def test_the_sprung_screws_stand_in_nothing_but_their_threads(name: str, kind: str) -> None:
+    """Also at a square corner, where the tip is beside the leaf."""
+    plan = plan_clip(hardware_of(name, kind))
+    clip = solid_of(tessellated(make_clip(plan)))
+    assert plan.nest is not None
+    for screw in plan.nest.screws:
+        rod = manifold3d.Manifold.cylinder(screw.length_mm, 1.5, circular_segments=48)
+        frame = np.column_stack([trimesh.geometry.align_vectors([0.0, 0.0, 1.0], screw.axis)[:3, :3], screw.head])
+        assert common_mm3(clip, rod.transform(frame)) == 0.0
