@@ -20,6 +20,9 @@ from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.threads import THREADS
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -63,6 +66,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         printer cannot print, a mirror that cannot be cut.
     """
     require_same_camera(layout.camera, hardware.camera)
+    _require_known_screws(hardware)
     require_cuttable(layout, hardware.cutting)
     clip = plan_clip(hardware)
     light = keep_outs(layout, hardware)
@@ -89,6 +93,17 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         coupon=plan_coupon(layout, hardware),
         cover=_cover(layout, holder, mount, (*camera_boxes(hardware), *clip.pieces), hardware),
     )
+
+
+def _require_known_screws(hardware: Hardware) -> None:
+    """Raise InputError where a camera's board has screws of a thread that is not in the table."""
+    camera = hardware.camera
+    known = sorted(thread.diameter_mm for thread in THREADS.values())
+    if isinstance(camera.held_by, BoardHoles) and camera.held_by.screw_mm not in known:
+        raise InputError(
+            f"camera body {camera.name}: held_by.screw_mm is {camera.held_by.screw_mm:g}, expected one of "
+            f"{', '.join(f'{each:g}' for each in known)}"
+        )
 
 
 def _cover(

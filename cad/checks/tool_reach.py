@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, common_mm3
 from mirrorcam.cad.checks.insertion import swept
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.tightening import thread_of
+from mirrorcam.cad.plan.threads import diameter_mm
 from mirrorcam.optics.base.values import FloatArray, Metric
 
 # The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.
@@ -89,7 +89,7 @@ def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
     if item.kind == "nut":
         yield _along_way(item)
         return
-    diameter = thread_of(item)
+    diameter = diameter_mm(item.size)
     head = _cylinder(1.9 * diameter, item.length_mm + diameter, OFF_MM)
     blade, reach = BLADES_MM.get(diameter, OTHER_BLADE_MM)
     top = OFF_MM + diameter

@@ -13,7 +13,6 @@ p / sqrt(3) (von Mises).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +20,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
+from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
 # Share of a plastic's strength that it bears for years.
@@ -30,20 +30,6 @@ HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
 PRESSING = ("camera_clip",)
-# By the diameter of a thread: its pitch (ISO 261, coarse; ASME B1.1 for 1/4-20), the head of its screw (ISO 4762,
-# ASME B18.3) and the hole that it passes (ISO 273, medium).
-THREADS = {
-    1.6: (0.35, 3.0, 1.8),
-    2.0: (0.4, 3.8, 2.4),
-    2.5: (0.45, 4.5, 2.9),
-    3.0: (0.5, 5.5, 3.4),
-    4.0: (0.7, 7.0, 4.5),
-    5.0: (0.8, 8.5, 5.5),
-    6.0: (1.0, 10.0, 6.6),
-    6.35: (1.27, 9.5, 7.0),
-    8.0: (1.25, 13.0, 9.0),
-}
-INCH = {"1/4-20": 6.35}
 ON_AXIS_MM = 1e-3
 
 
@@ -56,8 +42,9 @@ class Tightening:
 
     @property
     def text(self) -> str:
-        """The torque as documents state it, rounded down: "0.18 N m"."""
-        return f"{np.floor(self.torque_nm * 100.0) / 100.0:.2g} N m"
+        """The torque as documents state it, two digits rounded down: "0.18 N m"."""
+        digit = 10.0 ** (np.floor(np.log10(self.torque_nm)) - 1.0)
+        return f"{np.floor(self.torque_nm / digit + 1e-9) * digit:.2g} N m"
 
 
 def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
@@ -69,31 +56,30 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
 
 
 def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening:
-    table, diameter = hardware.screw, thread_of(screw)
+    table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
-        return Tightening(_torque_nm(diameter, PRESS_N, 0.0), "the camera's body")
-    _, head, hole = THREADS[diameter]
+        return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")
+    head, hole = thread.head_mm, thread.clearance_mm
     outer = max(head, table.washer_mm) if "washer" in on_axis else head
     forces = {"plastic under the head": pressure * _ring_mm2(outer, hole)}
     if screw.size.endswith(FORMING):
         # Its head lies on the board.
-        forces = {"thread in the plastic": _shear_n(diameter, _engaged_mm(screw, hardware), pressure)}
+        forces = {"thread in the plastic": _shear_n(thread.diameter_mm, _engaged_mm(screw, hardware), pressure)}
     elif "insert" in on_axis:
         forces["plastic round the insert"] = _shear_n(table.insert_hole_mm, table.insert_mm, pressure)
     elif "nut" in on_axis:
         flats = table.nut_flats_mm
         forces["plastic under the nut"] = pressure * (np.sqrt(3.0) / 2.0 * flats**2 - np.pi / 4.0 * hole**2)
     limit = min(forces, key=lambda name: forces[name])
-    return Tightening(_torque_nm(diameter, float(forces[limit]), (head + hole) / 2.0), limit)
+    return Tightening(_torque_nm(thread, float(forces[limit]), (head + hole) / 2.0), limit)
 
 
-def _torque_nm(diameter_mm: float, force_n: float, bearing_mm: float) -> float:
+def _torque_nm(thread: Thread, force_n: float, bearing_mm: float) -> float:
     """Torque for a force, by the formula above; `bearing_mm` is the mean diameter of the bearing ring."""
-    pitch, _, _ = THREADS[diameter_mm]
-    flank = diameter_mm - 3.0 * np.sqrt(3.0) / 8.0 * pitch
-    arm_mm = 0.16 * pitch + 0.58 * flank * FRICTION + bearing_mm / 2.0 * FRICTION
+    flank = thread.diameter_mm - 3.0 * np.sqrt(3.0) / 8.0 * thread.pitch_mm
+    arm_mm = 0.16 * thread.pitch_mm + 0.58 * flank * FRICTION + bearing_mm / 2.0 * FRICTION
     return float(force_n * arm_mm / 1000.0)
 
 
@@ -108,15 +94,6 @@ def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
 def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
     """Length of a board's screw in plastic: all that is below the board."""
     return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
-
-
-def thread_of(screw: BoughtItem) -> float:
-    """The diameter of a screw's thread in mm, one of `THREADS`; raises ValueError for another."""
-    found = re.match(r"M(\d+(\.\d+)?)", screw.size)
-    diameter = float(found.group(1)) if found else next((INCH[name] for name in INCH if name in screw.size), 0.0)
-    if diameter not in THREADS:
-        raise ValueError(f"{screw.size=} is no thread of the table, expected M and one of {sorted(THREADS)}, or 1/4-20")
-    return diameter
 
 
 def _shares_axis(item: BoughtItem, screw: BoughtItem) -> bool:

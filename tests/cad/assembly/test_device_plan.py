@@ -18,6 +18,8 @@ from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.camera_body import BoardHoles
+from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -95,3 +97,11 @@ def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: L
     assert device.cover is not None
     for change in ({"hood_mm": 25.0}, {"dust_cover": False}):
         assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None
+
+
+def test_screws_of_an_unknown_thread_are_refused_with_those_that_are_known(default_layout: Layout) -> None:
+    board = read_body("board_38")
+    assert isinstance(board.held_by, BoardHoles)
+    odd = board.replaced(held_by=board.held_by.replaced(screw_mm=1.8))
+    with pytest.raises(InputError, match=r"held_by\.screw_mm is 1\.8, expected one of 1\.6, 2, 2\.5, 3"):
+        plan_device(default_layout, HARDWARE.replaced(camera=odd))

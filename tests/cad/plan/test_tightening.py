@@ -82,11 +82,12 @@ def test_weaker_plastic_takes_less_in_proportion() -> None:
 
 def test_a_torque_is_stated_rounded_down() -> None:
     assert Tightening(0.1799, "").text == "0.17 N m"
-    assert Tightening(0.011, "").text == "0.01 N m"
+    assert Tightening(0.0119, "").text == "0.011 N m"
+    assert Tightening(0.1, "").text == "0.1 N m"
 
 
 def test_an_unknown_thread_is_refused() -> None:
-    with pytest.raises(ValueError, match="is no thread of the table"):
+    with pytest.raises(ValueError, match="names no thread"):
         tightenings([item("screw", "M7", 10.0, (0, 0, 0))], HARDWARE)
 
 
