@@ -12,6 +12,7 @@ from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
 from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of, write_picture
+from mirrorcam.cad.documents.live_view import write_live_view
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
@@ -43,7 +44,7 @@ def write_device(
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 5 + PICTURES
+    done, total = 0, len(made) + 6 + PICTURES
 
     def step() -> None:
         nonlocal done
@@ -68,6 +69,7 @@ def write_device(
             (check_device, (device, parts, out)),
             (write_plates, (out, device_parts, device.hardware.printer)),
             (write_assembly, (out / "assembly.step", device, parts)),
+            (write_live_view, (out, device.layout, pieces)),
             (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
             *drawn,
         ],

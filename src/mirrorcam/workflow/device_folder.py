@@ -21,7 +21,7 @@ PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
 PICTURES = (
     *("assembled", "exploded", "light", "behind", "print", "inserts"),
-    *("mirrors", "holder", "camera", "clip", "adapter"),
+    *("mirrors", "holder", "camera", "clip", "adapter", "live_view", "live_overlay"),
 )
 """Names of the pictures of a device."""
 FILES = (

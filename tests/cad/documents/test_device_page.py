@@ -54,7 +54,7 @@ def will_exist(made: Made) -> set[str]:
         written
         | of_parts
         | drawings
-        | {"plates/plate_1.3mf"}
+        | {"plates/plate_1.3mf", "pictures/live_view.png", "pictures/live_overlay.png"}
         | {picture.path for picture in made.pictures}
         | {"checks.json", "robot/mirrorcam.xacro"}
     )
