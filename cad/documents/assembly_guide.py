@@ -125,12 +125,13 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
 def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
     """The screws that join the same parts, with their count; these parts; how far the screws may be tightened."""
     titled = [(piece, piece.item) for piece in pieces if piece.item is not None]
+    titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
     groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
     for (piece, item), tightening in zip(titled, tightenings([item for _, item in titled], hardware), strict=True):
         if tightening is not None:
             groups.setdefault((item.joins, tightening.text), []).append(piece)
     return [
-        (counted(screws), " to ".join(name.replace("_", " ") for name in joins), text)
+        (counted(screws), " to ".join(titles.get(name, name.replace("_", " ")) for name in joins), text)
         for (joins, text), screws in groups.items()
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pydantic import Field
@@ -88,7 +88,7 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
         sliced=sliced,
         printed=printed,
         mirrors=_mirrors(device, sheets),
-        bought=_bought(device),
+        bought=_bought(device, {part.name: part.title.lower() for part in parts}),
     )
 
 
@@ -129,7 +129,7 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
     return tuple(lines)
 
 
-def _bought(device: Device) -> tuple[BoughtLine, ...]:
+def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]:
     items, mount = bought_items(device), device.hardware.mount
     counted = Counter((item.kind, item_title(item)) for item in items)
     torques = tightenings(items, device.hardware)
@@ -137,7 +137,9 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         same = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
-        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same)))
+        lines.append(
+            BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same, titles))
+        )
     lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
     lines.append(
         BoughtLine(
@@ -156,14 +158,14 @@ def _bought(device: Device) -> tuple[BoughtLine, ...]:
     return tuple(lines)
 
 
-def _where(items: Sequence[tuple[BoughtItem, Tightening | None]]) -> str:
+def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
     """The parts that items join, and how far screws among them may be tightened."""
     joined: dict[str, set[str]] = {}
     for item, tightening in items:
         joined.setdefault(tightening.text if tightening else "", set()).update(item.joins)
     places = []
     for text, names in joined.items():
-        where = ", ".join(name.replace("_", " ") for name in sorted(names))
+        where = ", ".join(titles.get(name, name.replace("_", " ")) for name in sorted(names))
         places.append(f"{where}: at most {text}" if text else where)
     return "; ".join(places)
 
