@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from shapely import Polygon, get_coordinates
+from shapely import box as shapely_box
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
@@ -44,7 +45,7 @@ class CoverPlan:
 def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: Hardware) -> CoverPlan | None:
     """Lay out the cover: round the flange, and over all that stands on it; None where it does not fit the bed.
 
-    Its rim reaches behind the flange, which its catches hold; where the mount passes, it ends before the flange.
+    Its rim reaches behind the flange, which its catches hold; where the mount is, it ends before the flange.
     """
     mount_from_rig = inverse(holder.rig_from_mount)
     flange = Polygon(transform(mount_from_rig, holder.flange.base)[:, :2])
@@ -58,16 +59,15 @@ def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: H
         return None
     rim = 3.0 * CATCH_MM
     away = holder.rig_from_mount[:3, 2]
-    # The mount passes on the side of the camera.
-    pupil = transform(mount_from_rig, np.zeros((1, 3)))[0]
     scene = layout.view_from_rig[2]
     sideways = scene - (scene @ away) * away
     if np.linalg.norm(sideways) < 1e-3:
-        sideways = -(mount_from_rig[:3, :3].T @ np.array([0.0, pupil[1], 0.0]))
+        # Away from the camera, which is below.
+        sideways = holder.rig_from_mount[:3, 1] * -np.sign(mount_from_rig[1, 3])
     return CoverPlan(
         outer=_prism(outside, -(highest + wall), rim, holder.rig_from_mount),
         inner=_prism(inside, -highest, rim + 1.0, holder.rig_from_mount),
-        notch=_notch(flange, pupil, mount.half_width_mm, hardware, holder),
+        notch=_notch(flange, mount.half_width_mm, hardware, holder),
         catches=_catches(inside, mount.half_width_mm, holder.rig_from_mount),
         rig_from_front=holder.rig_from_mount @ rigid(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, -(highest + wall)]),
         rim_mm=rim,
@@ -84,12 +84,11 @@ def _prism(area: Polygon, from_mm: float, to_mm: float, rig_from_mount: FloatArr
     return Frustum(base, top)
 
 
-def _notch(flange: Polygon, pupil: FloatArray, half_width_mm: float, hardware: Hardware, holder: HolderPlan) -> Frustum:
-    """The gap in the rim for the mount, which passes on the side of the camera, and lies on the back."""
+def _notch(flange: Polygon, half_width_mm: float, hardware: Hardware, holder: HolderPlan) -> Frustum:
+    """The gap in the rim for the mount, which passes on the side of the camera, and may reach over the other side."""
     far = float(np.abs(np.array(flange.bounds)).max()) + 10.0
-    half, side = half_width_mm + CLEAR_MM, np.sign(pupil[1])
-    near = np.array([(-half, side * 1.0), (half, side * 1.0), (half, side * far), (-half, side * far)])
-    return _prism(Polygon(near), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
+    half = half_width_mm + CLEAR_MM
+    return _prism(shapely_box(-half, -far, half, far), -hardware.holder.floor_mm, 20.0, holder.rig_from_mount)
 
 
 def _catches(inside: Polygon, half_width_mm: float, rig_from_mount: FloatArray) -> tuple[Frustum, ...]:

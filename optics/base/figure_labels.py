@@ -105,6 +105,14 @@ PRINTED_PARTS: Mapping[str, str] = {
     "print_minutes": "printing time",
     "print_g": "mass as sliced",
     "way_clash_mm3": "obstruction on its way off",
+    "contact_n": "least force on a point of the nest",
+    "leaf_strain": "strain of the leaves",
+    "back_screw_n": "force of the screw behind the camera",
+    "end_screw_n": "force of the screw at its end",
+    "reclamped_mm": "shift of the camera when clamped again",
+    "reclamped_deg": "turn of the camera when clamped again",
+    "reclamped_px": "shift of the picture when clamped again",
+    "reclamped_between_views_px": "the same between views",
     "support_filament_mm": "filament used for support, length",
 }
 

@@ -40,7 +40,7 @@ def test_it_covers_mirrors_and_holder_with_space_over_the_highest(device: Device
 
 
 def test_its_walls_are_as_thick_as_a_wall(device: Device, cover: CoverPlan) -> None:
-    """By volume: an empty box, less its notch, and two catches whose section is that of half a square."""
+    """By volume: an empty box, less its notches, and two catches whose section is that of half a square."""
     solid = make_cover(cover)
     assert len(solid.solids()) == 1
     assert solid.is_valid
@@ -51,8 +51,10 @@ def test_its_walls_are_as_thick_as_a_wall(device: Device, cover: CoverPlan) -> N
     )
     missing = shell - solid.volume
     wide = 2.0 * (device.mount.half_width_mm + CLEAR_MM)
-    notch = wide * HARDWARE.printer.wall_mm * (HARDWARE.holder.floor_mm + cover.rim_mm)
-    assert missing == pytest.approx(notch - 2.0 * 12.0 * CATCH_MM**2, rel=0.02)
+    # The wall is straight where the mount passes, and oblique over a part of the other side.
+    notches = 2.0 * wide * HARDWARE.printer.wall_mm * (HARDWARE.holder.floor_mm + cover.rim_mm)
+    catches = 2.0 * 12.0 * CATCH_MM**2
+    assert notches - catches < missing < 1.05 * notches - catches
 
 
 def test_its_catches_reach_behind_the_flange_beside_the_mount(device: Device, cover: CoverPlan) -> None:

@@ -51,7 +51,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("Tool: soldering iron with a tip for M3 inserts", None),
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
-    assert bom.bought[2].note == "adapter cap, mirror holder, mount: at most 0.09 N m"
+    assert bom.bought[2].note == "adapter cap, mirror holder, mount: at most 0.097 N m"
 
 
 def test_a_hostile_name_is_text_in_every_file(
