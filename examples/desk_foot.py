@@ -15,7 +15,11 @@ THICK = 6.36
 RIGHT, FRONT, BACK, CORNER = 27.8, 56.68, -10.0, 8.0  # how far the plate reaches, and what its corners are cut by
 SCREWS = [(x, y) for x in (-17.0, 17.0) for y in (0.0, 9.5)]
 GRIP = 5.5  # from the top of a screw's head to the mount
-SCREW_HOLE, HEAD, LEAN = 3.4, 6.72, 44.0  # M3, ISO 273; head of ISO 10642; its cone, steeper than what needs support
+SCREW_HOLE, HEAD, LEAN = (
+    3.4,
+    6.82,
+    44.0,
+)  # M3, ISO 273; head of ISO 10642 and 0.1 mm; its cone, steeper than what needs support
 NUT_FLATS, NUT_FLOOR, TRIPOD_HOLE = 11.31, 0.6, 6.6  # 1/4-20 UNC, ASME B18.2.2, and 0.2 mm of play
 
 

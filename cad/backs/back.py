@@ -17,6 +17,7 @@ from mirrorcam.optics.base.values import FloatArray
 AS_IT_STANDS = np.eye(3)
 FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BACK_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+TOP_DOWN = np.diag([1.0, -1.0, -1.0])
 ON_ITS_SIDE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 

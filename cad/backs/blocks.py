@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.plan.back_table import TripodNut
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon, head_room_mm
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
@@ -19,6 +22,12 @@ from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.optics.base.values import FloatArray
 
 STEEP = np.radians(44.0)
+# A countersink is so much wider than the head, as facets cut off its round: less than what counts as a touch.
+HEAD_FIT_MM = 0.05
+# A countersink opens no further than this below the head.
+FLARE_MM = 0.9
+# Corners of round solids.
+CORNERS = 96
 TRIPOD = "1/4-20 UNC"
 ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -43,17 +52,58 @@ class BlocksPlan:
         return (*self.lengths, *holes(self.cuts))
 
 
-def countersunk_hole(head: FloatArray, grip_mm: float, sink_mm: float, size: str) -> tuple[Bore, Countersink]:
+def countersunk_hole(
+    head: FloatArray, grip_mm: float, sink_mm: float, size: str, flare_mm: float = FLARE_MM
+) -> tuple[Bore | Countersink, ...]:
     """A hole along z for a countersunk screw, the top of its head at a point (3,), `sink_mm` over a part's lower face.
 
-    It prints without support as the part stands: the cone leans 45 deg.
+    It prints without support as the part stands: the cone leans 44 deg. It opens until `flare_mm` below the head.
     """
     thread = thread_of(size)
-    half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0
-    below = sink_mm + OUTSIDE_MM
+    half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
+    flare = min(sink_mm, flare_mm) + OUTSIDE_MM
     # A little steeper than the head, whose facets as printed must not lean more than 45 deg.
-    cone = Countersink(head - below * ABOVE, ABOVE, wide + below, half, (wide + below - half) / np.tan(STEEP))
-    return Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM), cone
+    cone = Countersink(head - flare * ABOVE, ABOVE, wide + flare, half, (wide + flare - half) / np.tan(STEEP))
+    bore = Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM)
+    if sink_mm <= flare_mm:
+        return bore, cone
+    return (
+        bore,
+        cone,
+        Bore(head - (sink_mm + OUTSIDE_MM) * ABOVE, ABOVE, wide + flare, sink_mm - flare + 2 * OUTSIDE_MM),
+    )
+
+
+def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
+    """Holes along z for M3 screws whose heads rest at points (n, 3), and the room of heads and driver below them.
+
+    `up` (3,) is up on the bed where they lie as printed, None where they stand.
+    """
+    clearance = hardware.screw.clearance_hole_mm / 2.0
+    for head in heads:
+        yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, up)
+        yield Bore(head, -ABOVE, head_room_mm(hardware), 99.0, up)
+
+
+def disc(middle: FloatArray, radius_mm: float, thick_mm: float) -> Frustum:
+    """A disc about an axis along y through a point (3,), from there on towards y; its corners lie on the circle."""
+    turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
+    base = middle + radius_mm * np.column_stack([np.cos(turn), np.zeros(CORNERS), np.sin(turn)])
+    return Frustum(base, base + np.array([0.0, thick_mm, 0.0]))
+
+
+def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
+    """A ring between two radii about an axis along y, as convex sectors: no larger than it is."""
+    turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
+    inner, outer = radii_mm
+    sectors = []
+    for start, end in pairwise(turn):
+        # The chord of the inner circle lies inside of it: its corners are moved out.
+        near = inner / np.cos(np.pi / CORNERS)
+        loop = [(near, start), (outer, start), (outer, end), (near, end)]
+        base = np.array([middle + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
+        sectors.append(Frustum(base, base + np.array([0.0, thick_mm, 0.0])))
+    return tuple(sectors)
 
 
 def tripod_depth_mm(nut: TripodNut) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -70,11 +70,14 @@ def common_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_mm
     return float(sum(piece.volume() for piece in pieces if 2.0 * piece.volume() > depth_mm * piece.surface_area()))
 
 
-def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) -> dict[str, Metric]:
+def check_clashes(
+    solids: Mapping[str, manifold3d.Manifold], least_mm: float, carriers: Collection[str] = ()
+) -> dict[str, Metric]:
     """Volume that two solids fill; gaps between those that do not touch; fasteners that hold nothing.
 
     Of each part, the camera and what carries the device, and of each mirror and fastener in the way. A gap of less than
     `least_mm` is neither a touch nor a clearance. Fasteners have holes with fits of their own, which are not looked at.
+    What carries the device, by its names in `carriers`, has threads of its own.
     """
     met = meetings(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]
@@ -94,7 +97,7 @@ def check_clashes(solids: Mapping[str, manifold3d.Manifold], least_mm: float) ->
         name
         for name in fasteners
         if name.startswith("screw")
-        and not any(_forms(name, other) or other.startswith(THREADS) for other in touched[name])
+        and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
     ]
     # What a pin joins holds it from both sides.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]

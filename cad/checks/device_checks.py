@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Self
 
 import manifold3d
@@ -17,7 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, mass_of
+from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, item_names, mass_of
 from mirrorcam.cad.checks.back_checks import check_back
 from mirrorcam.cad.checks.camera_nest import check_nest
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
@@ -110,7 +111,8 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         mirrors as cut, camera and fasteners as in the assembly, what carries the device as the back has it.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    carriers, items, whole = carriers_of(device), bought_items(device), weighed(hardware, made.assembly)
+    items, whole = bought_items(device), weighed(hardware, made.assembly)
+    carriers = carriers_of(device, {name: made.sound[name] for name in item_names(items) if name in made.sound})
     return {
         **_check_pieces(made, parts),
         **check_mass(whole),
@@ -122,7 +124,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_stray_light(made),
         **_check_cover(made, parts),
         **check_surrounding_light(device.layout, made.sound),
-        **check_clashes(made.sound | carriers, hardware.fit.press_mm),
+        **check_clashes(made.sound | carriers, hardware.fit.press_mm, carriers),
         **check_insertion(items, made.sound),
         **check_tool_reach(items, made.sound),
         **check_step_views(device.layout, items, made.sound),
@@ -176,13 +178,17 @@ def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Me
     return check_cover(plan, covers[0], made.sound) if plan and covers else {}
 
 
-def carriers_of(device: Device) -> dict[str, manifold3d.Manifold]:
-    """What the back is fastened to, by name, in rig: no pieces of the device."""
+def carriers_of(
+    device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
+) -> dict[str, manifold3d.Manifold]:
+    """What the back is fastened to, by name, in rig, with holes for the fasteners in it: no pieces of the device."""
+    in_it = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
         carrier.name: manifold3d.Manifold.batch_boolean(
             [manifold3d.Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in carrier.solids],
             manifold3d.OpType.Add,
         )
+        - in_it
         for carrier in device.back.carriers
     }
 

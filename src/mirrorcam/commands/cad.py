@@ -20,7 +20,7 @@ SHOWN = ("device.", "mirrors.")
 
 
 ADAPTER = Annotated[
-    Literal["none", "gen2"] | None,
+    Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"] | None,
     tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)"),
 ]
 

@@ -15,7 +15,10 @@ from mirrorcam.optics.geometry.camera_library import profile_of, read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.output_folder import output_folder
 
-BACKS = ("adapter_desk", "adapter_saddle", "adapter_cap")
+BACKS = (
+    *("adapter_desk", "adapter_tripod", "adapter_arca", "adapter_flange", "adapter_centring", "adapter_spacer"),
+    *("adapter_saddle", "adapter_cap", "adapter_profile", "adapter_vesa", "adapter_hook", "adapter_jaw"),
+)
 WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon", "dust_cover")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from build123d import GeomType
 
 from mirrorcam.cad.assembly.bought_solids import item_solid
 from mirrorcam.cad.backs.back_solids import make_blocks
 from mirrorcam.cad.backs.blocks import (
+    CORNERS,
+    HEAD_FIT_MM,
     BlocksPlan,
     countersunk_hole,
+    disc,
+    ring,
     tripod_cuts,
     tripod_depth_mm,
     tripod_nut,
 )
 from mirrorcam.cad.plan.back_table import TripodNut
-from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.prisms import box, volume_mm3
 from mirrorcam.cad.plan.threads import thread_of
 
 PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
 
 
 def test_a_countersunk_hole_is_a_cylinder_under_a_cone_of_44_degrees() -> None:
-    cuts = countersunk_hole(np.array([0.0, 0.0, 1.0]), 7.0, 1.0, "M3")
+    cuts = countersunk_hole(np.array([0.0, 0.0, 0.5]), 7.5, 0.5, "M3")
     removed = 40.0 * 40.0 * 8.0 - make_blocks(BlocksPlan("plate", (PLATE,), cuts)).volume
     # From the face, where the cone is as much wider as it lies deep, to the hole for the screw; 44 deg print well.
-    wide, half = 2.24 * 1.5 + 1.0, 1.7
+    wide, half = 2.24 * 1.5 + HEAD_FIT_MM + 0.5, 1.7
     slope = np.tan(np.radians(44.0))
     cone = np.pi / 3.0 * (wide**3 - half**3) / slope
     assert removed == pytest.approx(cone + np.pi * half**2 * (8.0 - (wide - half) / slope), rel=2e-3)
@@ -64,3 +70,24 @@ def test_dimensions_are_the_lengths_and_every_hole() -> None:
     plan = BlocksPlan("plate", (PLATE,), tripod_cuts(np.array([0.0, 0.0, 8.0]), 8.0, TripodNut()))
     assert [hole.diameter_mm for hole in plan.dimensions] == [6.6, pytest.approx(11.31)]  # type: ignore[union-attr]
     assert plan.corners.shape == (8, 3)
+
+
+def test_a_head_deep_below_the_face_lies_in_a_round_hole() -> None:
+    """Countersinks of neighbours 9.5 mm apart leave a wall, however thick the part is."""
+    plate = make_blocks(BlocksPlan("plate", (PLATE,), countersunk_hole(np.array([0.0, 0.0, 3.0]), 5.0, 3.0, "M3", 0.6)))
+    assert plate.is_valid
+    radii = [edge.radius for edge in plate.edges() if edge.geom_type == GeomType.CIRCLE]
+    assert max(radii) < (9.5 - HARDWARE.printer.wall_mm) / 2.0
+    assert max(radii) > 3.36
+
+
+def test_discs_and_rings_keep_within_their_radii() -> None:
+    at = np.array([1.0, 2.0, 3.0])
+    corners = disc(at, 10.0, 4.0).base - at
+    np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 2]), 10.0)
+    sectors = ring(at, (8.0, 10.0), 4.0)
+    assert len(sectors) == CORNERS
+    volume = sum(abs(volume_mm3(sector)) for sector in sectors)
+    assert volume == pytest.approx(np.pi * (10.0**2 - 8.0**2) * 4.0, rel=0.01)
+    middles = [(sector.base[0] + sector.base[3]) / 2.0 - at for sector in sectors]
+    assert min(np.hypot(x, z) for x, _, z in middles) >= 8.0 - 1e-9

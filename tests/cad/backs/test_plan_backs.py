@@ -11,8 +11,11 @@ import pytest
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.parts.foot import foot_screws
 from mirrorcam.cad.plan.back_table import BACKS, back_of
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.layout import Layout
 
 WEB = Path(__file__).parents[3] / "cad" / "web" / "backs"
 
@@ -58,4 +61,17 @@ def test_only_arms_hang_on_a_link(device: Device) -> None:
         back = plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))
         if back.robot is not None:
             arms.add(kind)
-    assert arms == {"gen2"}
+    assert arms == {"iso9409", "gen3", "gen2"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", list(BACKS))
+def test_every_back_of_the_default_device_is_built_and_passes(
+    kind: str, default_layout: Layout, tmp_path: Path
+) -> None:
+    checks = build_parts(default_layout, tmp_path, HARDWARE.replaced(back=back_of(kind)), workers=2)
+    assert {name: check for name, check in checks.items() if not check.passed} == {}
+    assert (tmp_path / "robot").exists() == (kind in ("iso9409", "gen3", "gen2"))
+    guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    if kind not in ("gen2", "gen3"):
+        assert "Kinova" not in guide

@@ -1,0 +1,57 @@
+"""A clamp of the kind of Arca-Swiss: a dovetail across the device, which prints standing on its end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.cad.backs.back import ON_ITS_SIDE, Back, BackPart, Neck
+from mirrorcam.cad.backs.blocks import ALONG_X, BlocksPlan, head_cuts
+from mirrorcam.cad.backs.desk import RGB
+from mirrorcam.cad.backs.load import Load
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.back_table import ArcaBack
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import length
+from mirrorcam.cad.plan.prisms import along_x
+from mirrorcam.optics.base.values import InputError
+
+NAME = "adapter_arca"
+
+
+def plan_arca(table: ArcaBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the dovetail; raises InputError where its slope is higher than all of it."""
+    half, foot_z = mount.half_width_mm, foot_z_mm(clip, hardware)
+    wide, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
+    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    # Under the middle of the screws.
+    y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
+    edge = low + table.lip_mm
+    over = edge + wide - neck
+    if not edge < over < foot_z:
+        raise InputError(
+            f"dovetail's slope ends {over - low:.1f} mm over its lower face, expected less than its height, "
+            f"{table.height_mm:g} mm, and more than its lip, {table.lip_mm:g} mm"
+        )
+    tail = np.array([(-wide, low), (wide, low), (wide, edge), (neck, over), (-neck, over), (-wide, edge)])
+    stem = np.array([(-neck, edge), (neck, edge), (neck, foot_z), (-neck, foot_z)])
+    pieces = tuple(along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
+    lip = np.array([[half, y - wide, low], [half, y + wide, low]])
+    plan = BlocksPlan(
+        NAME,
+        pieces,
+        tuple(head_cuts(heads, table.grip_mm, ALONG_X, hardware)),
+        (
+            length(lip[0], lip[1], "dovetail"),
+            length(np.array([half, y - neck, over]), np.array([half, y + neck, over])),
+        ),
+    )
+    return Back(
+        table=table,
+        parts=(BackPart(NAME, "Dovetail", plan, ON_ITS_SIDE, np.array([0.0, 0.0, -45.0]), RGB),),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=heads,
+        necks=(Neck("over the slope", np.array([0.0, y, over]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck)),),
+    )

@@ -1,0 +1,111 @@
+"""The upper edge of a monitor: a plate with a hook before the screen, and a jaw that slides up to its back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mirrorcam.cad.backs.back import TOP_DOWN, Back, BackPart, Carrier, Neck
+from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, head_cuts
+from mirrorcam.cad.backs.desk import RGB
+from mirrorcam.cad.backs.load import Load
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.back_table import MonitorBack
+from mirrorcam.cad.plan.connection import Connection
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.item_frames import along
+from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.geometry.transforms import rigid
+
+HOOK, JAW = "adapter_hook", "adapter_jaw"
+JAW_RGB = (0.55, 0.74, 0.52)
+# The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the
+# jaw's screws, and on to the end of the tab.
+HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
+# From the mount to the jaw's screws, and on to the side of the plate; the screen stands so far before the load.
+BESIDE_MM, SIDE_MM, BEFORE_MM = 9.0, 8.0, 12.0
+SHOWN_MM = (150.0, 80.0)
+DOWN, HOOK_OUT, JAW_OUT = -ABOVE, np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
+SCREW_MM, TAB_WIDE_MM = 20.0, 15.5
+
+
+def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out both parts for a monitor under the load; raises InputError where the jaw does not slide so far."""
+    thinnest, thickest = table.range_mm
+    if not thinnest <= table.thick_mm <= thickest:
+        raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
+    foot_z, m4 = foot_z_mm(clip, hardware), thread_of("M4")
+    low_z = foot_z - table.plate_mm
+    pad_z, x = low_z - PAD_MM, mount.half_width_mm + BESIDE_MM
+    half = x + SIDE_MM
+    screen_y = float(load.at[1]) + BEFORE_MM
+    first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
+    back_y = min(last - TAB_MM, float(mount.slide[1]) - mount.section.depth_mm)
+    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    hook_pieces = (
+        box((-half, back_y, low_z), (half, screen_y + HOOK_MM, foot_z)),
+        box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),
+        box((-half, screen_y, pad_z - table.hook_mm), (half, screen_y + HOOK_MM, low_z)),
+    )
+    hook_cuts = [*head_cuts(heads, table.grip_mm, None, hardware)]
+    clearance = m4.clearance_mm / 2.0
+    for side in (-x, x):
+        ends = (np.array([side, at, foot_z + OUTSIDE_MM]) for at in (first, last))
+        hook_cuts.extend(Bore(end, DOWN, clearance, table.plate_mm + 1.0) for end in ends)
+    slots = [box((side - clearance, last, low_z - 1.0), (side + clearance, first, foot_z + 1.0)) for side in (-x, x)]
+    jaw_y = screen_y - table.thick_mm
+    screw_y = jaw_y - LEG_MM - TO_SCREW_MM
+    jaw_pieces = (
+        # Two tabs: between them the hook's own screws are reached.
+        *(
+            box((low, screw_y - TAB_MM, pad_z), (high, jaw_y, low_z))
+            for low, high in ((-half, -half + TAB_WIDE_MM), (half - TAB_WIDE_MM, half))
+        ),
+        box((-half, jaw_y - LEG_MM, pad_z - table.jaw_mm), (half, jaw_y, low_z)),
+    )
+    jaw_cuts: list[Bore | Hexagon] = []
+    items = []
+    deep = m4.nut_height_mm + NUT_FIT_MM
+    for side in (-x, x):
+        mouth = np.array([side, screw_y, pad_z - OUTSIDE_MM])
+        jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
+        jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
+        head, seat, way = np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + deep]), -60.0 * ABOVE
+        items.append(BoughtItem("screw", "M4", SCREW_MM, along(head, ABOVE), HOOK_OUT + 30.0 * ABOVE, (HOOK, JAW)))
+        items.append(
+            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_OUT + way / 2.0, (JAW,), way[None])
+        )
+    wide, tall = SHOWN_MM
+    monitor = box((-wide, jaw_y, pad_z - tall), (wide, screen_y, pad_z))
+    slide = rigid(np.diag([1.0, -1.0, -1.0]), [0.0, screw_y, low_z])
+    width = 2.0 * half
+    return Back(
+        table=table,
+        parts=(
+            BackPart(
+                HOOK, "Monitor hook", BlocksPlan(HOOK, hook_pieces, (*hook_cuts, *slots)), TOP_DOWN, HOOK_OUT, RGB
+            ),
+            BackPart(JAW, "Monitor jaw", BlocksPlan(JAW, jaw_pieces, tuple(jaw_cuts)), TOP_DOWN, JAW_OUT, JAW_RGB),
+        ),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=heads,
+        items=tuple(items),
+        connections=(Connection("jaw", HOOK, JAW, slide, slide),),
+        carriers=(Carrier("monitor", (monitor,)),),
+        necks=(
+            Neck(
+                "plate before the mount",
+                np.array([0.0, float(mount.slide[1]), foot_z - table.plate_mm / 2.0]),
+                ALONG_Y,
+                ALONG_X,
+                (width, table.plate_mm),
+            ),
+            Neck("jaw", np.array([0.0, jaw_y, pad_z]), ABOVE, ALONG_X, (width, LEG_MM), table.jaw_mm),
+        ),
+    )

@@ -1,0 +1,44 @@
+"""Hook and jaw: they hold any monitor in their range, and the device stands over it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back_solids import MAKERS
+from mirrorcam.cad.backs.load import carried
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.plan.back_table import MonitorBack
+from mirrorcam.cad.plan.prisms import overlap_mm
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.optics.base.values import InputError
+
+
+@pytest.mark.parametrize("thick_mm", [8.0, 20.0, 40.0])
+def test_the_jaw_meets_the_back_of_the_monitor_and_enters_nothing(device: Device, thick_mm: float) -> None:
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=MonitorBack(thick_mm=thick_mm)))
+    hook, jaw = (part.plan for part in back.parts)
+    (monitor,) = back.carriers[0].solids
+    corners = np.vstack([monitor.base, monitor.top])
+    assert np.ptp(corners[:, 1]) == pytest.approx(thick_mm)
+    assert jaw.corners[:, 1].max() == pytest.approx(corners[:, 1].min())
+    solids: list[tuple[Frustum, ...]] = [hook.pieces, jaw.pieces, (monitor,)]  # type: ignore[attr-defined]
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        assert max(overlap_mm(a, b) for a in solids[first] for b in solids[second]) < 1e-6
+    # The centre of mass is over the monitor, or behind its screen by 12 mm.
+    load = carried(device.mount, device.clip, device.hardware)
+    assert corners[:, 1].max() - load.at[1] == pytest.approx(12.0)
+    # The jaw's screws are in the slots, at both ends of their range.
+    slots = [cut for cut in hook.cuts if isinstance(cut, Frustum)]  # type: ignore[attr-defined]
+    for item in back.items:
+        if item.kind == "screw":
+            y = item.rig_from_item[1, 3]
+            assert any(slot.base[:, 1].min() - 1e-9 <= y <= slot.base[:, 1].max() + 1e-9 for slot in slots)
+    for part in back.parts:
+        assert MAKERS[type(part.plan)](part.plan).is_valid
+
+
+def test_a_monitor_out_of_its_range_is_refused(device: Device) -> None:
+    with pytest.raises(InputError, match=r"monitor is 60 mm thick, expected 8 to 40 mm"):
+        plan_back(device.clip, device.mount, device.hardware.replaced(back=MonitorBack(thick_mm=60.0)))
