@@ -1,0 +1,1 @@
+"""Finite elements of the whole device: how gravity, warmth and creep move its mirrors against the camera."""

@@ -1,0 +1,78 @@
+"""Meshes of tetrahedra of the solids in STEP files, by the program gmsh."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+
+# Round shapes get this many elements around; elements are no smaller than this.
+AROUND, SMALLEST_MM = 6, 1.0
+LONGEST_S = 600.0
+TETRAHEDRON = 4  # gmsh's type of element
+
+
+@dataclass(frozen=True)
+class Tetrahedra:
+    """Corners (n, 3) in mm and, of each tetrahedron, the indices of its own (m, 4)."""
+
+    points: FloatArray
+    corners: NDArray[np.int64]
+
+    @property
+    def volume_mm3(self) -> float:
+        """Volume of all of them."""
+        edges = self.points[self.corners[:, 1:]] - self.points[self.corners[:, :1]]
+        return float(np.abs(np.linalg.det(edges)).sum() / 6.0)
+
+
+def gmsh_program() -> str | None:
+    """Path of gmsh: beside this Python, where pip installs it, or on the path; None where it is not installed.
+
+    gmsh is under the GPL: it is run as a program of its own, and neither imported nor linked.
+    """
+    beside = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
+    return beside or shutil.which("gmsh")
+
+
+def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
+    """Mesh the solid of a STEP file with elements of a size; raises InputError where gmsh is missing or fails."""
+    program = gmsh_program()
+    if program is None:
+        raise InputError('gmsh is not installed, needed for finite elements: pip install "mirrorcam[fe]"')
+    with TemporaryDirectory() as folder:
+        mesh = Path(folder, "part.msh")
+        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
+        command = [program, str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
+        try:
+            ran = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{step}: gmsh took longer than {LONGEST_S:g} s to mesh it") from None
+        if ran.returncode != 0 or not mesh.is_file():
+            told = [line for line in (ran.stdout + ran.stderr).splitlines() if "Error" in line]
+            raise InputError(f"{step}: gmsh could not mesh it: {told[0] if told else f'exit code {ran.returncode}'}")
+        return read_msh22(mesh.read_text(encoding="utf-8"))
+
+
+def read_msh22(text: str) -> Tetrahedra:
+    """The tetrahedra of a mesh in gmsh's text format 2.2 (gmsh's reference manual, chapter on file formats)."""
+    nodes = _section(text, "Nodes")
+    numbered = np.array([line.split() for line in nodes], dtype=np.float64)
+    index = {int(number): place for place, number in enumerate(numbered[:, 0])}
+    elements = [[int(word) for word in line.split()] for line in _section(text, "Elements")]
+    corners = np.array([[index[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON])
+    used, places = np.unique(corners, return_inverse=True)
+    return Tetrahedra(numbered[used, 1:4], places.reshape(-1, 4))
+
+
+def _section(text: str, name: str) -> list[str]:
+    """The lines of a section, without the first, which is their number."""
+    return text.partition(f"${name}\n")[2].partition(f"$End{name}")[0].splitlines()[1:]
