@@ -22,6 +22,7 @@ def build_parts(
     previous: Path | None = None,
     workers: int = 1,
     progress: Progress = no_progress,
+    elastic: bool = False,
 ) -> dict[str, Metric]:
     """Write every file of a layout's device: parts to print, mirrors to cut, drawings, guide, page and checks.
 
@@ -39,6 +40,9 @@ def build_parts(
         Number of processes that share the work.
     progress
         Called with the numbers of steps done and of all.
+    elastic
+        Whether finite elements tell how gravity, warmth and creep move the mirrors, which takes a minute or two; it
+        needs the extra `fe`.
 
     Returns
     -------
@@ -53,6 +57,10 @@ def build_parts(
     """
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
+    if elastic:
+        from mirrorcam.cad.elasticity.elasticity_report import require_solvable
+
+        require_solvable(hardware)
     device = plan_device(layout, hardware)
     with _extra_installed():
         from mirrorcam.cad.device_files import write_device
@@ -62,7 +70,7 @@ def build_parts(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-    return write_device(device, out, previous, workers, progress)
+    return write_device(device, out, previous, workers, progress, elastic=elastic)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
 from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of, write_picture
 from mirrorcam.cad.documents.live_view import write_live_view
+from mirrorcam.cad.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
@@ -37,14 +38,14 @@ KERNEL = ("mirrorcam.cad.device_files",)
 
 
 def write_device(
-    device: Device, out: Path, previous: Path | None, workers: int, progress: Progress
+    device: Device, out: Path, previous: Path | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
     """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
     plans = parts_of(device)
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 6 + PICTURES
+    done, total = 0, len(made) + 6 + PICTURES + elastic
 
     def step() -> None:
         nonlocal done
@@ -62,9 +63,10 @@ def write_device(
     pictures = pictures_of(device, parts, pieces)
     drawn: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
+    bent: list[Call] = [(write_elasticity, (out, device))] if elastic else []
     # The coupon is printed before all others.
     device_parts = [plan for plan in plans if plan.name != COUPON]
-    checks, plates, *_ = call_all(
+    checks, plates, *others = call_all(
         [
             (check_device, (device, parts, out)),
             (write_plates, (out, device_parts, device.hardware.printer)),
@@ -72,6 +74,7 @@ def write_device(
             (write_live_view, (out, device.layout, pieces)),
             (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
             *drawn,
+            *bent,
         ],
         workers,
         step,
@@ -81,6 +84,8 @@ def write_device(
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
     checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
     checks |= {f"plates.{name}": check for name, check in plates.items()}
+    if elastic:
+        checks |= others[-1]
     write_robot(out / "robot", device, pieces)
     write_bom(out, bill_of(device, parts, sheets))
     write_source(out, device.layout, device.hardware)

@@ -33,7 +33,7 @@ MAY_IMPORT = {
     # Zstandard is `compression.zstd` of the standard library from Python 3.14 on, and in backports before.
     | {"rosbags", "backports", "compression"},
     "mirrorcam.cad": OPTICS
-    | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf"}
+    | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "skfem"}
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it", "tomli_w"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": OPTICS
@@ -60,7 +60,7 @@ LAYERS = {
     ),
     "mirrorcam.cad": (
         *("plan", "splitting", "mirrors", "holder", "parts", "backs", "assembly"),
-        *("write", "checks", "documents", ""),
+        *("write", "checks", "elasticity", "documents", ""),
     ),
     "mirrorcam.render_scenes": (
         *("", "boards", "truth", "reference", "fast", "sets", "tabletop", "preview"),

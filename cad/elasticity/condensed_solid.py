@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 
 POISSON = 0.35
 LOADS = 7
-"""Loads of a solid: its own weight along x, y and z (of 1 N/mm3), that of what it carries, and a strain of expansion."""
+"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), that of what it carries, and a strain of expansion."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,16 @@ class Solid:
     def __init__(self, mesh: Tetrahedra) -> None:
         from skfem import Basis, ElementTetP2, ElementVector, MeshTet
 
-        self._basis = Basis(MeshTet(mesh.points.T.copy(), mesh.corners.T.copy()), ElementVector(ElementTetP2()), intorder=2)
+        self._basis = Basis(
+            MeshTet(mesh.points.T.copy(), mesh.corners.T.copy()), ElementVector(ElementTetP2()), intorder=2
+        )
         numbers = np.hstack([self._basis.nodal_dofs, self._basis.edge_dofs])
         self._dofs: NDArray[np.int64] = np.asarray(numbers.T, dtype=np.int64)
         self.nodes: FloatArray = np.asarray(self._basis.doflocs[:, self._dofs[:, 0]].T, dtype=np.float64)
 
-    def condensed(self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]) -> CondensedSolid:
+    def condensed(
+        self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]
+    ) -> CondensedSolid:
         """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3)."""
         if any(len(nodes) < 3 for nodes in screws):
             raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
@@ -86,10 +91,10 @@ class Solid:
             by_loads={name: motion @ by_loads for name, motion in told.items()},
         )
 
-    def _assembled(self, carried: Mapping[str, Carried]) -> tuple:
+    def _assembled(self, carried: Mapping[str, Carried]) -> tuple[Any, FloatArray]:
         """Stiffness, and the loads (dofs, LOADS)."""
-        from skfem import BilinearForm, LinearForm
-        from skfem.helpers import div, dot
+        from skfem import LinearForm
+        from skfem.helpers import div
         from skfem.models.elasticity import lame_parameters, linear_elasticity
 
         lame, shear = lame_parameters(1.0, POISSON)

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.child_program import run_program
 from mirrorcam.optics.base.values import FloatArray, InputError
 
 # Round shapes get this many elements around; elements are no smaller than this.
@@ -53,11 +54,12 @@ def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
         sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
         command = [program, str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
         try:
-            ran = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST_S, check=False)
+            ran = run_program(command, timeout_s=LONGEST_S)
         except subprocess.TimeoutExpired:
             raise InputError(f"{step}: gmsh took longer than {LONGEST_S:g} s to mesh it") from None
         if ran.returncode != 0 or not mesh.is_file():
-            told = [line for line in (ran.stdout + ran.stderr).splitlines() if "Error" in line]
+            output = (ran.stdout + ran.stderr).decode("utf-8", "replace")
+            told = [line for line in output.splitlines() if "Error" in line]
             raise InputError(f"{step}: gmsh could not mesh it: {told[0] if told else f'exit code {ran.returncode}'}")
         return read_msh22(mesh.read_text(encoding="utf-8"))
 

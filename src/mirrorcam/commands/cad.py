@@ -15,7 +15,7 @@ from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
 
-SHOWN = ("device.", "mirrors.")
+SHOWN = ("device.", "mirrors.", "elastic.")
 """Prefixes of the names of checks that are printed even if they pass."""
 
 
@@ -45,6 +45,10 @@ class CadOptions(Value):
         tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
     ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
     adapter: ADAPTER = Field(default=None, description="what carries the device (docs/cad.md)")
+    elastic: bool = Field(
+        default=False,
+        description="also tell how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)",
+    )
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
         None, "number of worker processes"
     )
@@ -63,11 +67,17 @@ def run(options: CadOptions) -> int:
     if hardware.camera.field_of_view_deg is None:
         body, seen = hardware.camera.name, field_of_view(layout.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
-    require("cad")
+    require("cad", *(("fe",) if options.elastic else ()))
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
     with long_work("cad", doing, "steps") as advance:
         checks = write_device(
-            layout, options.out, hardware, workers=options.workers, force=options.force, progress=advance
+            layout,
+            options.out,
+            hardware,
+            workers=options.workers,
+            force=options.force,
+            elastic=options.elastic,
+            progress=advance,
         )
     failed = {name for name, check in checks.items() if not check.passed}
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})

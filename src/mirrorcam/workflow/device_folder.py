@@ -35,7 +35,7 @@ FILES = (
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
     *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
-    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
+    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/gravity.json", "elasticity.md"),
     *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),
     *(f"robot/meshes/{part}_hull.stl" for part in PARTS),
     *(f"pictures/{name}.png" for name in PICTURES),
@@ -77,14 +77,15 @@ def write_device(
     *,
     workers: int | None = None,
     force: bool = False,
+    elastic: bool = False,
     progress: Progress = no_progress,
 ) -> dict[str, Metric]:
     """Build and check every part of a layout's device in a folder; returns all figures by name.
 
     Figures with a limit are the checks. What an earlier call has written there and still holds is taken over, and its
     other files go. `workers` are processes that share the work, one for each core without a number. It needs the extra
-    `cad`. Raises InputError, without `force`, where a file would be replaced that no such call wrote, or that was
-    changed since.
+    `cad`, and for `elastic`, finite elements of the whole, `fe`. Raises InputError, without `force`, where a file would
+    be replaced that no such call wrote, or that was changed since.
     """
     from mirrorcam.cad.build import build_parts
 
@@ -92,4 +93,12 @@ def write_device(
         output.refuse_changed()
         output.refuse_others(*FILES)
         with output.staged() as staged:
-            return build_parts(layout, staged, hardware, previous=folder, workers=workers or cores(), progress=progress)
+            return build_parts(
+                layout,
+                staged,
+                hardware,
+                previous=folder,
+                workers=workers or cores(),
+                progress=progress,
+                elastic=elastic,
+            )

@@ -9,6 +9,7 @@ from mirrorcam.optics.base.values import InputError
 MODULES = {
     "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it", "tomli_w"),
     "render": ("mitsuba", "drjit", "OpenEXR"),
+    "fe": ("skfem",),
     "cluster": ("dask", "distributed"),
     "parquet": ("pyarrow",),
     "robot": ("rosbags",),

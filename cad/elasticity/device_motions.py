@@ -1,0 +1,193 @@
+"""How the mirrors of a device move against its camera: the holder, the mount and the clip by finite elements.
+
+The parts are tied to each other around their screws, each of which holds both as a rigid disc, and the foot's screws to
+what does not move. Mirrors and camera are rigid: their weight is spread over the nodes that they rest on, whose motion
+is theirs. Of glue there is no element: a mirror of 2 g shears 400 mm2 of silicone .2 mm thick (.3 MPa) by 33 nm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from build123d import Part
+from numpy.typing import NDArray
+from shapely import Polygon, points
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import MIRRORS
+from mirrorcam.cad.elasticity.condensed_solid import Carried, CondensedSolid, Solid
+from mirrorcam.cad.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
+from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.part_solids import make_clip, make_mount
+from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.write.part_export import write_step
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import inverse, transform
+
+G = 9.80665
+# A screw presses parts together about so far around its axis: what elements of solids hold as rigid.
+SCREW_MM = 6.0
+# Nodes are in a plane to this; nodes within this of what carries a camera carry it.
+IN_PLANE_MM, CARRIES_MM = 5e-3, 3.0
+CAMERA = "camera"
+
+
+@dataclass(frozen=True)
+class DeviceMotions:
+    """Motions of each mirror against the camera, by its name: shift in mm of its outline's mean, then turn in rad.
+
+    `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig, of plastic of 1 g/cm3 and of
+    what it carries, both for a modulus of 1 MPa. `plastic_strain` and `ground_strain` (6,) are for a free strain of 1,
+    of all plastic and of what the foot is screwed to.
+    """
+
+    plastic_weight: Mapping[str, FloatArray]
+    carried_weight: Mapping[str, FloatArray]
+    plastic_strain: Mapping[str, FloatArray]
+    ground_strain: Mapping[str, FloatArray]
+
+    def under_gravity(self, modulus_mpa: float, density_g_per_cm3: float) -> dict[str, FloatArray]:
+        """Motions (6, 3) per gravity along x, y and z of rig, for parts of one plastic."""
+        return {
+            name: (density_g_per_cm3 * own + self.carried_weight[name]) / modulus_mpa
+            for name, own in self.plastic_weight.items()
+        }
+
+    def of_strain(self, plastic: float, ground: float) -> dict[str, FloatArray]:
+        """Motions (6,) where the plastic and what it stands on expand by so much."""
+        return {name: plastic * own + ground * self.ground_strain[name] for name, own in self.plastic_strain.items()}
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A solid with the screws that hold it, by their numbers in the device, and what it carries."""
+
+    solid: Solid
+    screws: tuple[int, ...]
+    carried: Mapping[str, Carried]
+
+
+def device_motions(device: Device, size_mm: float) -> DeviceMotions:
+    """Solve the whole device with elements of a size; raises InputError where gmsh is missing or cannot mesh a part."""
+    mount, clip = device.mount, device.clip
+    head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
+    slide = np.array([(x, clip.slide_y_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)])
+    at = np.vstack([mount.foot, head, slide])
+    foot_up, scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    axes = np.array([*[foot_up] * len(mount.foot), *[mount.rig_from_head[:3, 2]] * 4, *[scene] * 2])
+    feet, heads, slides = (
+        tuple(range(*ends)) for ends in ((0, len(at) - 6), (len(at) - 6, len(at) - 2), (len(at) - 2, len(at)))
+    )
+    solids = {
+        name: Solid(_meshed(part, name, size_mm))
+        for name, part in {
+            "mirror_holder": make_holder(device.holder),
+            "mount": make_mount(mount),
+            "camera_clip": make_clip(clip),
+        }.items()
+    }
+    parts = (
+        _Part(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
+        _Part(solids["mount"], (*feet, *heads, *slides), {}),
+        _Part(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
+    )
+    condensed = [
+        part.solid.condensed(
+            _discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]),
+            at[list(part.screws)],
+            part.carried,
+        )
+        for part in parts
+    ]
+    return _solved(parts, condensed, at, feet)
+
+
+def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
+    with TemporaryDirectory() as folder:
+        step = Path(folder, f"{name}.step")
+        write_step(step, part)
+        return tetrahedra_of(step, size_mm)
+
+
+def _discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
+    """The nodes around each screw, in the plane where it enters a part; each belongs to the nearest screw."""
+    away = np.linalg.norm(nodes[:, None] - at, axis=2)
+    off = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
+    nearest = away.argmin(axis=1)
+    return [
+        np.flatnonzero((nearest == screw) & (away[:, screw] < SCREW_MM) & (off[:, screw] < IN_PLANE_MM))
+        for screw in range(len(at))
+    ]
+
+
+def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
+    """The mirrors, each on the nodes of its seat's floor, to which it is glued."""
+    density = MIRRORS[device.hardware.cutting.material]
+    carried = {}
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        outline = Polygon(mirror.outline_in_plane_mm)
+        own = transform(inverse(mirror.rig_from_plane), nodes)
+        on_floor = np.abs(own[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
+        seat = np.flatnonzero(on_floor & outline.covers(points(own[:, :2])))
+        if len(seat) < 3:
+            raise InputError(f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected finer elements")
+        mass_g = density * outline.area * mirror.thickness_mm / 1000.0
+        centre = mirror.rig_from_plane[:3, 3]
+        middle = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
+        carried[name] = Carried(seat, centre, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, middle))
+    return carried
+
+
+def _camera(device: Device, nodes: FloatArray) -> Carried:
+    """The camera, on the nodes around the points that hold it."""
+    nest, body = device.clip.nest, body_box(device.hardware.camera)
+    rests = device.clip.board_screws if nest is None else nest.points
+    near = np.linalg.norm(nodes[:, None] - rests, axis=2).min(axis=1) < CARRIES_MM
+    middle = (body.low + body.high) / 2.0
+    return Carried(np.flatnonzero(near), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, middle)
+
+
+def _solved(
+    parts: tuple[_Part, ...], condensed: list[CondensedSolid], at: FloatArray, feet: tuple[int, ...]
+) -> DeviceMotions:
+    """Join the parts at their screws; columns of loads are those of `DeviceMotions`, in its order."""
+    count = 6 * len(at)
+    stiffness, forces = np.zeros((count, count)), np.zeros((count, 8))
+    # Plastic of 1 g/cm3 weighs so many N/mm3.
+    loads = np.zeros((7, 8))
+    loads[[0, 1, 2], [0, 1, 2]] = G * 1e-6
+    loads[[3, 4, 5, 6], [3, 4, 5, 6]] = 1.0
+    dofs = [(np.array(part.screws)[:, None] * 6 + np.arange(6)).ravel() for part in parts]
+    for own, solid in zip(dofs, condensed, strict=True):
+        stiffness[np.ix_(own, own)] += solid.stiffness
+        forces[own] += solid.forces @ loads
+    motions = np.zeros((count, 8))
+    ground = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
+    for foot in feet:
+        motions[6 * foot : 6 * foot + 3, 7] = at[foot] - at[list(feet)].mean(axis=0)
+    free = np.setdiff1d(np.arange(count), ground)
+    pulled = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
+    motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], pulled)
+    told = {
+        name: solid.by_screws[name] @ motions[own] + solid.by_loads[name] @ loads
+        for part, own, solid in zip(parts, dofs, condensed, strict=True)
+        for name in part.carried
+    }
+    points_at = {name: each.at for part in parts for name, each in part.carried.items()}
+    camera = told.pop(CAMERA)
+    against = {}
+    for name, motion in told.items():
+        arm = points_at[name] - points_at[CAMERA]
+        shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
+        against[name] = np.vstack([shift, motion[3:] - camera[3:]])
+    return DeviceMotions(
+        plastic_weight={name: each[:, :3] for name, each in against.items()},
+        carried_weight={name: each[:, 3:6] for name, each in against.items()},
+        plastic_strain={name: each[:, 6] for name, each in against.items()},
+        ground_strain={name: each[:, 7] for name, each in against.items()},
+    )
