@@ -98,7 +98,7 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     )
     condensed = [
         part.solid.condensed(
-            _discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]),
+            discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]),
             at[list(part.screws)],
             part.carried,
         )
@@ -114,7 +114,7 @@ def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
         return tetrahedra_of(step, size_mm)
 
 
-def _discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
+def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
     """The nodes around each screw, in the plane where it enters a part; each belongs to the nearest screw."""
     away = np.linalg.norm(nodes[:, None] - at, axis=2)
     off = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))

@@ -61,16 +61,20 @@ def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
             output = (ran.stdout + ran.stderr).decode("utf-8", "replace")
             told = [line for line in output.splitlines() if "Error" in line]
             raise InputError(f"{step}: gmsh could not mesh it: {told[0] if told else f'exit code {ran.returncode}'}")
-        return read_msh22(mesh.read_text(encoding="utf-8"))
+        found = read_msh22(mesh.read_text(encoding="utf-8"))
+    if len(found.corners) == 0:
+        raise InputError(f"{step}: gmsh could not mesh it: no solid in it")
+    return found
 
 
 def read_msh22(text: str) -> Tetrahedra:
     """The tetrahedra of a mesh in gmsh's text format 2.2 (gmsh's reference manual, chapter on file formats)."""
     nodes = _section(text, "Nodes")
-    numbered = np.array([line.split() for line in nodes], dtype=np.float64)
+    numbered = np.array([line.split() for line in nodes], dtype=np.float64).reshape(-1, 4)
     index = {int(number): place for place, number in enumerate(numbered[:, 0])}
     elements = [[int(word) for word in line.split()] for line in _section(text, "Elements")]
-    corners = np.array([[index[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON])
+    found = [[index[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON]
+    corners = np.array(found, dtype=np.int64).reshape(-1, 4)
     used, places = np.unique(corners, return_inverse=True)
     return Tetrahedra(numbered[used, 1:4], places.reshape(-1, 4))
 

@@ -48,7 +48,11 @@ class GravityTable(Value):
 
     def save(self, path: Path) -> None:
         """Write the table atomically."""
-        write_text(path, self.model_dump_json(indent=1, by_alias=True) + "\n")
+        write_text(path, self.text())
+
+    def text(self) -> str:
+        """The content of its file."""
+        return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
 def layout_in_pose(
