@@ -102,8 +102,8 @@ def main() -> None:
         device = plan_device(parabola(rows, cols, scale_mm=scale_mm, gap_mm=2.0), HARDWARE)
         section, stated, found = device.mount.section, device.mount.tilt_deg, tilt_deg(device, size_mm)
         print(
-            f"{rows} x {cols}, {scale_mm:g}: {section.depth_mm:g} x {section.width_mm:.0f} mm, elements {found:.4f} deg, "
-            f"stated {stated:.4f} deg ({100.0 * (stated / found - 1.0):+.0f} %)",
+            f"{rows} x {cols}, {scale_mm:g}: {section.depth_mm:g} x {section.width_mm:.0f} mm, "
+            f"elements {found:.4f} deg, stated {stated:.4f} deg ({100.0 * (stated / found - 1.0):+.0f} %)",
             flush=True,
         )
     if shutil.which("ccx") is None:

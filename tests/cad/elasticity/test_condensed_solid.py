@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mirrorcam.cad.elasticity.condensed_solid import LOADS, POISSON, Carried, Solid, rigid_motions
 from mirrorcam.cad.elasticity.tetrahedra import Tetrahedra
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import InputError
 
 LENGTH, SIDE = 60.0, 6.0
 AREA, INERTIA = SIDE**2, SIDE**4 / 12.0
 FIRST, LAST = np.array([0.0, 3.0, 3.0]), np.array([LENGTH, 3.0, 3.0])
 
 
-def ends(solid: Solid) -> list[FloatArray]:
+def ends(solid: Solid) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(np.abs(solid.nodes[:, 0] - x) < 1e-6) for x in (0.0, LENGTH)]
 
 
