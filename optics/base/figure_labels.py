@@ -27,6 +27,7 @@ ASSEMBLY: Mapping[str, str] = {
     "mirrors_off_their_seats": "mirrors off their seats",
     "fasteners_loose": "fasteners that hold nothing",
     "screws_without_thread": "screws that engage no thread",
+    "tool_clash_mm3": "obstruction of tools",
     "insertion_clash_mm3": "obstruction of inserts and nuts",
     "number": "number",
     "part_gap_mm": "smallest gap between parts",
