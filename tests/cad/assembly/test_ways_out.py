@@ -12,6 +12,7 @@ from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces, tessellated
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
+from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -33,6 +34,8 @@ def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: L
     solids = {part.name: solid_of(tessellated(part.make(part.plan))) for part in parts_of(device) if part.name in HOMES}
     solids |= {piece.name: solid_of(piece.mesh) for piece in item_pieces(items)}
     assert not [name for name, check in check_insertion(items, solids).items() if check.passed is False]
+    threads = [item for item in items if item.kind in ("insert", "nut")]
+    assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
     if hardware.screw.kind == "nut":
         # As nuts were drawn once: before the face that the screw enters, as if they were inserts.
         wrong = [replace(item, way_out_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
