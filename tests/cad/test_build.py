@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import mirrorcam.cad.build
+import mirrorcam.cad.elasticity.elasticity_report
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.documents.device_pictures import DevicePicture
 from mirrorcam.cad.plan.back_table import DeskBack
@@ -149,3 +150,12 @@ def test_a_missing_extra_is_named_with_its_command(
     monkeypatch.setitem(sys.modules, "mirrorcam.cad.write.part_export", None)
     with pytest.raises(ImportError):
         mirrorcam.cad.build.build_parts(small_layout, tmp_path)
+
+
+def test_without_gmsh_finite_elements_are_refused_before_the_work(
+    default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mirrorcam.cad.elasticity.elasticity_report, "gmsh_program", lambda: None)
+    with pytest.raises(InputError, match=r"gmsh is not installed.*mirrorcam\[fe\]"):
+        build_parts(default_layout, tmp_path / "device", elastic=True)
+    assert not (tmp_path / "device").exists()
