@@ -68,7 +68,7 @@ class CameraProfile(Value):
     body : CameraBody
         Its body, with the field of view that the optics have.
     sources : tuple of Source
-        Where all this comes from.
+        Where all this comes from; none of a camera that its owner measured.
     published : Published
         What makers state of the optics.
     set_aside : dict
@@ -84,7 +84,7 @@ class CameraProfile(Value):
     sensor_px_per_px: float = Bounds(0.01, 100.0).field(1.0)
     optics: Camera | None = None
     body: CameraBody
-    sources: tuple[Source, ...] = Field(min_length=1)
+    sources: tuple[Source, ...] = ()
     published: Published = Published()
     set_aside: dict[str, Line] = Field(default_factory=dict)
     guessed: tuple[Name, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import tyro
@@ -10,6 +11,8 @@ from pydantic import Field, model_validator
 from mirrorcam.console.progress import print_table, say
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.geometry.camera_library import AGREE, CameraProfile, library, read_profile
+from mirrorcam.workflow.extras import require
+from mirrorcam.workflow.new_camera import write_new_camera
 
 
 class CameraOptions(Value):
@@ -18,30 +21,48 @@ class CameraOptions(Value):
     For each mirror of a layout as a camera, see mirrorcam cameras.
     """
 
-    action: tyro.conf.Positional[Literal["list", "show"]] = Field(
-        description="list: all cameras; show: everything about one"
+    action: tyro.conf.Positional[Literal["list", "show", "new"]] = Field(
+        description="list: all cameras; show: everything about one; new: measure your own, and write its file"
     )
     name: tyro.conf.Positional[Annotated[str | None, tyro.conf.arg(metavar="[NAME|PATH]", help_behavior_hint="")]] = (
-        Field(default=None, description="camera to show: a name in the list, or a TOML file like those of the library")
+        Field(
+            default=None,
+            description="camera to show: a name in the list, or a TOML file like theirs; new: the file to write",
+        )
+    )
+
+    like: str = Field(
+        default="c920", description="new: a camera that is like yours, whose figures are offered: held by body or board"
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.action == "show" and self.name is None:
             raise ValueError("camera show: expected the name of a camera, as `mirrorcam camera list` prints them")
+        if self.action == "new" and self.name is None:
+            raise ValueError("camera new: expected the file to write, such as my_camera.toml")
         if self.action == "list" and self.name is not None:
             raise ValueError(f"camera list {self.name}: expected no name, or camera show {self.name}")
         return self
 
 
 def run(options: CameraOptions) -> int:
-    """Print the list of cameras, or all about one of them."""
+    """Print the list of cameras, or all about one of them, or ask for the measures of a new one."""
+    if options.action == "new" and options.name is not None:
+        require("cad")
+        profile = write_new_camera(Path(options.name), read_profile(options.like), input, _show)
+        say("camera", f"{profile.name}: {options.name} written; next: mirrorcam design --camera {options.name}")
+        return 0
     if options.name is None:
         print_table(("name", "picture", "field of view", "pupil", "guessed", "camera"), list_rows())
         return 0
     for title, text in described(read_profile(options.name)):
         say(title, text)
     return 0
+
+
+def _show(line: str) -> None:
+    say("camera", line)
 
 
 def list_rows() -> list[tuple[str, ...]]:
@@ -64,7 +85,7 @@ def described(profile: CameraProfile) -> list[tuple[str, str]]:
         size = f"{optics.width_px} x {optics.height_px} px, focal length {optics.fx_px:.1f} px"
         view = " x ".join(f"{angle:.1f}" for angle in body.field_of_view_deg or ())
         lines += [
-            ("mode", profile.mode),
+            *([("mode", profile.mode)] if profile.mode else []),
             ("optics", f"{size}, {view} deg, pupil {optics.aperture_mm:g} mm, in focus at {optics.focus_mm:g} mm"),
         ]
     lines.append(("body", f"{body.width_mm:g} x {body.height_mm:g} x {body.depth_mm:g} mm, {body.mass_g:g} g"))
