@@ -30,11 +30,11 @@ FLARE_MM = 0.6
 
 
 def plan_profile(table: ProfileBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the plate over a profile along x, its slot under the middle of the mount's foot."""
+    """Lay out the plate over a profile along x, its slot under the hind screws of the mount's foot."""
     foot_z, m5 = foot_z_mm(clip, hardware), thread_of("M5")
     low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
     heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
-    y, x = float(heads[:, 1].mean()), mount.half_width_mm + BESIDE_MM
+    y, x = float(heads[:, 1].min()), mount.half_width_mm + BESIDE_MM
     end, back = x + BEYOND_MM, front - mount.section.depth_mm
     sink = table.plate_mm - table.grip_mm
     cuts = [cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3", FLARE_MM)]

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, AdapterKind
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.bounds import WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
@@ -17,12 +17,6 @@ from mirrorcam.workflow.extras import require
 
 SHOWN = ("device.", "mirrors.", "elastic.")
 """Prefixes of the names of checks that are printed even if they pass."""
-
-
-ADAPTER = Annotated[
-    Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"] | None,
-    tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)"),
-]
 
 
 class CadOptions(Value):
@@ -44,7 +38,9 @@ class CadOptions(Value):
         Literal["insert", "nut"] | None,
         tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
     ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
-    adapter: ADAPTER = Field(default=None, description="what carries the device (docs/cad.md)")
+    adapter: Annotated[
+        AdapterKind | None, tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)")
+    ] = Field(default=None, description=ADAPTER_TEXT)
     elastic: bool = Field(
         default=False,
         description="also tell how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from pydantic import Field, ValidationError
@@ -14,6 +14,8 @@ from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
 FORCE_TEXT = "also replace files that this command did not write, or that were changed since"
 FORCE = Field(default=False, description=FORCE_TEXT)
+AdapterKind = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
+ADAPTER_TEXT = "what carries the device: a desk, a tripod, an arm and others (docs/cad.md)"
 SensorOption = Annotated[
     str,
     tyro.conf.arg(metavar="NAME|PATH"),

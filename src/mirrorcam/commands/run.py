@@ -9,7 +9,7 @@ from typing import Annotated, Self
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, AdapterKind
 from mirrorcam.console.progress import print_metrics, say
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.bounds import SEED
@@ -29,6 +29,7 @@ class RunOptions(Value):
     )
     force: bool = FORCE
     quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
+    adapter: Annotated[AdapterKind, tyro.conf.arg(metavar="KIND")] = Field(default="none", description=ADAPTER_TEXT)
     seed: int = SEED.field(0, "seed of poses, tolerances and noise")
 
     @model_validator(mode="after")
@@ -46,9 +47,11 @@ def run(options: RunOptions) -> int:
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
     if options.design is not None:
         recipe = replace(recipe, spec=read_request(options.design))
+    recipe = replace(recipe, adapter=options.adapter)
     out = options.out or Path("output/quick" if options.quick else "output/default")
     design = f" {options.design.name}" if options.design else ""
-    command = f"mirrorcam run{design}{' --quick' if options.quick else ''} --seed {options.seed}"
+    carried = "" if options.adapter == "none" else f" --adapter {options.adapter}"
+    command = f"mirrorcam run{design}{' --quick' if options.quick else ''}{carried} --seed {options.seed}"
     figures = run_all(recipe, out, command, TERMINAL, force=options.force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}

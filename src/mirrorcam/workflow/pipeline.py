@@ -43,6 +43,8 @@ class Recipe:
     settings: RenderSettings
     seed: int
     small: bool
+    adapter: str = "none"
+    """The back that carries the device, by its kind."""
 
 
 def full_recipe(seed: int) -> Recipe:
@@ -71,8 +73,11 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
     def part(folder: Path, progress: Progress) -> None:
         from mirrorcam.cad.build import build_parts
+        from mirrorcam.cad.plan.back_table import back_of
+        from mirrorcam.cad.plan.hardware import HARDWARE
 
-        build_parts(Layout.load(nominal), folder, previous=root / "cad", workers=cores(), progress=progress)
+        hardware = HARDWARE.replaced(back=back_of(recipe.adapter))
+        build_parts(Layout.load(nominal), folder, hardware, previous=root / "cad", workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import render_set
@@ -110,6 +115,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             part,
             doing="every part, its files and checks",
             unit="steps",
+            parameters={"adapter": recipe.adapter},
             reads=(nominal,),
             sources=("mirrorcam.optics", "mirrorcam.cad"),
             extras=("cad",),

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import pytest
 
-from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
+from mirrorcam.cad.plan.back_table import BACKS
+from mirrorcam.commands.option_texts import AdapterKind, sensor_from_text, tolerances_from_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS
@@ -24,3 +27,7 @@ def test_a_text_that_is_none_is_refused() -> None:
         tolerances_from_text("tilt_deg=wide")
     with pytest.raises(InputError, match="--sensor 'film': expected "):
         sensor_from_text("film")
+
+
+def test_the_adapters_are_the_backs_that_there_are() -> None:
+    assert get_args(AdapterKind) == tuple(BACKS)

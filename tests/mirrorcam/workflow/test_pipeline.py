@@ -37,6 +37,12 @@ def test_the_seed_decides_about_the_set_alone() -> None:
         assert (one.parameters == other.parameters) == (one.name != "set")
 
 
+def test_the_adapter_decides_about_the_parts_alone() -> None:
+    on_desk, on_arm = full_recipe(0), replace(full_recipe(0), adapter="iso9409")
+    for one, other in zip(stages(on_desk, Path("root")), stages(on_arm, Path("root")), strict=True):
+        assert (one.parameters == other.parameters) == (one.name != "cad")
+
+
 @pytest.fixture
 def short_chain(small_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> dict[str, Metric]:
     """Replace the stages by ones that write their metrics; those of the validation are returned, to be changed."""
