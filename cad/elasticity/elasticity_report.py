@@ -9,7 +9,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.elasticity.device_motions import device_motions
 from mirrorcam.cad.elasticity.errors import Error, Errors, all_errors, errors_of, gravity_table
 from mirrorcam.cad.elasticity.plastics import plastic_named
-from mirrorcam.cad.elasticity.tetrahedra import gmsh_program
+from mirrorcam.cad.elasticity.tetrahedra import NO_GMSH, gmsh_program
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.optics.base.files import write_text
@@ -41,7 +41,7 @@ room than they expand in 10 K.
 def require_solvable(hardware: Hardware) -> None:
     """Raise InputError where gmsh is missing, or the plastic is not in the table."""
     if gmsh_program() is None:
-        raise InputError('gmsh is not installed, needed for finite elements: pip install "mirrorcam[fe]"')
+        raise InputError(NO_GMSH)
     plastic_named(hardware.printer.plastic, hardware.printer.plastic_mpa, hardware.printer.plastic_g_per_cm3)
 
 

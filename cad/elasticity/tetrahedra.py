@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 import sysconfig
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,6 +20,10 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 # Round shapes get this many elements around; elements are no smaller than this.
 AROUND, SMALLEST_MM = 6, 1.0
 LONGEST_S = 600.0
+NO_GMSH = (
+    'gmsh is not installed or does not start, needed for finite elements: pip install "mirrorcam[fe]"; '
+    "on Linux also libglu1-mesa, libxft2, libxcursor1, libxinerama1"
+)
 TETRAHEDRON = 4  # gmsh's type of element
 
 
@@ -35,24 +41,37 @@ class Tetrahedra:
         return float(np.abs(np.linalg.det(edges)).sum() / 6.0)
 
 
+@cache
 def gmsh_program() -> str | None:
-    """Path of gmsh: beside this Python, where pip installs it, or on the path; None where it is not installed.
+    """Path of gmsh: beside this Python, where pip installs it, or on the path; None where it is missing or not started.
 
-    gmsh is under the GPL: it is run as a program of its own, and neither imported nor linked.
+    gmsh is under the GPL: it is run as a program of its own, and neither imported nor linked. Its wheel needs libraries
+    of the system for windows that it does not open (libGLU, libXft, libXcursor, libXinerama).
     """
     beside = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
-    return beside or shutil.which("gmsh")
+    for program in (beside, shutil.which("gmsh")):
+        if program and run_program([*_command(program), "--version"], timeout_s=LONGEST_S).returncode == 0:
+            return program
+    return None
+
+
+def _command(program: str) -> list[str]:
+    """How a program is started: pip's is a script for this Python, whatever Python is first on the path."""
+    with Path(program).open("rb") as opened:
+        first = opened.readline(200)
+    return [sys.executable, program] if first.startswith(b"#!") and b"python" in first else [program]
 
 
 def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
     """Mesh the solid of a STEP file with elements of a size; raises InputError where gmsh is missing or fails."""
     program = gmsh_program()
     if program is None:
-        raise InputError('gmsh is not installed, needed for finite elements: pip install "mirrorcam[fe]"')
+        raise InputError(NO_GMSH)
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "part.msh")
         sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
-        command = [program, str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
+        asked = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
+        command = [*_command(program), *asked]
         try:
             ran = run_program(command, timeout_s=LONGEST_S)
         except subprocess.TimeoutExpired:

@@ -18,7 +18,7 @@ def gmsh() -> str:
     """The program gmsh; skips the test where it is not installed."""
     program = gmsh_program()
     if program is None:
-        pytest.skip("gmsh is not installed (extra fe)")
+        pytest.skip("gmsh is not installed (extra fe), or does not start")
     return program
 
 

@@ -9,7 +9,7 @@ import pytest
 from build123d import Box, Cylinder
 
 from mirrorcam.cad.elasticity import tetrahedra
-from mirrorcam.cad.elasticity.tetrahedra import read_msh22, tetrahedra_of
+from mirrorcam.cad.elasticity.tetrahedra import gmsh_program, read_msh22, tetrahedra_of
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import InputError
 
@@ -58,3 +58,16 @@ def test_without_gmsh_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(tetrahedra, "gmsh_program", lambda: None)
     with pytest.raises(InputError, match=r"gmsh is not installed.*mirrorcam\[fe\]"):
         tetrahedra_of(tmp_path / "part.step", 6.0)
+
+
+def test_a_gmsh_that_does_not_start_counts_as_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As where a library of the system is missing."""
+    broken = tmp_path / "gmsh"
+    broken.write_text("#!/bin/sh\nexit 127\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(tetrahedra.shutil, "which", lambda *_, **__: str(broken))
+    gmsh_program.cache_clear()
+    try:
+        assert gmsh_program() is None
+    finally:
+        gmsh_program.cache_clear()
