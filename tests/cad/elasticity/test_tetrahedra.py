@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def test_a_gmsh_that_does_not_start_counts_as_none(monkeypatch: pytest.MonkeyPat
     broken = tmp_path / "gmsh"
     broken.write_text("#!/bin/sh\nexit 127\n")
     broken.chmod(0o755)
-    monkeypatch.setattr(tetrahedra.shutil, "which", lambda *_, **__: str(broken))
+    monkeypatch.setattr(shutil, "which", lambda *_, **__: str(broken))
     gmsh_program.cache_clear()
     try:
         assert gmsh_program() is None
