@@ -25,7 +25,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
-from tests.cad.conftest import parabola
+from tests.cad.parabolas import parabola
 
 DESIGNS = ((1, 2, 60.0), (2, 2, 60.0), (2, 2, 110.0), (3, 3, 100.0), (4, 4, 90.0), (5, 5, 70.0), (5, 5, 110.0))
 # Middles of the edges of a tetrahedron, in the order of CalculiX's element C3D10.

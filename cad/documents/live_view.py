@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.documents.labels import WEIGHT
 from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
@@ -102,6 +103,6 @@ def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tupl
     size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, 60.0))
     font = cv2.FontFace("sans")
     height, width = image.shape[:2]
-    box = cv2.getTextSize((width, height), name, (0, 0), font, size)
+    box = cv2.getTextSize((width, height), name, (0, 0), font, size, WEIGHT)
     at = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)
-    cv2.putText(image, name, (int(at[0]), int(at[1])), colour, font, size)
+    cv2.putText(image, name, (int(at[0]), int(at[1])), colour, font, size, WEIGHT)

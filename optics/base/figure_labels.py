@@ -19,7 +19,7 @@ ASSEMBLY: Mapping[str, str] = {
     "centre_z_mm": "centre of mass, z",
     "tips_at_deg": "angle at which it falls over",
     "tripod_turns": "turns of a tripod's screw",
-    "back_stress_mpa": "stress in the back, 3 times the weight",
+    "back_stress_mpa": "back's stress, load tripled",
     "tilt_deg": "tilt of the mirrors under gravity",
     "shift_um": "shift of the mirrors under gravity",
     "clash_mm3": "interference volume",
@@ -44,7 +44,7 @@ LIGHT: Mapping[str, str] = {
     "rim_light_stopped": "light blocked at pupil's rim",
     "shade_of_sheets": "light blocked by mirrors",
     "stray_light": "pixels with stray light",
-    "surroundings_on_mirrors": "light of the surroundings on mirrors",
+    "surroundings_on_mirrors": "light from around on mirrors",
     "light_gap_mm": "smallest gap to the light",
 }
 

@@ -106,7 +106,7 @@ def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_
     mesh.export(holder)
     middle = np.mean([mirror.outline_in_rig_mm.mean(axis=0) for mirror in device.layout.mirrors], axis=0)
     wrist = manifold3d.Manifold.cylinder(17.0, 31.5, center=True).translate(tuple(middle))
-    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.carriers_of", lambda _: {"wrist": wrist})
+    monkeypatch.setattr("mirrorcam.cad.checks.device_checks.carriers_of", lambda *_: {"wrist": wrist})
     checks = checked(device, copied)
     expected = {"device.rays_blocked", "wrist.light_gap_mm", "device.clash_mm3", "wrist.clash_mm3"}
     assert expected <= failed(checks)

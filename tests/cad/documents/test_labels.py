@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from shapely import LineString
@@ -46,3 +47,12 @@ def test_only_what_is_seen_gets_a_label() -> None:
     shot = shot_of(bodies)
     assert (annotate(shot, [Label(1, "hidden")]) == shot.image).all()
     assert (annotate(shot, [Label(0, "seen")]) != shot.image).any()
+
+
+def test_text_is_as_heavy_whatever_was_drawn_before() -> None:
+    """OpenCV's font keeps the weight of the last text, also of one by its older call."""
+    bodies = np.zeros((120, 400), dtype=np.int32)
+    before = annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")])
+    cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
+    cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), 255, cv2.FontFace("sans"), 30, 900)
+    np.testing.assert_array_equal(annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")]), before)
