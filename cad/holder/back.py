@@ -12,6 +12,7 @@ from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
 from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
 from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
+from mirrorcam.cad.plan.fasteners import head_room_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
@@ -170,6 +171,8 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     allowed = front.footprint.buffer(-around)
+    # Half the distance of two holes: in the mount the rooms of their screws' heads have a wall between them.
+    apart = head_room_mm(hardware) + hardware.printer.wall_mm / 2.0
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
@@ -183,6 +186,8 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
         if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
             continue
         for b in np.arange(around, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
+            if min(a, b) < apart:
+                continue
             holes = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
             near_cut = any(
                 np.abs(centre[axis] + holes[:, axis] - cut).min() < joint for axis in (0, 1) for cut in cuts_mm[axis]

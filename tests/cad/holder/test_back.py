@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import FrontSurface, mount_axes
 from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.plan.fasteners import head_room_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism, seat_distance_mm
 from mirrorcam.optics.base.values import InputError
@@ -58,3 +60,13 @@ def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layou
         mirrors.append(Mirror.from_plane(point, normal, outline_in_rig_mm=outline))
     with pytest.raises(InputError, match="the mirrors face apart, expected normals within 60 deg of their mean"):
         plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 2), (1, 3), (2, 2)])
+def test_heads_of_screws_in_the_mount_have_a_wall_between_them(
+    make_parabola: Callable[..., Layout], rows: int, cols: int
+) -> None:
+    """A narrow holder has its rows of screws close together: not closer than the rooms of heads, washers and drivers."""
+    holes = plan_holder(make_parabola(rows, cols, gap_mm=2.0), HARDWARE).holes_in_mount_mm
+    apart = min(np.linalg.norm(one - other) for one, other in combinations(holes, 2))
+    assert apart - 2.0 * head_room_mm(HARDWARE) >= HARDWARE.printer.wall_mm - 1e-9
