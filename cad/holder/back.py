@@ -213,6 +213,6 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
     if best is None:
         raise InputError(
             f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
-            f"with {around:g} mm of material around their centres"
+            f"with {around:g} mm of material around their centres, at least {2.0 * apart:.1f} mm from each other"
         )
     return MountFace(best[0], centre, chosen)

@@ -18,7 +18,7 @@ from mirrorcam.cad.holder.stray_light import STEP_PX, seen_between, stray_light,
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout
-from tests.cad.conftest import parabola
+from tests.cad.parabolas import parabola
 
 
 def without_walls(plan: HolderPlan) -> HolderPlan:
