@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.assembly.build_steps import CAMERA, CLIP, HOLDER, MOUNT, is_piece_of
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.optics.base.figure_texts import TIMES
 
-HOLDER, MOUNT, CLIP, CAMERA, ADAPTER = "mirror_holder", "mount", "camera_clip", "camera", "adapter"
+# All parts of a back, by the beginning of their names.
+ADAPTER = "adapter"
 
 
 def joins_of(piece: Piece) -> tuple[str, ...]:
@@ -22,7 +24,7 @@ def joins_of(piece: Piece) -> tuple[str, ...]:
 
 def belongs(part: Piece, name: str) -> bool:
     """Return whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
-    return re.fullmatch(rf"{re.escape(name)}(_\d+)?", part.name) is not None
+    return is_piece_of(part.name, re.escape(name))
 
 
 def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:

@@ -10,9 +10,10 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.cad.assembly.build_steps import CLIP
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
-from mirrorcam.cad.documents.assembly_steps import CLIP, Stages, home_of, joins_of
+from mirrorcam.cad.documents.assembly_steps import Stages, home_of, joins_of
 from mirrorcam.cad.documents.labels import Label, annotate
 from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
 from mirrorcam.cad.parts.mount_openings import LONGEST_MARK_MM
