@@ -1,26 +1,23 @@
-"""Devices for the cameras of the library, all files built and checked: `python -m benchmarks.cameras [CAMERA ...]`.
+"""Devices for the cameras of the library on every adapter: `python -m benchmarks.cameras FILE [--processes N]`.
 
-For each camera a layout of 2 x 2 mirrors is designed (for `board_38`, whose lens is any, the C920's), its device built
-by all cores, and a line of a Markdown table printed: the table in docs/cad.md. A slicer's figures need one installed.
+Adds a line of JSON to FILE for each camera and adapter, as its device is built with all files and checked, and goes on
+where an earlier run was cut off. `python -m benchmarks.cameras FILE --tables` prints the tables of docs/cad.md instead.
+Slicers' checks and figures need one installed.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from mirrorcam.cad.build import build_parts
-from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import Metric
+from benchmarks.camera_cells import ADAPTERS, CAMERAS, Cell, Key, fill, read_cells
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
-from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_library import camera_names, library
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.camera_library import library
 
-HEAD = (
+CLIP_HEAD = (
     "camera",
     "held by",
     "clip",
@@ -30,57 +27,206 @@ HEAD = (
     "put back to",
     "picture moves",
     "gap of clip and light",
-    "checks passed",
 )
+CHECKS = {
+    "solids, meshes": (
+        *("solids", "invalid_solids", "mesh_manifold", "mesh_pieces", "mesh_watertight", "meshes_broken"),
+        *("pieces_amiss", "3mf_volume_error_mm3", "stl_volume_error_mm3", "lie_error_um"),
+    ),
+    "wall, floor": ("wall_mm", "floor_mm"),
+    "overhang": ("overhang_mm2", "floating_mm2", "longest_bridge_mm"),
+    "bed": ("above_bed_um", "off_bed_um", "print_width_mm", "print_length_mm", "print_height_mm"),
+    "plates": ("part_gap_mm", "beyond_bed_mm"),
+    "slicing": ("slices", "support_filament_mm"),
+    "seats": (
+        *("bond_error_um", "pocket_error_um", "seat_angle_deg", "seat_cover_lost", "seat_offset_um", "seats_missing"),
+        *("seats_without_three_pads", "mirrors_off_their_seats"),
+    ),
+    "mirrors": (
+        *("arrow_error_deg", "drop_clash_mm3", "feature_of_thickness", "files_not_in_mm", "line_gap_mm"),
+        *("marks_missing", "marks_off_mirror", "names_twice", "outline_error_um", "outline_gap_mm"),
+        *("outlines_missing", "outlines_off_sheet", "outlines_too_many", "room_clash_mm3", "stray_cuts"),
+    ),
+    "light": ("rays_blocked", "rays_cast", "rim_light_stopped", "mirrors_without_light", "light_gap_mm"),
+    "stray light": ("stray_light", "shade_of_sheets"),
+    "clashes": ("clash_mm3", "clearance_mm"),
+    "dust cover": ("way_clash_mm3",),
+    "ways in": ("insertion_clash_mm3",),
+    "threads": ("fasteners_loose", "screws_without_thread", "threads_that_cannot_enter"),
+    "pictures": ("base_pictures_hidden", "frames_pictures_hidden"),
+    "tools": ("tool_clash_mm3",),
+    "nest": ("contact_n", "leaf_strain"),
+    "stiffness": ("tilt_deg",),
+    "standing": ("tips_at_deg",),
+    "tripod": ("tripod_turns",),
+    "back": ("back_stress_mpa",),
+}
+"""Names of checks, without the part, by the rows of the table of checks; docs/cad.md tells how each is made."""
+_ROW_OF = {name: row for row, names in CHECKS.items() for name in names}
 
 
-def checked(name: str, folder: Path) -> dict[str, Metric]:
-    """All checks and figures of a camera's device, whose files are built in a folder."""
-    profile = library()[name]
-    camera = profile.camera if profile.optics else Camera.c920()
-    layout = design(DesignSpec(camera=camera, rows=2, cols=2))
-    return build_parts(layout, folder, Hardware.model_validate({"camera": name}), workers=cores())
+def row_of(check: str) -> str:
+    """The row of the table of checks for `part.check`; a check that is in none has a row of its own."""
+    name = check.rpartition(".")[2]
+    return _ROW_OF.get(name, name)
 
 
-def row(name: str, checks: Mapping[str, Metric]) -> tuple[str, ...]:
-    """The cells of a camera's line; "" where a figure is not known."""
+def matrix_table(cells: Mapping[Key, Cell]) -> str:
+    """Cameras by adapters: how many checks of how many passed."""
 
-    def figure(key: str, text: str) -> str:
-        metric = checks.get(f"camera_clip.{key}")
-        return text.format(metric.value) if metric else ""
+    def text(camera: str, adapter: str) -> str:
+        cell = cells.get((camera, adapter))
+        if cell is None:
+            return ""
+        if cell.error:
+            return "**not built**"
+        of = f"{len(cell.passed)} of {len(cell.passed) + len(cell.failed)}"
+        return f"**{of}**" if cell.failed else of
 
-    limited = [metric for metric in checks.values() if metric.limit is not None]
-    strain = checks.get("camera_clip.leaf_strain")
+    cameras, adapters = named(cells, 0, CAMERAS), named(cells, 1, ADAPTERS)
+    rows = [(f"`{camera}`", *(text(camera, adapter) for adapter in adapters)) for camera in cameras]
+    return table(("camera", *(f"`{adapter}`" for adapter in adapters)), rows)
+
+
+def checks_table(cells: Mapping[Key, Cell]) -> str:
+    """Checks by adapters: for how many cameras, of those that have such a check, all of the kind passed."""
+    adapters = named(cells, 1, ADAPTERS)
+    checked: dict[tuple[str, str], dict[str, bool]] = {}
+    for (camera, adapter), cell in cells.items():
+        for names, passed in ((cell.passed, True), (tuple(cell.failed), False)):
+            for row in map(row_of, names):
+                of_row = checked.setdefault((row, adapter), {})
+                of_row[camera] = of_row.get(camera, True) and passed
+
+    def text(row: str, adapter: str) -> str:
+        of_row = checked.get((row, adapter), {})
+        of = f"{sum(of_row.values())} of {len(of_row)}" if of_row else ""
+        return of if all(of_row.values()) else f"**{of}**"
+
+    found = {row for row, _ in checked}
+    rows = [*(row for row in CHECKS if row in found), *sorted(found - CHECKS.keys())]
+    head = ("check", *(f"`{adapter}`" for adapter in adapters))
+    return table(head, [(row, *(text(row, adapter) for adapter in adapters)) for row in rows])
+
+
+def print_table(cells: Mapping[Key, Cell]) -> str:
+    """Cameras by adapters: mass as solid, and, where they were sliced, plastic and printing time of each device."""
+
+    def text(camera: str, adapter: str) -> str:
+        cell = cells.get((camera, adapter))
+        if cell is None or cell.mass_g is None:
+            return ""
+        if cell.print_g is None or cell.print_minutes is None:
+            return f"{cell.mass_g:.0f} g"
+        hours, minutes = divmod(round(cell.print_minutes), 60)
+        return f"{cell.mass_g:.0f} g, {cell.print_g:.0f} g, {hours}:{minutes:02d} h"
+
+    adapters = named(cells, 1, ADAPTERS)
+    rows = [(f"`{camera}`", *(text(camera, adapter) for adapter in adapters)) for camera in named(cells, 0, CAMERAS)]
+    return table(("camera", *(f"`{adapter}`" for adapter in adapters)), rows)
+
+
+def clip_table(cells: Mapping[Key, Cell]) -> str:
+    """Figures of the clip of each camera, of the device on the first adapter that it was built with."""
+    first: dict[str, Cell] = {}
+    for adapter in named(cells, 1, ADAPTERS):
+        for camera in named(cells, 0, CAMERAS):
+            if (camera, adapter) in cells and not cells[camera, adapter].error:
+                first.setdefault(camera, cells[camera, adapter])
+    return table(CLIP_HEAD, [clip_row(first[camera]) for camera in named(cells, 0, CAMERAS) if camera in first])
+
+
+def clip_row(cell: Cell) -> tuple[str, ...]:
+    """The cells of a camera's line in the table of clips; "" where a figure is not known."""
+
+    def figure(key: str, text: str, times: float = 1.0) -> str:
+        metric = cell.clip.get(f"camera_clip.{key}")
+        return text.format(times * metric.value) if metric else ""
+
     return (
-        f"`{name}`",
-        {"lips": "six points", "board": "screws"}[library()[name].body.held_by.kind],
+        f"`{cell.camera}`",
+        {"lips": "six points", "board": "screws"}[library()[cell.camera].body.held_by.kind],
         figure("print_g", "{:.0f} g"),
         figure("print_minutes", "{:.0f} min"),
         figure("contact_n", "{:.2f} N"),
-        f"{100.0 * strain.value:.2f} %" if strain else "",
+        figure("leaf_strain", "{:.2f} %", 100.0),
         figure("reclamped_mm", "{:.3f} mm, ") + figure("reclamped_deg", "{:.3f}°"),
         figure("reclamped_px", "{:.1f} px"),
         figure("light_gap_mm", "{:.1f} mm"),
-        f"{sum(metric.passed is not False for metric in limited)} of {len(limited)}",
     )
 
 
-def line(cells: tuple[str, ...]) -> str:
+def named(cells: Iterable[Key], place: int, order: Sequence[str]) -> tuple[str, ...]:
+    """The cameras (`place` 0) or adapters (1) that there are cells of, in an order."""
+    found = {key[place] for key in cells}
+    return (*(name for name in order if name in found), *sorted(found.difference(order)))
+
+
+def failures(cells: Mapping[Key, Cell]) -> list[str]:
+    """A line for each check that did not pass, and each device that was not built."""
+    lines = []
+    for cell in cells.values():
+        where = f"{cell.camera} on {cell.adapter}"
+        lines += [f"{where}: {cell.error}"] if cell.error else []
+        lines += [
+            f"{where}: {name} is {metric.value:g} {metric.unit}, limit {metric.limit:g}"
+            for name, metric in cell.failed.items()
+        ]
+    return lines
+
+
+def line(cells: Sequence[str]) -> str:
     """A line of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 
-def main(names: list[str]) -> None:
-    print(line(HEAD))
-    print("|---" * len(HEAD) + "|")
-    for name in names:
-        with TemporaryDirectory() as folder:
-            checks = checked(name, Path(folder))
-        print(line(row(name, checks)), flush=True)
-        for key, metric in checks.items():
-            if metric.passed is False:
-                print(f"{name}: {key} is {metric.value:g}, limit {metric.limit:g}", file=sys.stderr, flush=True)
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join([line(head), "|---" * len(head) + "|", *map(line, rows)]) + "\n"
+
+
+TABLES: tuple[tuple[str, Callable[[Mapping[Key, Cell]], str]], ...] = (
+    ("Checks passed", matrix_table),
+    ("Cameras whose checks of a kind all passed", checks_table),
+    ("Mass as solid, plastic, printing time", print_table),
+    ("Clips", clip_table),
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("file", type=Path, help="lines of JSON, new or of a run that was cut off")
+    parser.add_argument("--cameras", nargs="+", default=CAMERAS, choices=CAMERAS, metavar="NAME", help="(all)")
+    parser.add_argument("--adapters", nargs="+", default=ADAPTERS, choices=ADAPTERS, metavar="KIND", help="(all)")
+    parser.add_argument("--processes", type=int, default=cores(), help="devices built at once (one for each core)")
+    parser.add_argument(
+        "--designs", type=Path, default=Path("output/camera_designs"), help="folder that keeps a layout for each camera"
+    )
+    parser.add_argument("--again", action="store_true", help="build again what did not pass")
+    parser.add_argument("--tables", action="store_true", help="build nothing, print the tables")
+    options = parser.parse_args(arguments)
+    try:
+        if options.tables:
+            cells = read_cells(options.file)
+            print("\n".join(f"{title}:\n\n{made(cells)}" for title, made in TABLES))
+        else:
+            cells = fill(
+                *(options.file, options.cameras, options.adapters, options.designs, options.processes),
+                again=options.again,
+                done=_say,
+            )
+    except InputError as error:
+        parser.error(str(error))
+    failed = failures(cells)
+    print("\n".join(failed), file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _say(cell: Cell) -> None:
+    of = len(cell.passed) + len(cell.failed)
+    told = cell.error or f"{len(cell.passed)} of {of} checks passed"
+    print(f"{cell.camera} on {cell.adapter}: {told}, {cell.seconds:.0f} s", flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] or list(camera_names()))
+    sys.exit(main())

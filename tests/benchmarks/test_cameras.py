@@ -1,4 +1,4 @@
-"""Devices of all cameras of the library: one line of the table each, and, slowly, every check of every device."""
+"""Tables of the devices of all cameras of the library and, slowly, every check of every device."""
 
 from __future__ import annotations
 
@@ -6,39 +6,132 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.cameras import HEAD, checked, line, row
+from benchmarks.camera_cells import ADAPTERS, CAMERAS, Cell, built
+from benchmarks.cameras import (
+    CHECKS,
+    CLIP_HEAD,
+    checks_table,
+    clip_row,
+    clip_table,
+    failures,
+    line,
+    main,
+    matrix_table,
+    print_table,
+    row_of,
+)
 from mirrorcam.optics.base.values import Metric
-from mirrorcam.optics.geometry.camera_library import camera_names
 
 DOCS = Path(__file__).parents[2] / "docs" / "cad.md"
+FAILED = {"mount.tilt_deg": Metric(value=0.06, unit="deg", limit=0.05)}
+CELLS = {
+    cell.key: cell
+    for cell in (
+        Cell(
+            camera="c920",
+            adapter="none",
+            mass_g=392.0,
+            print_g=200.0,
+            print_minutes=1032.0,
+            passed=("mount.wall_mm", "device.tool_clash_mm3", "camera_clip.new_check"),
+            failed=FAILED,
+            clip={
+                "camera_clip.leaf_strain": Metric(value=0.004, unit="", limit=0.0055),
+                "camera_clip.reclamped_mm": Metric(value=0.03, unit="mm"),
+                "camera_clip.reclamped_deg": Metric(value=0.075, unit="deg"),
+            },
+        ),
+        Cell(camera="c920", adapter="vesa", mass_g=380.0, passed=("mount.wall_mm", "mount.tilt_deg")),
+        Cell(camera="brio", adapter="none", mass_g=410.0, passed=("mount.wall_mm", "mount.tilt_deg")),
+        Cell(camera="brio", adapter="vesa", error="mount: too deep"),
+    )
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", camera_names())
+@pytest.mark.parametrize("name", CAMERAS)
 def test_every_camera_of_the_library_gets_a_device_that_passes_every_check(name: str, tmp_path: Path) -> None:
-    checks = checked(name, tmp_path)
-    assert {name: check for name, check in checks.items() if check.passed is False} == {}
-    assert checks["camera_clip.light_gap_mm"].value > 0.0
+    cell = built(name, "none", tmp_path)
+    assert (cell.error, cell.failed) == ("", {})
+    assert cell.clip["camera_clip.light_gap_mm"].value > 0.0
 
 
-def test_a_line_has_a_cell_for_each_head_and_counts_what_passed() -> None:
-    checks = {
-        "camera_clip.leaf_strain": Metric(value=0.004, unit="", limit=0.0055),
-        "camera_clip.contact_n": Metric(value=-1.0, unit="N", limit=0.0, lower_is_better=False),
-        "device.mass_g": Metric(value=400.0, unit="g"),
-    }
-    cells = row("c920", checks)
-    assert len(cells) == len(HEAD)
-    assert cells[-1] == "1 of 2"
+def test_the_matrix_counts_what_passed_and_marks_what_did_not() -> None:
+    assert matrix_table(CELLS).splitlines() == [
+        "| camera | `none` | `vesa` |",
+        "|---|---|---|",
+        "| `brio` | 2 of 2 | **not built** |",
+        "| `c920` | **3 of 4** | 2 of 2 |",
+    ]
+
+
+def test_checks_are_counted_by_kind_and_one_that_is_new_has_its_own_row() -> None:
+    assert checks_table(CELLS).splitlines() == [
+        "| check | `none` | `vesa` |",
+        "|---|---|---|",
+        "| wall, floor | 2 of 2 | 1 of 1 |",
+        "| tools | 1 of 1 |  |",
+        "| stiffness | **1 of 2** | 1 of 1 |",
+        "| new_check | 1 of 1 |  |",
+    ]
+
+
+def test_one_part_that_fails_fails_the_kind_of_check() -> None:
+    walls = {"mount.wall_mm": Metric(value=1.0, unit="mm", limit=1.2, lower_is_better=False)}
+    cell = Cell(camera="c920", adapter="none", passed=("camera_clip.wall_mm", "mount.floor_mm"), failed=walls)
+    assert "| wall, floor | **0 of 1** |" in checks_table({cell.key: cell})
+
+
+def test_every_check_of_a_device_has_a_row() -> None:
+    names = [name for row in CHECKS.values() for name in row]
+    assert len(names) == len(set(names))
+    assert {row_of(f"mount.{name}") for name in names} == CHECKS.keys()
+
+
+def test_masses_and_times_are_those_that_are_known() -> None:
+    table = print_table(CELLS)
+    assert "| `c920` | 392 g, 200 g, 17:12 h | 380 g |" in table
+    assert "| `brio` | 410 g |  |" in table
+
+
+def test_a_clip_has_a_cell_for_each_head() -> None:
+    cells = clip_row(CELLS["c920", "none"])
+    assert len(cells) == len(CLIP_HEAD)
     assert "0.40 %" in cells
-    assert line(("a", "b")) == "| a | b |"
+    assert "0.030 mm, 0.075°" in cells
+    assert clip_table(CELLS).count("`c920`") == 1
+
+
+def test_what_failed_is_told_and_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert failures(CELLS) == [
+        "c920 on none: mount.tilt_deg is 0.06 deg, limit 0.05",
+        "brio on vesa: mount: too deep",
+    ]
+    path = tmp_path / "cells.jsonl"
+    path.write_text("".join(cell.line for cell in CELLS.values()), encoding="utf-8")
+    assert main([str(path), "--tables"]) == 1
+    told = capsys.readouterr()
+    assert matrix_table(CELLS) in told.out
+    assert "mount.tilt_deg is 0.06 deg" in told.err
+    path.write_text(CELLS["c920", "vesa"].line, encoding="utf-8")
+    assert main([str(path), "--tables"]) == 0
+
+
+def test_a_file_that_is_none_of_cells_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "cells.jsonl"
+    path.write_text("[]\n", encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        main([str(path), "--tables"])
+    assert ended.value.code == 2
+    assert "cells.jsonl:1" in capsys.readouterr().err
 
 
 def test_the_table_of_the_documentation_has_the_form_of_the_script() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    assert line(HEAD) in text
-    table = text[text.index(line(HEAD)) :].split("\n\n")[0].splitlines()[2:]
+    assert line(CLIP_HEAD) in text
+    table = text[text.index(line(CLIP_HEAD)) :].split("\n\n")[0].splitlines()[2:]
     names = [cells.split("`")[1] for cells in table]
     assert names == sorted(names)
-    assert {"c920", "board_38"} <= set(names) <= set(camera_names())
-    assert {cells.count("|") for cells in table} == {len(HEAD) + 1}
+    assert {"c920", "board_38"} <= set(names) <= set(CAMERAS)
+    assert {cells.count("|") for cells in table} == {len(CLIP_HEAD) + 1}
+    assert len(ADAPTERS) == 9
