@@ -9,9 +9,12 @@ from pathlib import Path
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.base.worker_process import begin_loading
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
+# What takes seconds to load, with the CAD kernel.
+KERNEL = ("mirrorcam.cad.device_files",)
 
 
 def build_parts(
@@ -55,6 +58,8 @@ def build_parts(
         If the device cannot be made (the message names the measure), the extra `cad` is not installed, or `out` cannot
         be written; files in `out` are then of no use.
     """
+    if workers > 1:
+        begin_loading(KERNEL)
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
     if elastic:

@@ -7,6 +7,7 @@ from pathlib import Path
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
+from mirrorcam.cad.build import KERNEL
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
@@ -32,10 +33,6 @@ from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.geometry.layout import Layout
-
-# What takes seconds to load, with the CAD kernel.
-KERNEL = ("mirrorcam.cad.device_files",)
-
 
 def write_device(
     device: Device, out: Path, previous: Path | None, workers: int, progress: Progress, *, elastic: bool = False

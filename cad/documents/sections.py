@@ -165,14 +165,14 @@ def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> 
 
 def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
     """Draw the trace that is least in the way of what the sheet has: its line, thick ends, arrows and letters."""
-    boxes = [Polygon(words.corners) for words in sheet.words]
-    lines = [LineString(line) for line, _ in sheet.drawn]
+    boxes = np.array([Polygon(words.corners) for words in sheet.words])
+    lines = np.array([LineString(line) for line, _ in sheet.drawn])
 
     def in_the_way(trace: Trace) -> tuple[int, int]:
         # The trace's own line may cross the view and its dimensions, but no text.
-        line = LineString(trace.ends)
-        words = sum(line.intersects(box) or any(mark.intersects(box) for mark in trace.marks) for box in boxes)
-        return words, sum(any(mark.intersects(each) for mark in trace.marks) for each in lines)
+        marks = shapely.union_all(trace.marks)
+        covered = shapely.union_all([marks, LineString(trace.ends)])
+        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(marks, lines).sum())
 
     trace = min(traces, key=in_the_way)
     sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)

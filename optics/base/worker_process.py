@@ -88,12 +88,7 @@ class WorkerProcess:
         """What a call was sent to."""
         self._closed = False
         self._state, self._calling = threading.Lock(), threading.Lock()
-        self._context: _Context = get_context("spawn")
-        if preload and "forkserver" in get_all_start_methods():
-            self._context = get_context("forkserver")
-            self._context.set_forkserver_preload([WITH_PARENT, *preload])
-            with _for_children():
-                forkserver.ensure_running()
+        self._context: _Context = begin_loading(preload) if preload else get_context("spawn")
 
     @property
     def connection(self) -> Connection:
@@ -180,6 +175,20 @@ class WorkerProcess:
         with self._state:
             if self._running is running:
                 self._running = None
+
+
+def begin_loading(preload: Sequence[str]) -> _Context:
+    """Begin to load the modules of workers to come, where the system can; see `WorkerProcess`.
+
+    Called before this process loads them itself, it does so on another core at the same time.
+    """
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload([WITH_PARENT, *preload])
+    with _for_children():
+        forkserver.ensure_running()
+    return context
 
 
 def _started(worker: WorkerProcess, context: _Context) -> _Running:
