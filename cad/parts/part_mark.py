@@ -12,7 +12,6 @@ import shapely
 import trimesh
 from build123d import Face, GeomType, Part, Polyline, Shape, Shell, Solid, Wire
 from shapely import Polygon
-from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.part_plan import NamedFace
@@ -74,10 +73,14 @@ def plan_mark(solid: Shape[Any], lines: Sequence[str], up: FloatArray, named: Se
     faces.sort(key=lambda face: (_before(face, corners) > OUTER_MM, -round(face.area, 3)))
     for count in range(len(lines), 0, -1):
         outlines = set_out(lines[:count])
+        left, low, right, high = shapely.union_all(list(outlines)).bounds
+        half = np.array([right - left, high - low]) / 2.0 + EDGE_MM
         for face in faces:
+            if face.area < 4.0 * half.prod():
+                continue
             frame = _frame(face, up)
             for turned in (frame, _quarter(frame)):
-                if (shift := _place(face, turned, outlines, body)) is not None:
+                if (shift := _place(face, turned, half, body)) is not None:
                     moved = tuple(shapely.affinity.translate(each, *shift) for each in outlines)
                     return Mark(moved, turned)
     return None
@@ -170,14 +173,10 @@ def _quarter(frame: FloatArray) -> FloatArray:
     return turned
 
 
-def _place(
-    face: Face, frame: FloatArray, outlines: Sequence[BaseGeometry], body: manifold3d.Manifold
-) -> tuple[float, float] | None:
-    """Where on a face signs lie within it, with material behind them: the place that is deepest inside."""
+def _place(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
+    """Where on a face a box of half its sides (2,), mm, lies within it with material behind: the deepest inside."""
     outer, *holes = (_flat(wire, frame) for wire in (face.outer_wire(), *face.inner_wires()))
     area = Polygon(outer, holes).buffer(0.0)
-    left, low, right, high = shapely.union_all(list(outlines)).bounds
-    half = np.array([right - left, high - low]) / 2.0 + EDGE_MM
     x0, y0, x1, y1 = area.bounds
     if x1 - x0 < 2.0 * half[0] or y1 - y0 < 2.0 * half[1]:
         return None
