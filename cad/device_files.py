@@ -34,6 +34,7 @@ from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.geometry.layout import Layout
 
+
 def write_device(
     device: Device, out: Path, previous: Path | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
