@@ -26,6 +26,9 @@ from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
+# Places on each move of the dust cover at which the camera is looked for.
+WAY_STEPS = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Device:
@@ -113,8 +116,14 @@ def _cover(
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None
-    off = moved(cover.outer, cover.way_mm[0])
-    return None if any(overlap_mm(off, solid) > 0.0 for solid in camera) else cover
+    shares = np.linspace(0.0, 1.0, WAY_STEPS + 1)[:, None]
+    places = np.vstack([shares * cover.way_mm[0], cover.way_mm[0] + shares * cover.way_mm[1]])
+    in_its_way = (
+        overlap_mm(moved(cover.outer, place), solid) > 0.0
+        for place in places
+        for solid in (*camera, *lens_boxes(hardware))
+    )
+    return None if any(in_its_way) else cover
 
 
 def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
@@ -127,6 +136,15 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
             box((-half, side, back), (half, side + camera.hinge_from_back_mm / 2.0, back + camera.hinge_from_back_mm))
         )
     return tuple(boxes)
+
+
+def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
+    """A box around the camera's lens ring or barrel, before its body; none where nothing stands out."""
+    camera = hardware.camera
+    half, front = camera.lens_ring_mm / 2.0, camera.pupil_behind_front_mm
+    if not camera.lens_protrusion_mm:
+        return ()
+    return (box((-half, -half, front), (half, half, front + camera.lens_protrusion_mm)),)
 
 
 def slid(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:

@@ -158,7 +158,10 @@ def back_leaf(tray: Tray, screw: SprungScrew, around: float, hardware: Hardware)
 
 
 def far_leaf(tray: Tray, screw: SprungScrew, around: float) -> list[Frustum]:
-    """The leaf beyond the end, with a boss along the screw on its outer side."""
+    """The leaf beyond the end, with a boss along the screw on its outer side.
+
+    A leaf thicker than the boss is long is cut off in the plane of the mouth, where tools come from.
+    """
     inner = float(tray.high[0]) + APART_MM
     tip = np.array([tray.side * screw.tip[0], screw.tip[1]])
     mouth = tip + screw.mouth_mm / np.sqrt(2.0)
@@ -167,8 +170,11 @@ def far_leaf(tray: Tray, screw: SprungScrew, around: float) -> list[Frustum]:
     at_leaf = [float(corner[1] - (corner[0] - inner)) for corner in (lower, upper)]
     level, half = tray.level_mm, screw.leaf.width_mm / 2.0
     thick = screw.leaf.thickness_mm
+    foot, outer, top = tray.wall_mm - ROOT_MM, inner + thick, at_leaf[0] + thick
+    beyond = outer + top - float(mouth.sum())
+    end = [(outer, top)] if beyond <= 0.0 else [(outer, top - beyond), (outer - beyond, top)]
     return [
-        tray.box((inner, inner + thick), (tray.wall_mm - ROOT_MM, at_leaf[0] + thick), (level - half, level + half)),
+        tray.across([(inner, foot), (outer, foot), *end, (inner, top)], (level - half, level + half)),
         tray.across(
             [(inner, at_leaf[0]), (lower[0], lower[1]), (upper[0], upper[1]), (inner, at_leaf[1])],
             (level - around, level + around),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from build123d import Box, Location, RigidJoint
 
-from mirrorcam.cad.assembly.device_plan import Device, connections, plan_device
+from mirrorcam.cad.assembly.device_plan import Device, connections, lens_boxes, plan_device
 from mirrorcam.cad.backs.back import Back, Carrier
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.parts.clip import ClipPlan
@@ -97,6 +97,15 @@ def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: L
     assert device.cover is not None
     for change in ({"hood_mm": 25.0}, {"dust_cover": False}):
         assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None
+
+
+def test_a_cover_that_would_be_drawn_into_a_lens_barrel_is_left_out(default_layout: Layout, device: Device) -> None:
+    """The barrel stands between the camera's body, past which the cover comes off, and the mirrors."""
+    body = device.hardware.camera
+    assert plan_device(default_layout, HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))).cover
+    tall = body.replaced(lens_protrusion_mm=body.pupil_behind_front_mm + 30.0)
+    assert plan_device(default_layout, HARDWARE.replaced(camera=tall)).cover is None
+    assert lens_boxes(HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))) == ()
 
 
 def test_screws_of_an_unknown_thread_are_refused_with_those_that_are_known(default_layout: Layout) -> None:

@@ -15,12 +15,14 @@ from mirrorcam.cad.checks.overhangs import check_overhangs
 from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
-from mirrorcam.cad.parts.tray import PAD_MM, Tray
+from mirrorcam.cad.parts.tray import PAD_MM, Tray, far_leaf
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.geometry.camera_body import Lips
-from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+
+BODIES = [name for name in camera_names() if read_body(name).held_by.kind == "lips"]
 
 
 def hardware_of(name: str, kind: str = "insert") -> Hardware:
@@ -55,6 +57,20 @@ def test_each_point_of_the_nest_is_on_the_face_of_a_piece_and_on_no_other(name: 
 def depth(solid: Frustum, point: np.ndarray) -> float:
     normals, offsets = solid.half_spaces
     return float((offsets - normals @ point).min())
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_nothing_of_the_far_leaf_stands_before_the_mouth_of_its_screw(name: str) -> None:
+    """Where the iron comes from; a heavy camera's leaf is thicker than its boss is long."""
+    hardware = hardware_of(name)
+    nest, camera = plan_clip(hardware).nest, hardware.camera
+    assert nest is not None
+    assert isinstance(camera.held_by, Lips)
+    far = nest.screws[1]
+    around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    mouth = far.tip - far.mouth_mm * far.axis
+    for piece in far_leaf(Tray.of(camera, camera.held_by), far, around):
+        assert ((np.vstack([piece.base, piece.top]) - mouth) @ far.axis).min() > -1e-9
 
 
 def test_a_mirrored_tray_is_the_mirror_image() -> None:
