@@ -18,14 +18,14 @@ from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import gauges_of
-from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
+from mirrorcam.cad.parts.reclamping import CONTACT_MM, play_mm, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
-from mirrorcam.optics.geometry.camera_body import CameraBody
+from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 
 WEB = Path(__file__).parents[1] / "web"
 
@@ -79,22 +79,23 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
 
 
 def _nest_texts(device: Device) -> dict[str, Any]:
-    """What the step of the camera says of its nest, as the checks have it; {} of a board."""
+    """What the step of the camera says of how it is held and repeats, as the checks have it."""
     clip, hardware = device.clip, device.hardware
     repeats = repeatability(clip, device.layout, hardware)
-    if clip.nest is None or repeats is None:
-        return {}
-    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
-    return {
-        "v": bool(abs(clip.nest.normals[4, 0]) > 0.1),
+    held_by = hardware.camera.held_by
+    texts = {
         "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
-        "back_n": f"{back:.0f}",
-        "end_n": f"{end:.0f}",
+        "play_mm": "" if isinstance(held_by, Lips) else f"{play_mm(held_by):.2f}",
         "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
         "turn_deg": f"{repeats.turn_deg:.2f}",
         "image_px": f"{repeats.image_px:.1f}",
         "views_px": f"{repeats.between_views_px:.1f}",
     }
+    if clip.nest is None:
+        return texts
+    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
+    held = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    return texts | held
 
 
 def is_sliced(parts: Sequence[BuiltPart]) -> bool:

@@ -6,21 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import motion_of_errors
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm
 
 # How well each point repeats, along its normal: an assumption, of a pad of printed plastic wiped clean, whose lines of
 # 0.2 mm meet a moulded body where they met it before. One standard deviation.
 CONTACT_MM = 0.02
+# Places along each axis of the play of a board's holes over which its motions are averaged.
+PLACES = 61
 
 
 @dataclass(frozen=True)
 class Repeatability:
-    """One standard deviation of what a camera does when it is taken out of its nest and put back.
+    """One standard deviation of what a camera does when it is taken out of its clip and put back.
 
     The pupil's shift, the body's turn, and how far the sub-image moves that moves most: in all, and against the mean of
     all sub-images, which is what the views' disparities feel.
@@ -32,11 +36,20 @@ class Repeatability:
     between_views_px: float
 
 
-def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeatability | None:
-    """What re-clamping does, of independent errors of `CONTACT_MM` at the six points; None of a board."""
-    if clip.nest is None:
-        return None
-    motion = CONTACT_MM * motion_of_errors(clip.nest)
+def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeatability:
+    """What re-clamping does to a camera in a nest, or to a board on its posts.
+
+    Of a nest, independent errors of `CONTACT_MM` at the six points. A board rests on its posts with such errors along
+    their axes, and along itself anywhere that the play of its holes round the screws lets it be, all of it as likely.
+    """
+    held_by = hardware.camera.held_by
+    if clip.nest is not None:
+        motion = CONTACT_MM * motion_of_errors(clip.nest)
+    elif isinstance(held_by, BoardHoles):
+        posts = np.column_stack([clip.board_screws[:, :2], np.full(len(clip.board_screws), _back_mm(hardware))])
+        motion = np.hstack([CONTACT_MM * _on_posts(posts), _in_play(posts[:, :2], play_mm(held_by))])
+    else:
+        raise ValueError("a body without a nest, expected the clip of this camera")
     moved = _moved_px(layout, working_distance_mm(layout) or hardware.holder.depth_without_spec_mm) @ motion
     between = moved - moved.mean(axis=0)
     return Repeatability(
@@ -47,8 +60,60 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
     )
 
 
+def play_mm(holes: BoardHoles) -> float:
+    """How far a board can move any way until a hole touches its screw, with holes and screws where they are drawn."""
+    return max(holes.hole_mm - holes.screw_mm, 0.0) / 2.0
+
+
+def _back_mm(hardware: Hardware) -> float:
+    return float(body_box(hardware.camera).low[2])
+
+
+def _on_posts(posts: FloatArray) -> FloatArray:
+    """Jacobian (6, n) of a board's motion, in mm and rad in rig, by an error in mm of the height of each post (n, 3).
+
+    The plane that is nearest to the posts' ends in the sense of least squares; of two posts, it does not turn about the
+    line between them. What is at the posts stays there along the plane, so that a pupil before it moves aside.
+    """
+    x, y, level = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
+    # The height over a post after a shift along z and turns about x and y.
+    heights = np.column_stack([np.ones(len(posts)), y, -x])
+    motion = np.zeros((6, len(posts)))
+    motion[2:5] = np.linalg.pinv(heights)
+    motion[0], motion[1] = -level * motion[4], level * motion[3]
+    return motion
+
+
+def _in_play(centres: FloatArray, play: float) -> FloatArray:
+    """A root (6, 3) of the covariance of a board's motion along itself, in mm and rad in rig, by the play of its holes.
+
+    The motions are those (t, w) with |t + w x p| <= play at the centre p of every hole (n, 2), all as likely. Averaged
+    over the holes that is |t| <= play about their middle, and w is at most 2 play over their largest distance.
+    """
+    motion = np.zeros((6, 3))
+    if play == 0.0:
+        return motion
+    middle = centres.mean(axis=0)
+    arms = centres - middle
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2).max()
+    along = np.linspace(-1.0, 1.0, PLACES)
+    shifts, turns = play * along, 2.0 * play / apart * along
+    x, y, w = (axis.ravel() for axis in np.meshgrid(shifts, shifts, turns, indexing="ij"))
+    free = np.ones(len(w), dtype=bool)
+    for arm in arms:
+        free &= np.hypot(x - w * arm[1], y + w * arm[0]) <= play * (1.0 + 1e-12)
+    within = np.column_stack([x, y, w])[free]
+    # The root of smallest norm is that of the eigenvectors; the pupil moves with the middle, and turns about it.
+    sizes, axes = np.linalg.eigh(within.T @ within / len(within))
+    root = axes * np.sqrt(np.maximum(sizes, 0.0))
+    motion[0] = root[0] + root[2] * middle[1]
+    motion[1] = root[1] - root[2] * middle[0]
+    motion[5] = root[2]
+    return motion
+
+
 def _largest(moved_px: FloatArray) -> float:
-    """The largest standard deviation, over views, of moves (n, 2, 6) by six independent errors of 1."""
+    """The largest standard deviation, over views, of moves (n, 2, k) by independent errors of 1."""
     return float(np.sqrt((moved_px**2).sum(axis=(1, 2))).max())
 
 

@@ -25,6 +25,9 @@ def test_a_heavier_camera_than_planned_lets_go_and_a_brittle_plastic_is_bent_too
     assert not check_nest(clip, default_layout, brittle)["camera_clip.leaf_strain"].passed
 
 
-def test_a_board_has_no_nest(default_layout: Layout) -> None:
+def test_a_board_has_no_points_to_check_but_repeats_as_its_holes_let_it(default_layout: Layout) -> None:
     board = HARDWARE.replaced(camera=read_body("board_38"))
-    assert check_nest(plan_clip(board), default_layout, board) == {}
+    checks = check_nest(plan_clip(board), default_layout, board)
+    assert {name: check for name, check in checks.items() if check.limit is not None} == {}
+    assert 0.03 < checks["camera_clip.reclamped_mm"].value < 0.1
+    assert checks["camera_clip.reclamped_between_views_px"].value < checks["camera_clip.reclamped_px"].value

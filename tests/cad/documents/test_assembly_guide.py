@@ -246,7 +246,6 @@ def test_the_edge_that_the_guide_names_stands_at_the_longest_mark(made: Made) ->
 def test_the_guide_says_what_the_nest_does(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     repeats = repeatability(made.device.clip, made.device.layout, made.device.hardware)
-    assert repeats is not None
     assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text
     assert "calibrate again whenever the camera has been out of its clip" in text
     assert "Put a cable tie through the two slots below the camera" in text
