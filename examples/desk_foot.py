@@ -15,17 +15,14 @@ THICK = 6.36
 RIGHT, FRONT, BACK, CORNER = 27.8, 56.68, -10.0, 8.0  # how far the plate reaches, and what its corners are cut by
 SCREWS = [(x, y) for x in (-17.0, 17.0) for y in (0.0, 9.5)]
 GRIP = 5.5  # from the top of a screw's head to the mount
-SCREW_HOLE, HEAD, LEAN = (
-    3.4,
-    6.82,
-    44.0,
-)  # M3, ISO 273; head of ISO 10642 and 0.1 mm; its cone, steeper than what needs support
+SCREW_HOLE, HEAD = 3.4, 6.82  # M3, ISO 273; head of ISO 10642 and 0.1 mm
+LEAN, FLARE = 44.0, 0.31  # of a head's cone, steeper than what needs support; how far it opens below the head
 NUT_FLATS, NUT_FLOOR, TRIPOD_HOLE = 11.31, 0.6, 6.6  # 1/4-20 UNC, ASME B18.2.2, and 0.2 mm of play
 
 
 def desk_foot() -> bd.Part:
-    sink = THICK - GRIP
-    cone = (HEAD / 2 + sink - SCREW_HOLE / 2) / tan(radians(LEAN))
+    sink, wide = THICK - GRIP, HEAD / 2 + FLARE
+    cone = (wide - SCREW_HOLE / 2) / tan(radians(LEAN))
     with bd.BuildPart() as part:
         with bd.BuildSketch():
             with bd.Locations((0, (FRONT + BACK) / 2)):
@@ -36,7 +33,9 @@ def desk_foot() -> bd.Part:
             bd.Hole(SCREW_HOLE / 2)
         with bd.Locations(*((x, y, -THICK) for x, y in SCREWS)):
             low = (bd.Align.CENTER, bd.Align.CENTER, bd.Align.MIN)
-            bd.Cone(HEAD / 2 + sink, SCREW_HOLE / 2, cone, align=low, mode=bd.Mode.SUBTRACT)
+            bd.Cylinder(wide, sink - FLARE, align=low, mode=bd.Mode.SUBTRACT)
+        with bd.Locations(*((x, y, -GRIP - FLARE) for x, y in SCREWS)):
+            bd.Cone(wide, SCREW_HOLE / 2, cone, align=low, mode=bd.Mode.SUBTRACT)
         bd.Hole(TRIPOD_HOLE / 2)
         with bd.BuildSketch():
             bd.RegularPolygon(NUT_FLATS / 2, 6, major_radius=False)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import ON_ITS_SIDE, Back, BackPart, Neck
+from mirrorcam.cad.backs.back import ON_ITS_SIDE, RGB, Back, BackPart, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, BlocksPlan, head_cuts
-from mirrorcam.cad.backs.desk import RGB
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
@@ -46,6 +45,8 @@ def plan_arca(table: ArcaBack, clip: ClipPlan, mount: MountPlan, load: Load, har
         (
             length(lip[0], lip[1], "dovetail"),
             length(np.array([half, y - neck, over]), np.array([half, y + neck, over])),
+            length(lip[1], np.array([half, y + wide, edge])),
+            length(lip[1], np.array([half, y + neck, over]), "", ABOVE),
         ),
     )
     return Back(

@@ -13,6 +13,9 @@ from mirrorcam.cad.plan.part_plan import BoughtItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
 
+# Of the part under the mount's foot, and of what is fastened to that.
+RGB: Rgb = (0.35, 0.60, 0.42)
+SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
 # Which way a part of a back stands when printed: rows are the bed's x, y and z in rig.
 AS_IT_STANDS = np.eye(3)
 FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

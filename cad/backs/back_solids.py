@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, extrude, insert
+from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, Solid, extrude, insert
 
-from mirrorcam.cad.backs.blocks import BlocksPlan
+from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan
 from mirrorcam.cad.holder.holder_solid import solid_of
-from mirrorcam.cad.parts.part_solids import built_of, cut_solid, one_solid
+from mirrorcam.cad.parts.part_solids import cut_solid, one_solid
 from mirrorcam.cad.plan.part_plan import recipe
 
 
@@ -39,8 +39,13 @@ def make_ring(plan: RingPlan) -> Part:
 
 @recipe("cad.backs.back_solids.make_blocks")
 def make_blocks(plan: BlocksPlan) -> Part:
-    """A part of blocks and holes."""
-    return built_of(plan.name, plan.pieces, plan.cuts)
+    """A part of blocks, discs and holes."""
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        for disc in plan.discs:
+            insert(Solid.make_cylinder(disc.radius_mm, disc.thick_mm, Plane(tuple(disc.middle), z_dir=tuple(ALONG_Y))))
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid(plan.name, part)
 
 
 MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks}

@@ -24,8 +24,8 @@ from mirrorcam.optics.base.values import FloatArray
 STEEP = np.radians(44.0)
 # A countersink is so much wider than the head, as facets cut off its round: less than what counts as a touch.
 HEAD_FIT_MM = 0.05
-# A countersink opens no further than this below the head.
-FLARE_MM = 0.9
+# A countersink opens no further than this below the head: neighbours 9.5 mm apart, and edges, keep a wall.
+FLARE_MM = 0.3
 # Corners of round solids.
 CORNERS = 96
 TRIPOD = "1/4-20 UNC"
@@ -33,23 +33,34 @@ ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
+class Disc:
+    """A disc about an axis along y through a point (3,), from there on towards y, in rig, mm."""
+
+    middle: FloatArray
+    radius_mm: float
+    thick_mm: float
+
+
+@dataclass(frozen=True)
 class BlocksPlan:
-    """A part in rig, mm: convex pieces, and what is cut from them; `lengths` are dimensions of its drawing."""
+    """A part in rig, mm: convex pieces and discs, less what is cut from them; `lengths` are for its drawing."""
 
     name: str
     pieces: tuple[Frustum, ...]
     cuts: tuple[Frustum | Bore | Countersink | Hexagon, ...]
     lengths: tuple[Length, ...] = ()
+    discs: tuple[Disc, ...] = ()
 
     @property
     def corners(self) -> FloatArray:
         """The corners (n, 3) of all pieces."""
-        return corners_of(self.pieces)
+        return corners_of((*self.pieces, *(faceted(each) for each in self.discs)))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The lengths that others depend on, and the holes."""
-        return (*self.lengths, *holes(self.cuts))
+        """Where its faces are, and the holes and rounds."""
+        rounds = (Hole(each.middle, ALONG_Y, round(2.0 * each.radius_mm, 3)) for each in self.discs)
+        return (*self.lengths, *rounds, *holes(self.cuts))
 
 
 def countersunk_hole(
@@ -85,11 +96,11 @@ def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware
         yield Bore(head, -ABOVE, head_room_mm(hardware), 99.0, up)
 
 
-def disc(middle: FloatArray, radius_mm: float, thick_mm: float) -> Frustum:
-    """A disc about an axis along y through a point (3,), from there on towards y; its corners lie on the circle."""
+def faceted(disc: Disc) -> Frustum:
+    """A disc as a prism whose corners lie on its circle."""
     turn = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
-    base = middle + radius_mm * np.column_stack([np.cos(turn), np.zeros(CORNERS), np.sin(turn)])
-    return Frustum(base, base + np.array([0.0, thick_mm, 0.0]))
+    base = disc.middle + disc.radius_mm * np.column_stack([np.cos(turn), np.zeros(CORNERS), np.sin(turn)])
+    return Frustum(base, base + disc.thick_mm * ALONG_Y)
 
 
 def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:

@@ -13,6 +13,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x, box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
@@ -43,12 +44,13 @@ def plan_bracket(
     grip_mm: float,
     clip: ClipPlan,
     hardware: Hardware,
+    ends: tuple[tuple[FloatArray, FloatArray], ...] = (),
 ) -> Bracket:
     """Lay out a bracket whose plate has its middle `below_mm` under the mount's foot.
 
     `sides_mm` are the plate's half width, how far it reaches below its middle, and its thickness; the ribs stand from
-    `rib_x_mm` outwards on both sides. `cuts` of the plate are given about the middle of its back as the origin. The
-    shelf is `grip_mm` thick: heads rest under it.
+    `rib_x_mm` outwards on both sides. `cuts` of the plate, and the `ends` (3,) of further dimensions, are given
+    about the middle of its back as the origin. The shelf is `grip_mm` thick: heads rest under it.
     """
     half, down, thick = sides_mm
     foot_z, slide = foot_z_mm(clip, hardware), clip.slide_y_mm
@@ -68,10 +70,20 @@ def plan_bracket(
     clearance = hardware.screw.clearance_hole_mm / 2.0
     own = [_moved(cut, middle) for cut in cuts]
     own += [Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads]
+    root = np.array([-reach, slide, foot_z])
+    lengths = [
+        length(np.array([-half, back, foot_z]), np.array([-half, front, foot_z])),
+        length(root, root - grip_mm * ABOVE),
+        length(root, root + RIB_MM * ALONG_X),
+        length(np.array([-reach, front, foot_z]), np.array([-reach, front, middle_z - down / 2.0])),
+    ]
+    if reach < half:
+        lengths.append(length(root, root + 2.0 * reach * ALONG_X))
     # The ribs alone, at the root of the shelf.
     deep = below_mm + down / 2.0
     neck = Neck("ribs at the plate", np.array([0.0, front, foot_z - deep / 2.0]), ALONG_Y, ABOVE, (deep, 2.0 * RIB_MM))
-    return Bracket(BlocksPlan(name, tuple(pieces), tuple(own)), middle, front, heads, neck)
+    lengths += [length(start + middle, end + middle) for start, end in ends]
+    return Bracket(BlocksPlan(name, tuple(pieces), tuple(own), tuple(lengths)), middle, front, heads, neck)
 
 
 def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:

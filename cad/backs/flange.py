@@ -8,12 +8,13 @@ the link's origin, where `end_effector_link` is; four core holes of 4.2 mm at (+
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mirrorcam.cad.backs.back import BACK_DOWN, Back, BackPart, Carrier, RobotLink
-from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan, disc, ring
+from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Carrier, RobotLink
+from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.backs.bracket import Bracket, plan_bracket, plate_neck
-from mirrorcam.cad.backs.desk import RGB
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_stack
@@ -29,7 +30,7 @@ from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
-RING_RGB = (0.55, 0.74, 0.52)
+BRACKET = "adapter_flange"
 # The centring ring is loose in the plate and in the flange by this much on each side, so that it goes in by hand.
 LOOSE_MM = 0.2
 RING_WALL_MM = 4.0
@@ -49,27 +50,19 @@ def plan_iso9409(table: Iso9409Back, clip: ClipPlan, mount: MountPlan, load: Loa
     )
     half = table.flange_mm / 2.0 + 2.0
     bracket = plan_bracket(
-        "adapter_flange", table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, clip, hardware
+        BRACKET, table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, clip, hardware
     )
     face = bracket.middle
     radius, deep = centre - LOOSE_MM, table.centre_deep_mm
     low = face - deep * ALONG_Y
     hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, deep + thick + 2.0 * OUTSIDE_MM)
-    centring = BlocksPlan("adapter_centring", (disc(low, radius, deep + thick),), (hole,))
+    centring = BlocksPlan("adapter_centring", (), (hole,), discs=(Disc(low, radius, deep + thick),))
     flange = ring(face - 6.0 * ALONG_Y, (centre, table.flange_mm / 2.0), 6.0)
-    arm = disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0)
-    return Back(
-        table=table,
-        parts=(
-            BackPart("adapter_flange", "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
-            BackPart("adapter_centring", "Centring ring", centring, BACK_DOWN, INNER, RING_RGB),
-        ),
-        foot=foot_stack(table.grip_mm, hardware),
-        foot_heads=bracket.heads,
-        items=_screws(bracket, spots, "M6", table.screw_mm, "adapter_flange"),
-        connections=(_behind("centre", "adapter_flange", "adapter_centring", face),),
+    arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
+    back = _back_of(table, bracket, centring, "Centring ring", spots, "M6", hardware)
+    return replace(
+        back,
         carriers=(Carrier("flange", (*flange, arm)),),
-        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thick, at + 5.0)),
         robot=RobotLink(
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
@@ -87,38 +80,21 @@ def plan_gen3(table: Gen3Back, clip: ClipPlan, mount: MountPlan, load: Load, har
     thick, (disc_radius, disc_thick) = table.plate_mm, table.spacer_mm
     clearance = thread_of("M5").clearance_mm / 2.0
     half = x + 11.0
+    cuts = _holes(spots, clearance, thick)
     bracket = plan_bracket(
-        "adapter_flange",
-        table.below_mm,
-        (half, 36.0, thick),
-        half - 5.0,
-        tuple(_holes(spots, clearance, thick)),
-        table.grip_mm,
-        clip,
-        hardware,
+        BRACKET, table.below_mm, (half, 36.0, thick), half - 5.0, cuts, table.grip_mm, clip, hardware
     )
     face = bracket.middle - disc_thick * ALONG_Y
-    holes = tuple(
-        Bore(hole.mouth + face, hole.axis, hole.radius_mm, hole.depth_mm)
-        for hole in _holes(spots, clearance, disc_thick)
-    )
-    # Between a hole and the rim there is no room for a wall: it is a slot, open to the edge.
-    slots = tuple(_slot(spot, clearance, disc_thick, face) for spot in spots)
-    spacer = BlocksPlan("adapter_spacer", (disc(face, disc_radius, disc_thick),), (*holes, *slots))
+    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))
+    # Between a hole and the rim there is no space for a wall: it is a slot, open to the edge.
+    slots = (_slot(spot, clearance, disc_thick, face) for spot in spots)
+    spacer = BlocksPlan("adapter_spacer", (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
     inner, outer, high = table.rim_mm
-    module = disc(face - 40.0 * ALONG_Y, outer, 40.0)
-    return Back(
-        table=table,
-        parts=(
-            BackPart("adapter_flange", "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
-            BackPart("adapter_spacer", "Spacer", spacer, BACK_DOWN, INNER, RING_RGB),
-        ),
-        foot=foot_stack(table.grip_mm, hardware),
-        foot_heads=bracket.heads,
-        items=_screws(bracket, spots, "M5", table.screw_mm, "adapter_flange"),
-        connections=(_behind("spacer", "adapter_flange", "adapter_spacer", bracket.middle),),
+    module = faceted(Disc(face - 40.0 * ALONG_Y, outer, 40.0))
+    back = _back_of(table, bracket, spacer, "Spacer", spots, "M5", hardware)
+    return replace(
+        back,
         carriers=(Carrier("arm", (*ring(face, (inner, outer), high), module)),),
-        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thick, z + 5.0)),
         # Away from the vision module, which is on the side of the link's y.
         robot=RobotLink(
             parent=table.link,
@@ -127,6 +103,40 @@ def plan_gen3(table: Gen3Back, clip: ClipPlan, mount: MountPlan, load: Load, har
             origin_in_rig=face,
             arms="Kinova Gen3 with 6 or 7 joints",
         ),
+    )
+
+
+def _back_of(
+    table: Iso9409Back | Gen3Back,
+    bracket: Bracket,
+    behind: BlocksPlan,
+    title: str,
+    spots: FloatArray,
+    size: str,
+    hardware: Hardware,
+) -> Back:
+    """The back of a bracket with a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
+
+    What it is fastened to is not among it.
+    """
+    middle, front, thick = bracket.middle, bracket.front_mm, table.plate_mm
+    places = [np.array([x, front, middle[2] + z]) for x, z in spots]
+    out = EXPLODE + 40.0 * ALONG_Y
+    width = float(np.ptp(bracket.plan.corners[:, 0]))
+    joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), middle)
+    return Back(
+        table=table,
+        parts=(
+            BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
+            BackPart(behind.name, title, behind, BACK_DOWN, INNER, SECOND_RGB),
+        ),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=bracket.heads,
+        items=tuple(
+            BoughtItem("screw", size, table.screw_mm, along(place, ALONG_Y), out, (BRACKET,)) for place in places
+        ),
+        connections=(Connection(behind.name.removeprefix("adapter_"), BRACKET, behind.name, joint, joint),),
+        necks=(bracket.neck, plate_neck(bracket, width, thick, float(spots[:, 1].max()) + 5.0)),
     )
 
 
@@ -142,16 +152,3 @@ def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray)
 def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, ...]:
     """Holes along y through a plate, at spots (n, 2; x and z) about the middle of its back."""
     return tuple(Bore(np.array([x, -OUTSIDE_MM, z]), ALONG_Y, radius_mm, thick_mm + 2.0 * OUTSIDE_MM) for x, z in spots)
-
-
-def _screws(bracket: Bracket, spots: FloatArray, size: str, length_mm: float, part: str) -> tuple[BoughtItem, ...]:
-    """Screws with their heads on the front of a bracket's plate."""
-    out = EXPLODE + 40.0 * ALONG_Y
-    places = [np.array([x, bracket.front_mm, bracket.middle[2] + z]) for x, z in spots]
-    return tuple(BoughtItem("screw", size, length_mm, along(place, ALONG_Y), out, (part,)) for place in places)
-
-
-def _behind(name: str, parent: str, child: str, at: FloatArray) -> Connection:
-    """The joint of a part behind a plate's back, at a point (3,)."""
-    frame = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), at)
-    return Connection(name, parent, child, frame, frame)

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import FRONT_DOWN, Back, BackJoint, BackPart, Carrier, Neck, RobotLink
+from mirrorcam.cad.backs.back import FRONT_DOWN, RGB, SECOND_RGB, Back, BackJoint, BackPart, Carrier, Neck, RobotLink
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
@@ -34,7 +34,6 @@ from mirrorcam.optics.geometry.transforms import rigid
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
 EAR_OFF_MM = 0.3
-SADDLE_RGB, CAP_RGB = (0.35, 0.60, 0.42), (0.55, 0.74, 0.52)
 
 ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
 # Least and largest radius, mm, of the last shell with two fingers at distances from its link's origin towards the
@@ -136,8 +135,8 @@ def plan_gen2(wrist: Gen2Back, clip: ClipPlan, mount: MountPlan, load: Load, har
     return Back(
         table=wrist,
         parts=(
-            BackPart("adapter_saddle", "Adapter saddle", saddle, FRONT_DOWN, np.array([0.0, -60.0, -45.0]), SADDLE_RGB),
-            BackPart("adapter_cap", "Adapter cap", cap, FRONT_DOWN, np.array([0.0, -60.0, -95.0]), CAP_RGB),
+            BackPart("adapter_saddle", "Adapter saddle", saddle, FRONT_DOWN, np.array([0.0, -60.0, -45.0]), RGB),
+            BackPart("adapter_cap", "Adapter cap", cap, FRONT_DOWN, np.array([0.0, -60.0, -95.0]), SECOND_RGB),
         ),
         foot=plan.foot,
         foot_heads=plan.foot_heads,

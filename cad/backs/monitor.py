@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import TOP_DOWN, Back, BackPart, Carrier, Neck
+from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, head_cuts
-from mirrorcam.cad.backs.desk import RGB
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
@@ -16,6 +15,7 @@ from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
@@ -24,7 +24,6 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = "adapter_hook", "adapter_jaw"
-JAW_RGB = (0.55, 0.74, 0.52)
 # The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the
 # jaw's screws, and on to the end of the tab.
 HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
@@ -33,6 +32,8 @@ BESIDE_MM, SIDE_MM, BEFORE_MM = 9.0, 8.0, 12.0
 SHOWN_MM = (150.0, 80.0)
 DOWN, HOOK_OUT, JAW_OUT = -ABOVE, np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
 SCREW_MM, TAB_WIDE_MM = 20.0, 15.5
+# The slots stand upright when printed, and have round ends and no roofs.
+ROUND_DEG = 89.0
 
 
 def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
@@ -56,9 +57,18 @@ def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Loa
     hook_cuts = [*head_cuts(heads, table.grip_mm, None, hardware)]
     clearance = m4.clearance_mm / 2.0
     for side in (-x, x):
-        ends = (np.array([side, at, foot_z + OUTSIDE_MM]) for at in (first, last))
-        hook_cuts.extend(Bore(end, DOWN, clearance, table.plate_mm + 1.0) for end in ends)
-    slots = [box((side - clearance, last, low_z - 1.0), (side + clearance, first, foot_z + 1.0)) for side in (-x, x)]
+        mouth = np.array([side, (first + last) / 2.0, foot_z + OUTSIDE_MM])
+        hook_cuts.append(
+            Bore(mouth, DOWN, clearance, table.plate_mm + 1.0, ALONG_X, first - last, roof_deg=ROUND_DEG, flat=True)
+        )
+    screen = np.array([-half, screen_y, pad_z])
+    step = np.array([-half, screen_y - thinnest + 1.0, low_z])
+    hook_lengths = (
+        length(screen, screen + HOOK_MM * ALONG_Y),
+        length(screen, screen - table.hook_mm * ABOVE),
+        length(step, step - PAD_MM * ABOVE),
+        length(step, np.array([-half, screen_y, low_z])),
+    )
     jaw_y = screen_y - table.thick_mm
     screw_y = jaw_y - LEG_MM - TO_SCREW_MM
     jaw_pieces = (
@@ -68,6 +78,12 @@ def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Loa
             for low, high in ((-half, -half + TAB_WIDE_MM), (half - TAB_WIDE_MM, half))
         ),
         box((-half, jaw_y - LEG_MM, pad_z - table.jaw_mm), (half, jaw_y, low_z)),
+    )
+    jaw_top = np.array([-half, jaw_y, low_z])
+    jaw_lengths = (
+        length(jaw_top, jaw_top - LEG_MM * ALONG_Y),
+        length(jaw_top - LEG_MM * ALONG_Y, np.array([-half, jaw_y - LEG_MM, pad_z])),
+        length(np.array([-half, screw_y - TAB_MM, low_z]), np.array([TAB_WIDE_MM - half, screw_y - TAB_MM, low_z])),
     )
     jaw_cuts: list[Bore | Hexagon] = []
     items = []
@@ -85,13 +101,13 @@ def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Loa
     monitor = box((-wide, jaw_y, pad_z - tall), (wide, screen_y, pad_z))
     slide = rigid(np.diag([1.0, -1.0, -1.0]), [0.0, screw_y, low_z])
     width = 2.0 * half
+    hook = BlocksPlan(HOOK, hook_pieces, tuple(hook_cuts), hook_lengths)
+    jaw = BlocksPlan(JAW, jaw_pieces, tuple(jaw_cuts), jaw_lengths)
     return Back(
         table=table,
         parts=(
-            BackPart(
-                HOOK, "Monitor hook", BlocksPlan(HOOK, hook_pieces, (*hook_cuts, *slots)), TOP_DOWN, HOOK_OUT, RGB
-            ),
-            BackPart(JAW, "Monitor jaw", BlocksPlan(JAW, jaw_pieces, tuple(jaw_cuts)), TOP_DOWN, JAW_OUT, JAW_RGB),
+            BackPart(HOOK, "Monitor hook", hook, TOP_DOWN, HOOK_OUT, RGB),
+            BackPart(JAW, "Monitor jaw", jaw, TOP_DOWN, JAW_OUT, SECOND_RGB),
         ),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import AS_IT_STANDS, Back, BackPart, Carrier, Neck
+from mirrorcam.cad.backs.back import AS_IT_STANDS, RGB, Back, BackPart, Carrier, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_hole
-from mirrorcam.cad.backs.desk import RGB
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import BACK_DOWN, Back, BackPart, Carrier
-from mirrorcam.cad.backs.blocks import ALONG_Y
+from mirrorcam.cad.backs.back import BACK_DOWN, RGB, Back, BackPart, Carrier
+from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y
 from mirrorcam.cad.backs.bracket import plan_bracket, plate_neck
-from mirrorcam.cad.backs.desk import RGB
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_stack
@@ -37,11 +36,17 @@ def plan_vesa(table: VesaBack, clip: ClipPlan, mount: MountPlan, load: Load, har
         mouth = np.array([x, thick + OUTSIDE_MM, z])
         cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thick + 2.0 * OUTSIDE_MM))
         cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
-    window = RIB_X_MM - 6.0
-    cuts.append(box((-window, -1.0, -at + 4.0), (window, thick + 1.0, at - 12.0)))
+    window, low, high = RIB_X_MM - 6.0, -at + 4.0, at - 12.0
+    cuts.append(box((-window, -1.0, low), (window, thick + 1.0, high)))
+    corner, upper = np.array([-window, thick, low]), np.array([-window, thick, high])
+    ends = (
+        (corner, corner + 2.0 * window * ALONG_X),
+        (corner, upper),
+        (upper, np.array([-window, thick, at + UNDER_MM])),
+    )
     half = at + EDGE_MM
     bracket = plan_bracket(
-        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, clip, hardware
+        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, clip, hardware, ends
     )
     middle, items = bracket.middle, []
     for x, z in spots:

@@ -27,12 +27,14 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.optics.base.values import FloatArray
 
 AXIS_MM = 0.13
-FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 22.0
+FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
 # Leaders lean by this much per mm upwards, so that they differ from edges of the part.
 LEAN = 0.27
 PARALLEL = 1e-4
 # Share of its area by which a symmetric outline may differ from its mirror image.
 ASYMMETRY = 0.01
+# Shortest straight edge that others are measured from.
+STRAIGHT_MM = 1.0
 # Where along an aligned dimension its text is tried: the middle first.
 ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
@@ -75,10 +77,12 @@ def annotate(
     placed: Sequence[PlacedView],
     dimensions: Iterable[Length | Hole],
     room_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
+    traces: Sequence[tuple[int, int, float]] = (),
 ) -> None:
     """Draw overall dimensions and those of the plan, each in the view that shows it best.
 
-    `room_mm` is free left of the views and below them.
+    `room_mm` is free left of the views and below them. `traces` are those that a section may have: the number of the
+    view, the coordinate, x (0) or y (1), that is the same all along, and its value on paper.
     """
     jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
@@ -93,9 +97,10 @@ def annotate(
             holes[index, _callout(dimension, axis @ placed[index].view.axes_in_rig[2])].append(dimension)
     for (index, words), group in holes.items():
         _holes(sheet, placed[index], jobs[index], words, group)
-    for view, job in zip(placed, jobs, strict=True):
-        draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False)
-        draw_tiers(sheet, view.box, job.left, room_mm[0], upright=True)
+    for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
+        upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
+        draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False, traces=upright_at)
+        draw_tiers(sheet, view.box, job.left, room_mm[0], upright=True, traces=level_at)
         for aligned in job.askew:
             _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
@@ -104,8 +109,9 @@ def annotate(
 def _callout(hole: Hole, away: float) -> str:
     """The words at a hole, whose axis points `away` from the viewer by this cosine."""
     size = number(hole.diameter_mm)
-    words = f"hex {size} A/F {hole.text}" if hole.form == "hexagon" else f"Ø{size} {hole.text}"
-    blind = hole.cut_mm is not None and DEPTH in hole.text
+    words = {"hexagon": f"hex {size} A/F", "countersink": f"countersink Ø{size}"}.get(hole.form, f"Ø{size}")
+    words = f"{words} {hole.text}"
+    blind = hole.cut_mm is not None and (DEPTH in hole.text or hole.form == "countersink")
     return f"{words.strip()} (far side)" if blind and away > 0.5 else words.strip()
 
 
@@ -170,7 +176,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
         if (
             abs(places.mean() - middle) < 1e-2
             and _symmetric(placed, coordinate)
-            and not has_room(edge, number(edge / placed.scale))
+            and not (has_room(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
         ):
             # Symmetric, as the axis says: only how far the holes are apart.
             _axis(sheet, placed.box, coordinate, middle)
@@ -193,6 +199,13 @@ def _symmetric(placed: PlacedView, coordinate: int) -> bool:
     mirrored[:, coordinate] = placed.view.box[:, coordinate].sum() - points[:, coordinate]
     hull, other = (MultiPoint(each).convex_hull for each in (points, mirrored))
     return bool(hull.symmetric_difference(other).area < ASYMMETRY * hull.area)
+
+
+def _ends_straight(placed: PlacedView, coordinate: int) -> bool:
+    """Whether a view's outline begins with a straight edge along x or y, from which one can measure: no round."""
+    hull = MultiPoint(np.concatenate(placed.view.visible)).convex_hull
+    ends = np.array(hull.exterior.coords)
+    return bool(np.ptp(ends[ends[:, coordinate] < ends[:, coordinate].min() + 1e-3, 1 - coordinate]) > STRAIGHT_MM)
 
 
 def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
@@ -239,7 +252,7 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
 
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
     """Draw notes above the view, the rightmost lowest: then no leader crosses text or another leader."""
-    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM) / max(len(notes) - 1, 1))
+    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
     ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
     steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
     for row, note in enumerate(ordered):

@@ -16,6 +16,9 @@ FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
 BESIDE_MM = 1.0
 # Dimension lines that meet in an arrow head overlap by no more than this.
 TOUCH_MM = 0.05
+# An extension line keeps so far from a text beside it, and where along its line a text is tried: the middle first.
+BESIDE_TEXT_MM = 0.6
+SHIFTS = (0.0, *(sign * share / 10.0 for share in range(1, 5) for sign in (-1, 1)))
 
 
 @dataclass(frozen=True)
@@ -37,18 +40,37 @@ def has_room(span: float, words: str) -> bool:
 
 
 def draw_tiers(
-    sheet: DrawingSheet, box: FloatArray, linears: Sequence[LinearDimension], room_mm: float, *, upright: bool
+    sheet: DrawingSheet,
+    box: FloatArray,
+    linears: Sequence[LinearDimension],
+    room_mm: float,
+    *,
+    upright: bool,
+    traces: Sequence[float] = (),
 ) -> None:
     """Short dimensions next to the part, longer ones outside them: extension lines cross no dimension line.
 
-    Dimensions that follow each other share a line.
+    Dimensions that follow each other share a line. Those whose text others' extension lines would cross are outermost.
+    `traces` are where traces of sections may cross the tiers: texts keep clear of them, too.
     """
     tiers: list[list[tuple[float, float]]] = []
     chosen = []
     ends = np.concatenate([linear.along for linear in linears]) if linears else np.zeros(0)
-    for linear in sorted(linears, key=lambda item: (item.span, item.along.min(), item.words)):
-        width = text_width_mm(linear.words, TEXT_MM)
-        before = upright and _struck(linear, width, ends) and not _struck(linear, width, ends, before=True)
+    widths = {id(linear): text_width_mm(linear.words, TEXT_MM) for linear in linears}
+
+    def order(linear: LinearDimension) -> tuple[bool, float, float, str]:
+        width = widths[id(linear)]
+        crossed = all(_struck(linear, width, ends, before=before) for before in (False, True))
+        return (
+            crossed and not has_room(linear.span, linear.words),
+            linear.span,
+            float(linear.along.min()),
+            linear.words,
+        )
+
+    for linear in sorted(linears, key=order):
+        width = widths[id(linear)]
+        before = _struck(linear, width, ends) and not _struck(linear, width, ends, before=True)
         low, high = _covers(linear, width, before=before)
         busy = [k for k, tier in enumerate(tiers) if any(low < b - TOUCH_MM and high > a + TOUCH_MM for a, b in tier)]
         level = max(busy) + 1 if busy else 0
@@ -59,7 +81,17 @@ def draw_tiers(
     pitch = min(TIER_PITCH_MM, (room_mm - FIRST_TIER_MM - BESIDE_MM) / max(len(tiers) - 1, 1))
     edge = float(box[0, 0 if upright else 1])
     for level, linear, width, before in chosen:
-        _draw_linear(sheet, linear, edge - FIRST_TIER_MM - level * pitch, width, upright=upright, before=before)
+        crossing = [other.along for outer, other, _, _ in chosen if outer > level]
+        middle = _text_middle(linear, width, np.concatenate([*crossing, np.array(traces, dtype=float)]))
+        tier = edge - FIRST_TIER_MM - level * pitch
+        _draw_linear(sheet, linear, tier, width, middle, upright=upright, before=before)
+
+
+def _text_middle(linear: LinearDimension, width: float, crossing: FloatArray) -> float:
+    """Where along its dimension line a text is, clear of the extension lines that cross the line, if it can be."""
+    middle, room = float(linear.along.mean()), linear.span - width - 2.0 * ARROW_MM[0] - 1.0
+    places = [middle + share * max(room, 0.0) for share in SHIFTS]
+    return min(places, key=lambda place: bool((np.abs(crossing - place) < width / 2.0 + BESIDE_TEXT_MM).any()))
 
 
 def _covers(linear: LinearDimension, width: float, *, before: bool = False) -> tuple[float, float]:
@@ -79,8 +111,17 @@ def _struck(linear: LinearDimension, width: float, ends: FloatArray, *, before: 
 
 
 def _draw_linear(
-    sheet: DrawingSheet, linear: LinearDimension, tier: float, width: float, *, upright: bool, before: bool = False
+    sheet: DrawingSheet,
+    linear: LinearDimension,
+    tier: float,
+    width: float,
+    within: float,
+    *,
+    upright: bool,
+    before: bool = False,
 ) -> None:
+    """Draw a dimension line at `tier`, its text about `within` where that has room between the arrows."""
+
     def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
         array = np.array(points)
         return array[:, ::-1] if upright else array
@@ -100,7 +141,7 @@ def _draw_linear(
     for tip, direction in ((low, sign), (high, -sign)):
         sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
     outside = low - reach - width / 2.0 if before else high + reach + width / 2.0
-    middle = (low + high) / 2.0 if inside else outside
+    middle = within if inside else outside
     if upright:
         sheet.text((tier - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
     else:

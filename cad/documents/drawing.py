@@ -22,7 +22,7 @@ from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
 from mirrorcam.cad.documents.hole_callouts import called_out
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
-from mirrorcam.cad.documents.sections import LETTER_MM, Section, cut, draw_trace, hatch, section_plane, trace_in
+from mirrorcam.cad.documents.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
 from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block, printed_of, ratio
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
@@ -78,9 +78,15 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         # Small views have their edges close together.
         width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
         sheet.lines([line + view.shift for line in visible], width)
-    annotate(sheet, placed, dimensions, room_mm)
-    if section and cut_at:
-        _draw_section_marks(sheet, placed, section, cut_at, bed_from_rig)
+    traces = {
+        index: trace
+        for index, view in enumerate(placed)
+        if section and cut_at and (trace := trace_in(view, section, bed_from_rig))
+    }
+    crossed = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
+    annotate(sheet, placed, dimensions, room_mm, crossed)
+    if cut_at:
+        _draw_section_marks(sheet, tuple(traces.values()), cut_at, scale)
     if isinstance(whole, HolderPlan):
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
@@ -193,14 +199,11 @@ def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> Placed
     return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
 
 
-def _draw_section_marks(
-    sheet: DrawingSheet, placed: Sequence[PlacedView], section: Section, cut_at: PlacedView, bed_from_rig: FloatArray
-) -> None:
-    """The name of a section over it, with its scale where that is another one, and its trace in a view."""
-    name = "A-A" if cut_at.scale == placed[0].scale else f"A-A ({ratio(cut_at.scale)})"
+def _draw_section_marks(sheet: DrawingSheet, traces: Sequence[Trace], cut_at: PlacedView, scale: float) -> None:
+    """The name of a section over it, with its scale where that is not the views', and one of its traces."""
+    name = "A-A" if cut_at.scale == scale else f"A-A ({ratio(cut_at.scale)})"
     box = cut_at.box
     sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)
-    traces = [trace for view in placed if (trace := trace_in(view, section, bed_from_rig))]
     draw_trace(sheet, traces, "A")
 
 

@@ -22,10 +22,12 @@ THROUGH = "through"
 DEPTH = "↧"
 """The symbol of depth (ISO 129-1)."""
 
-# The wall of a hole is looked for this far outside it, its floor or shoulder at this share of its radius.
+# The wall of a hole is looked for this far outside it, its floor or shoulder at this share of its radius. One that
+# closes by a cone has its shoulder somewhat later, by up to this share.
 BESIDE_MM = 0.05
 INWARD = 0.9
 BEYOND_MM = 0.03
+CONE = 0.15
 SAME_MM = 1e-3
 
 
@@ -74,20 +76,26 @@ def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening) -> tuple[Ho
 def _called_out(hole: Hole, material: Material, screw: Fastening) -> Hole:
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     assert hole.cut_mm is not None
+    if hole.form == "countersink":
+        # Its axis already runs from its mouth into the material.
+        return hole
     start, end = hole.centre_in_rig, hole.centre_in_rig + hole.cut_mm * axis
     across = _across(axis)
     radius = hole.diameter_mm / 2.0
 
-    def floor(at: FloatArray) -> bool:
+    def floor(end: FloatArray, out: FloatArray) -> bool:
         """Whether material faces the tool's end: all round, so that another cut beside it is not taken for none."""
-        return sum(material.holds(at + INWARD * radius * way) for way in across) >= len(across) / 2
+        return any(
+            sum(material.holds(end + beyond * out + INWARD * radius * way) for way in across) >= len(across) / 2
+            for beyond in (BEYOND_MM, CONE * radius)
+        )
 
-    closed_start = floor(start - (OUTSIDE_MM + BEYOND_MM) * axis)
-    closed_end = floor(end + BEYOND_MM * axis)
+    closed_start = floor(start - OUTSIDE_MM * axis, -axis)
+    closed_end = floor(end, axis)
     if closed_start == closed_end:
         return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
     # From its closed end to the last of the walls that follow.
-    origin, way = (end, -axis) if closed_end else (start, axis)
+    origin, way = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
     walls = [
         high
         for side in across

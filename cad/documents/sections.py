@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from shapely import LineString, MultiLineString, Polygon
 from mirrorcam.cad.documents.drawing_sheet import INK, DrawingSheet
 from mirrorcam.cad.documents.hole_callouts import DEPTH
 from mirrorcam.cad.documents.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
+from mirrorcam.cad.documents.title_block import BLOCK_MM, BORDER_MM
 from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.dimension import Hole
@@ -23,8 +24,8 @@ from mirrorcam.optics.base.values import FloatArray
 HATCH_MM, HATCH_LINE_MM = 2.0, 0.12
 TRACE_MM, TRACE_END_MM = 0.18, 0.5
 TRACE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
-TRACE_BEYOND_MM = 4.0
-"""How far the trace of a cut goes beyond its view."""
+TRACE_BEYOND_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
+"""How far the trace of a cut may go beyond its view: the first of these that has room for arrow and letter."""
 
 LETTER_MM = 3.5
 ON_PLANE_MM = 1e-4
@@ -131,6 +132,11 @@ class Trace:
     look: FloatArray
 
     @property
+    def across(self) -> int:
+        """The coordinate, x (0) or y (1), that is the same at both ends."""
+        return int(np.argmin(np.abs(self.ends[1] - self.ends[0])))
+
+    @property
     def feet(self) -> FloatArray:
         """Where the arrows begin (2, 2)."""
         inward = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
@@ -141,14 +147,19 @@ class Trace:
         """What the letters and arrows at both ends cover."""
         return tuple(
             LineString([foot - (2.6 + LETTER_MM / 2.0) * self.look, foot + 6.0 * self.look]).buffer(
-                LETTER_MM / 2.0 + 0.3
+                0.75 * LETTER_MM + 0.3
             )
             for foot in self.feet
         )
 
+    def longer(self, beyond_mm: tuple[float, float]) -> Trace:
+        """The trace with each of its ends so far beyond the view."""
+        along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
+        return replace(self, ends=self.ends + np.array([-along, along]) * np.array(beyond_mm)[:, None])
+
 
 def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> Trace | None:
-    """The trace of a section in a view, None in one that does not see its plane edge on."""
+    """The trace of a section across a view, None in one that does not see its plane edge on."""
     axes, box = parent.view.axes_in_rig, parent.box
     normal = bed_from_rig[section.normal]
     along = axes[:2] @ normal
@@ -159,22 +170,32 @@ def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> 
     look[across] = np.sign(axes[across] @ -(AXES[section.normal] @ bed_from_rig)[2])
     ends = np.empty((2, 2))
     ends[:, across] = section.at_mm * along[across] * parent.scale + parent.shift[across]
-    ends[:, 1 - across] = box[0, 1 - across] - TRACE_BEYOND_MM, box[1, 1 - across] + TRACE_BEYOND_MM
+    ends[:, 1 - across] = box[:, 1 - across]
     return Trace(ends, look)
 
 
 def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
-    """Draw the trace that is least in the way of what the sheet has: its line, thick ends, arrows and letters."""
+    """Draw the trace that is least in the way of what the sheet has: its line, thick ends, arrows and letters.
+
+    Each end goes beyond its view as far as arrow and letter need to be clear.
+    """
     boxes = np.array([Polygon(words.corners) for words in sheet.words])
     lines = np.array([LineString(line) for line, _ in sheet.drawn])
 
-    def in_the_way(trace: Trace) -> tuple[int, int]:
+    def in_the_way(trace: Trace, end: int) -> tuple[int, int]:
         # The trace's own line may cross the view and its dimensions, but no text.
-        marks = shapely.union_all(trace.marks)
-        covered = shapely.union_all([marks, LineString(trace.ends)])
-        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(marks, lines).sum())
+        mark = trace.marks[end]
+        covered = shapely.union_all([mark, LineString([trace.ends.mean(axis=0), trace.ends[end]])])
+        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, lines).sum())
 
-    trace = min(traces, key=in_the_way)
+    found = []
+    for trace in traces:
+        ways = [
+            min((*in_the_way(trace.longer((far, far)), end), far) for far in TRACE_BEYOND_MM if _on(sheet, trace, far))
+            for end in (0, 1)
+        ]
+        found.append((np.sum(ways, axis=0).tolist(), trace.longer((ways[0][2], ways[1][2]))))
+    _, trace = min(found, key=lambda each: each[0])
     sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)
     for end, foot in zip(trace.ends, trace.feet, strict=True):
         sheet.lines([np.array([end, end + 2.5 * (foot - end)])], TRACE_END_MM)
@@ -183,3 +204,11 @@ def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> Non
         sheet.arrow_head(tip, trace.look)
         middle = foot - 2.6 * trace.look
         sheet.text((middle[0], middle[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
+
+
+def _on(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
+    """Whether a trace that goes so far beyond its view has its marks within the border and over the title block."""
+    low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
+    high = np.array(sheet.size_mm) - BORDER_MM - 1.0
+    bounds = np.array([mark.bounds for mark in trace.longer((beyond_mm, beyond_mm)).marks])
+    return beyond_mm == TRACE_BEYOND_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())

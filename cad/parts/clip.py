@@ -14,7 +14,7 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
-from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera_body import Lips
@@ -50,14 +50,23 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, and the pads at the front from each other."""
+        """The holes, and where the six points of the nest are: from the foot, the side and the face on the mount."""
         return (*holes(self.cuts), *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:
+        """Each distance once: points that lie at one place along an axis share it."""
         if self.nest is None:
             return ()
-        points = self.nest.points
-        return (length(points[1], points[2], "pads", UP),)
+        corners = corners_of(self.pieces)
+        low = np.array([corners[:, 0].min(), self.slide_y_mm, self.bottom_mm])
+        found: dict[tuple[int, float], Length] = {}
+        for kind, points in (("pad", self.nest.points[:3]), ("stop", self.nest.points[3:])):
+            for point in points:
+                for axis in range(3):
+                    place = (axis, round(float(point[axis]), 3))
+                    if place not in found:
+                        found[place] = length(np.where(np.arange(3) == axis, low, point), point, kind)
+        return tuple(found.values())
 
 
 def plan_clip(hardware: Hardware) -> ClipPlan:

@@ -34,7 +34,8 @@ class Hole:
     """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
     Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
-    the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats.
+    the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats,
+    that of a countersink its widest diameter.
     """
 
     centre_in_rig: FloatArray
@@ -42,7 +43,7 @@ class Hole:
     diameter_mm: float
     text: str = ""
     cut_mm: float | None = None
-    form: Literal["round", "hexagon"] = "round"
+    form: Literal["round", "hexagon", "countersink"] = "round"
 
 
 @dataclass(frozen=True)

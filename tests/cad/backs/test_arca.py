@@ -12,13 +12,14 @@ from mirrorcam.cad.backs.load import carried
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import ArcaBack
 from mirrorcam.optics.base.values import InputError
+from tests.cad.backs.planned_blocks import blocks_of
 
 
 @pytest.mark.parametrize("fit_mm", [0.1, -0.2])
 def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> None:
     back = plan_back(device.clip, device.mount, device.hardware.replaced(back=ArcaBack(fit_mm=fit_mm)))
     (part,) = back.parts
-    tail = part.plan.pieces[0]  # type: ignore[attr-defined]
+    tail = blocks_of(part).pieces[0]
     section = np.unique(tail.base[:, 1:].round(9), axis=0)
     assert np.ptp(section[:, 0]) == pytest.approx(38.0 - 2.0 * fit_mm)
     right = section[section[:, 0] > section[:, 0].mean()]

@@ -12,15 +12,18 @@ from mirrorcam.cad.backs.blocks import (
     CORNERS,
     HEAD_FIT_MM,
     BlocksPlan,
+    Disc,
     countersunk_hole,
-    disc,
+    faceted,
     ring,
     tripod_cuts,
     tripod_depth_mm,
     tripod_nut,
 )
 from mirrorcam.cad.plan.back_table import TripodNut
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import box, volume_mm3
 from mirrorcam.cad.plan.threads import thread_of
 
@@ -28,7 +31,7 @@ PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
 
 
 def test_a_countersunk_hole_is_a_cylinder_under_a_cone_of_44_degrees() -> None:
-    cuts = countersunk_hole(np.array([0.0, 0.0, 0.5]), 7.5, 0.5, "M3")
+    cuts = countersunk_hole(np.array([0.0, 0.0, 0.5]), 7.5, 0.5, "M3", 0.5)
     removed = 40.0 * 40.0 * 8.0 - make_blocks(BlocksPlan("plate", (PLATE,), cuts)).volume
     # From the face, where the cone is as much wider as it lies deep, to the hole for the screw; 44 deg print well.
     wide, half = 2.24 * 1.5 + HEAD_FIT_MM + 0.5, 1.7
@@ -66,10 +69,27 @@ def test_the_pocket_holds_the_nut_and_keeps_it_from_turning() -> None:
     assert common_mm3(30.0) > 3.0
 
 
-def test_dimensions_are_the_lengths_and_every_hole() -> None:
-    plan = BlocksPlan("plate", (PLATE,), tripod_cuts(np.array([0.0, 0.0, 8.0]), 8.0, TripodNut()))
-    assert [hole.diameter_mm for hole in plan.dimensions] == [6.6, pytest.approx(11.31)]  # type: ignore[union-attr]
-    assert plan.corners.shape == (8, 3)
+def test_dimensions_are_the_lengths_and_every_hole_and_round() -> None:
+    top = np.array([0.0, 0.0, 8.0])
+    cuts = (*tripod_cuts(top, 8.0, TripodNut()), *countersunk_hole(np.array([15.0, 0.0, 3.0]), 5.0, 3.0, "M3", 0.3))
+    chain = (length(top, top + 4.0),)
+    plan = BlocksPlan("plate", (PLATE,), cuts, chain, (Disc(np.zeros(3), 10.0, 4.0),))
+    found = [each for each in plan.dimensions if isinstance(each, Hole)]
+    assert tuple(each for each in plan.dimensions if isinstance(each, Length)) == chain
+    wide = 2.24 * 3.0 + 2.0 * HEAD_FIT_MM + 0.6
+    np.testing.assert_allclose(
+        [hole.diameter_mm for hole in found], [20.0, 6.6, 11.31, 3.4, wide, wide + 0.02], atol=0.006
+    )
+    assert [hole.form for hole in found] == ["round", "round", "hexagon", "round", "countersink", "round"]
+    assert found[4].text == "x 88°"
+    assert plan.corners.shape == (8 + 2 * CORNERS, 3)
+
+
+def test_a_disc_is_round() -> None:
+    solid = make_blocks(BlocksPlan("disc", (), (), discs=(Disc(np.array([1.0, 2.0, 3.0]), 10.0, 4.0),)))
+    assert solid.volume == pytest.approx(np.pi * 100.0 * 4.0, rel=1e-9)
+    np.testing.assert_allclose(tuple(solid.bounding_box().min), [-9.0, 2.0, -7.0], atol=1e-6)
+    np.testing.assert_allclose(tuple(solid.bounding_box().max), [11.0, 6.0, 13.0], atol=1e-6)
 
 
 def test_a_head_deep_below_the_face_lies_in_a_round_hole() -> None:
@@ -83,7 +103,7 @@ def test_a_head_deep_below_the_face_lies_in_a_round_hole() -> None:
 
 def test_discs_and_rings_keep_within_their_radii() -> None:
     at = np.array([1.0, 2.0, 3.0])
-    corners = disc(at, 10.0, 4.0).base - at
+    corners = faceted(Disc(at, 10.0, 4.0)).base - at
     np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 2]), 10.0)
     sectors = ring(at, (8.0, 10.0), 4.0)
     assert len(sectors) == CORNERS

@@ -18,6 +18,7 @@ from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.write.robot_link import link_from_rig
 from mirrorcam.optics.base.values import FloatArray
+from tests.cad.backs.planned_blocks import blocks_of
 
 
 def planned(device: Device, table: Iso9409Back | Gen3Back) -> Back:
@@ -31,7 +32,7 @@ def holes_about(back: Back, part: int, radius_mm: float) -> FloatArray:
     return np.array(
         [
             (cut.mouth - origin)[[0, 2]]
-            for cut in back.parts[part].plan.cuts  # type: ignore[attr-defined]
+            for cut in blocks_of(back.parts[part]).cuts
             if isinstance(cut, Bore) and cut.axis[1] == 1.0 and cut.radius_mm == pytest.approx(radius_mm)
         ]
     )

@@ -10,31 +10,34 @@ from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.load import carried
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import MonitorBack
+from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import InputError
+from tests.cad.backs.planned_blocks import blocks_of
 
 
 @pytest.mark.parametrize("thick_mm", [8.0, 20.0, 40.0])
 def test_the_jaw_meets_the_back_of_the_monitor_and_enters_nothing(device: Device, thick_mm: float) -> None:
     back = plan_back(device.clip, device.mount, device.hardware.replaced(back=MonitorBack(thick_mm=thick_mm)))
-    hook, jaw = (part.plan for part in back.parts)
+    hook, jaw = (blocks_of(part) for part in back.parts)
     (monitor,) = back.carriers[0].solids
     corners = np.vstack([monitor.base, monitor.top])
     assert np.ptp(corners[:, 1]) == pytest.approx(thick_mm)
     assert jaw.corners[:, 1].max() == pytest.approx(corners[:, 1].min())
-    solids: list[tuple[Frustum, ...]] = [hook.pieces, jaw.pieces, (monitor,)]  # type: ignore[attr-defined]
+    solids: list[tuple[Frustum, ...]] = [hook.pieces, jaw.pieces, (monitor,)]
     for first, second in ((0, 1), (0, 2), (1, 2)):
         assert max(overlap_mm(a, b) for a in solids[first] for b in solids[second]) < 1e-6
     # The centre of mass is over the monitor, or behind its screen by 12 mm.
     load = carried(device.mount, device.clip, device.hardware)
     assert corners[:, 1].max() - load.at[1] == pytest.approx(12.0)
     # The jaw's screws are in the slots, at both ends of their range.
-    slots = [cut for cut in hook.cuts if isinstance(cut, Frustum)]  # type: ignore[attr-defined]
+    slots = [cut for cut in hook.cuts if isinstance(cut, Bore) and cut.travel_mm]
+    assert len(slots) == 2
     for item in back.items:
         if item.kind == "screw":
             y = item.rig_from_item[1, 3]
-            assert any(slot.base[:, 1].min() - 1e-9 <= y <= slot.base[:, 1].max() + 1e-9 for slot in slots)
+            assert all(abs(y - slot.mouth[1]) <= slot.travel_mm / 2.0 + 1e-9 for slot in slots)
     for part in back.parts:
         assert MAKERS[type(part.plan)](part.plan).is_valid
 

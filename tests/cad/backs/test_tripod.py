@@ -8,6 +8,7 @@ import pytest
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.tripod import BEFORE_MM
 from mirrorcam.cad.plan.back_table import TripodBack
 from mirrorcam.cad.plan.threads import thread_of
 
@@ -17,7 +18,7 @@ def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None
     (part,) = back.parts
     low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
     assert high[0] == -low[0] == device.mount.half_width_mm
-    assert high[1] == device.mount.slide[1]
+    assert high[1] == device.mount.slide[1] + BEFORE_MM
     assert MAKERS[type(part.plan)](part.plan).is_valid
     (nut,) = back.items
     under = nut.rig_from_item[2, 3] - nut.length_mm - low[2]

@@ -15,21 +15,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from build123d import Box, Pos
+from build123d import Box, GeomType, Pos
 from shapely import LineString, Polygon
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.blocks import BlocksPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.documents.annotation import number
 from mirrorcam.cad.documents.dimension_lines import LINE_MM
-from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, draw, write_drawing
+from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
-from mirrorcam.cad.documents.sections import HATCH_LINE_MM
+from mirrorcam.cad.documents.sections import HATCH_LINE_MM, TRACE_MM
 from mirrorcam.cad.documents.title_block import GENERAL_TOLERANCE, MATERIAL_MM
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon
+from mirrorcam.cad.plan.dimension import Length
+from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from tests.hostile_names import ACCEPTED
@@ -63,8 +65,8 @@ def crossed(sheet: DrawingSheet) -> list[str]:
 
 
 def struck(sheet: DrawingSheet) -> list[str]:
-    """Words that a dimension, extension or leader line runs through."""
-    lines = [LineString(line) for line, width in sheet.drawn if width == LINE_MM]
+    """Words that a dimension, extension or leader line, or the trace of a section, runs through."""
+    lines = [LineString(line) for line, width in sheet.drawn if width in (LINE_MM, TRACE_MM)]
     return [
         words.text for words in sheet.words if any(Polygon(words.corners).buffer(-0.2).intersects(a) for a in lines)
     ]
@@ -132,19 +134,39 @@ def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPl
     assert "40" not in said
 
 
-NAMES = ("mount", "camera_clip", "adapter_desk", "adapter_saddle", "adapter_cap", "fit_coupon")
+BACK_PARTS = {
+    "none": ("adapter_desk",),
+    "tripod": ("adapter_tripod",),
+    "arca": ("adapter_arca",),
+    "iso9409": ("adapter_flange", "adapter_centring"),
+    "gen3": ("adapter_flange", "adapter_spacer"),
+    "gen2": ("adapter_saddle", "adapter_cap"),
+    "profile20": ("adapter_profile",),
+    "vesa": ("adapter_vesa",),
+    "monitor": ("adapter_hook", "adapter_jaw"),
+}
+OF_BACKS = tuple(f"{kind} {name}" for kind, names in BACK_PARTS.items() for name in names)
+NAMES = ("mount", "camera_clip", "fit_coupon", *OF_BACKS)
 ALL = (*NAMES, "dust_cover")
 
 
 @cache
+def parts_with(device: Device, kind: str) -> dict[str, PartPlan]:
+    """The parts of the default device with a back, by their names."""
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))
+    return {part.name: part for part in parts_of(replace(device, back=back))}
+
+
 def part_of(device: Device, name: str) -> PartPlan:
-    """A part of the default device, whatever carries it."""
-    backs = [
-        plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))
-        for kind in (BACKS if name.startswith("adapter_") else ("none",))
-    ]
-    carried = (replace(device, back=back) for back in backs)
-    return next(part for each in carried for part in parts_of(each) if part.name == name)
+    """A part of the default device; one of a back has the back's kind before its name."""
+    kind, _, part = name.rpartition(" ")
+    return parts_with(device, kind or "none")[part]
+
+
+def test_the_parts_of_all_backs_are_drawn(device: Device) -> None:
+    assert tuple(BACK_PARTS) == tuple(BACKS)
+    for kind, names in BACK_PARTS.items():
+        assert {name for name in parts_with(device, kind) if name.startswith("adapter_")} == set(names)
 
 
 @cache
@@ -173,6 +195,8 @@ def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name:
             wanted[f"Ø{number(2.0 * cut.radius_mm)}"] += 1
         elif isinstance(cut, Hexagon):
             wanted[f"hex {number(cut.flats_mm)}"] += 1
+        elif isinstance(cut, Countersink):
+            wanted["countersink"] += 1
     assert called_out(drawn(device, name)) == wanted
 
 
@@ -191,6 +215,8 @@ def called_out(sheet: DrawingSheet) -> Counter[str]:
     for words in sheet.words:
         if match := re.fullmatch(r"(?:(\d+)x )?(Ø[\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text):
             found[match[2]] += int(match[1] or 1)
+        elif match := re.fullmatch(r"(?:(\d+)x )?countersink Ø[\d.]+ x 88°.*", words.text):
+            found["countersink"] += int(match[1] or 1)
     return found
 
 
@@ -222,12 +248,59 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     assert "4x Ø3.4 through M3" in said
 
 
-def test_the_clip_says_where_its_pads_are(device: Device) -> None:
+def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
+    """From its left side, its face on the mount, and its foot, each distance once."""
     said = [words.text for words in drawn(device, "camera_clip").words]
-    nest = device.clip.nest
+    nest, clip = device.clip.nest, device.clip
     assert nest is not None
-    first, along = nest.points[1], nest.points[2]
-    assert f"{number(along[0] - first[0])} pads" in said
+    left = min(float(np.vstack([piece.base, piece.top])[:, 0].min()) for piece in clip.pieces)
+    for number_of, point in enumerate(nest.points - [left, clip.slide_y_mm, clip.bottom_mm]):
+        for value in np.abs(point):
+            kinds = ("pad", "stop") if number_of < 3 else ("stop",)
+            assert any(said.count(f"{number(value)} {kind}") == 1 for kind in kinds), (number_of, value)
+
+
+@pytest.mark.parametrize("name", OF_BACKS)
+def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
+    """Along each axis of rig, planes hang together by lengths, sizes, depths of holes, or as mirror images of such."""
+    part = part_of(device, name)
+    if not isinstance(part.plan, BlocksPlan):
+        pytest.skip("a ring's planes are not all parallel to those of rig")
+    solid = part.make(part.plan)
+    sheet_says = dimensions_of(part, solid, HARDWARE.screw)
+    box = solid.bounding_box()
+    ends = np.array([tuple(box.min), tuple(box.max)])
+    for axis in range(3):
+        planes = {
+            round(float(tuple(face.center())[axis]), 2)
+            for face in solid.faces()
+            if face.geom_type == GeomType.PLANE and abs(tuple(face.normal_at())[axis]) > 1.0 - 1e-6
+        }
+        size = ends[:, axis].round(2).tolist()
+        joined, known = [], set(size)
+        for each in sheet_says:
+            if isinstance(each, Length):
+                points = each.points_in_rig[:, axis].round(2).tolist()
+                if np.abs(each.span_in_rig).argmax() == axis:
+                    joined.append(points)
+                    # One that lies in the middle locates both of its ends.
+                    known |= set(points) if abs(sum(points) - sum(size)) < 0.02 else set()
+            elif each.cut_mm is not None and abs(each.axis_in_rig[axis]) > 0.9:
+                found = re.search(r"↧([\d.]+)", each.text)
+                mouth = float(each.centre_in_rig[axis])
+                deep = float(found[1]) if found else each.cut_mm
+                joined.append([round(mouth, 2), round(mouth + deep * float(each.axis_in_rig[axis]), 2)])
+            else:
+                # The sides of slots and pockets.
+                half = each.diameter_mm / 2.0
+                known |= {round(float(each.centre_in_rig[axis]) + side * half, 2) for side in (-1.0, 1.0)}
+        for _ in planes:
+            for ends_of_one in joined:
+                if any(abs(place - end) < 0.02 for place in known for end in ends_of_one):
+                    known |= set(ends_of_one)
+            known |= {round(sum(size) - place, 2) for place in known}
+        unknown = [plane for plane in sorted(planes) if min(abs(plane - place) for place in known) > 0.02]
+        assert unknown == [], "xyz"[axis]
 
 
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
