@@ -56,6 +56,7 @@ CHECKS = {
     "pictures": ("base_pictures_hidden", "frames_pictures_hidden"),
     "tools": ("tool_clash_mm3",),
     "nest": ("contact_n", "leaf_strain"),
+    "rest of a lens": ("rest_gap_mm",),
     "stiffness": ("tilt_deg",),
     "standing": ("tips_at_deg",),
     "tripod": ("tripod_turns",),

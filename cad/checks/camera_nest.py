@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import manifold3d
+
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, least_contact_n
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
+
+# Gaps beyond this are not measured.
+NEAR_MM = 5.0
 
 
 def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
@@ -54,3 +60,32 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         "camera_clip.end_screw_n": Metric(value=round(forces[1], 1), unit="N"),
         **reclamped,
     }
+
+
+def check_rest(
+    clip: manifold3d.Manifold | None, camera: manifold3d.Manifold | None, hardware: Hardware
+) -> dict[str, Metric]:
+    """Check that a lens that rests on its clip can be drawn onto it, as far as the play of its board's holes.
+
+    Parameters
+    ----------
+    clip, camera : Manifold or None
+        The solids as they stand in the device, in rig, mm; None where one is not valid.
+    hardware : Hardware
+        The camera's body; one without `rest_mm` has nothing to check.
+
+    Returns
+    -------
+    dict of str to Metric
+        The gap between clip and barrel over the board; without either solid, as large as is looked for.
+    """
+    body = hardware.camera
+    if body.rest_mm is None or not isinstance(body.held_by, BoardHoles):
+        return {}
+    # Posts and board end below the rest.
+    over = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
+    gap = NEAR_MM
+    if clip is not None and camera is not None:
+        upper = [solid.trim_by_plane((0.0, 0.0, 1.0), over) for solid in (clip, camera)]
+        gap = min(float(upper[0].min_gap(upper[1], NEAR_MM)), NEAR_MM)
+    return {"camera_clip.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}

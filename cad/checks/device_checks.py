@@ -20,7 +20,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, item_names, mass_of
 from mirrorcam.cad.checks.back_checks import check_back
-from mirrorcam.cad.checks.camera_nest import check_nest
+from mirrorcam.cad.checks.camera_nest import check_nest, check_rest
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cover_checks import check_cover
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
@@ -119,6 +119,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_back(device.back, items, made.sound, whole),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
+        **check_rest(made.sound.get("camera_clip"), made.sound.get(CAMERA), hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
         **check_light(device.layout, hardware, made.sound_parts | carriers, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),

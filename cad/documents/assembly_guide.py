@@ -18,7 +18,7 @@ from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import gauges_of
-from mirrorcam.cad.parts.reclamping import CONTACT_MM, play_mm, repeatability
+from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
@@ -85,7 +85,7 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     held_by = hardware.camera.held_by
     texts = {
         "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
-        "play_mm": "" if isinstance(held_by, Lips) else f"{play_mm(held_by):.2f}",
+        "play_mm": "" if isinstance(held_by, Lips) else f"{held_by.play_mm:.2f}",
         "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
         "turn_deg": f"{repeats.turn_deg:.2f}",
         "image_px": f"{repeats.image_px:.1f}",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.parts.board_clip import hold_board
+from mirrorcam.cad.parts.board_clip import REST_TO_MM, hold_board
 from mirrorcam.cad.parts.body_clip import hold_body
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held
 from mirrorcam.cad.parts.nest import Nest
@@ -103,7 +103,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     tie_cuts, tie = _tie(held, outer_y, bottom, slide_x - around, hardware)
     return ClipPlan(
         pieces=(wall, *held.pieces),
-        cuts=(*cuts, *tie_cuts),
+        cuts=(*cuts, *tie_cuts, *_lens_tie(held, outer_y, hardware)),
         slide=slide,
         slide_x_mm=slide_x,
         slide_y_mm=outer_y,
@@ -143,8 +143,7 @@ def _tie(
     cable leaves too far from the middle.
     """
     camera, fit = hardware.camera, hardware.fit
-    wide, thick = hardware.mount.tie_mm
-    half_high, half = wide / 2.0 + fit.slide_mm, thick / 2.0 + fit.slide_mm
+    half_high, half = _tie_slot_mm(hardware)
     z = bottom + hardware.printer.wall_mm + half_high
     away = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half
     left, right = camera.cable_x_mm - away, camera.cable_x_mm + away
@@ -153,8 +152,30 @@ def _tie(
             f"camera clip's slot for the cable's tie is {beyond:.1f} mm beyond the screws of its slide, "
             f"expected the cable nearer to the middle"
         )
-    deep = hardware.clip.rib_mm + fit.slide_mm + TIE_THICK_MM
+    return _slots(left, right, z, (outer_y, held.inner_y_mm), hardware), (left, right, z)
+
+
+def _lens_tie(held: Held, outer_y: float, hardware: Hardware) -> list[Frustum]:
+    """The slots for a tie round the lens that rests on the clip, beside the faces of its rest; [] without a rest."""
+    camera = hardware.camera
+    if camera.rest_mm is None:
+        return []
+    z = camera.pupil_behind_front_mm + sum(camera.rest_mm) / 2.0
+    away = REST_TO_MM + hardware.printer.wall_mm / 2.0 + _tie_slot_mm(hardware)[1]
+    return _slots(-away, away, z, (outer_y, held.inner_y_mm), hardware)
+
+
+def _tie_slot_mm(hardware: Hardware) -> tuple[float, float]:
+    """Half the height of a tie's slot, and half its width."""
+    wide, thick = hardware.mount.tie_mm
+    return wide / 2.0 + hardware.fit.slide_mm, thick / 2.0 + hardware.fit.slide_mm
+
+
+def _slots(left: float, right: float, z: float, wall_y: tuple[float, float], hardware: Hardware) -> list[Frustum]:
+    """Two slots through the wall at x and z for a tie, and the hollow for it in the wall's outer face."""
+    half_high, half = _tie_slot_mm(hardware)
+    outer_y, inner_y = wall_y
+    deep = hardware.clip.rib_mm + hardware.fit.slide_mm + TIE_THICK_MM
     ends = (z - half_high, z + half_high)
-    cuts = [box((x - half, outer_y - 1.0, ends[0]), (x + half, held.inner_y_mm + 1.0, ends[1])) for x in (left, right)]
-    cuts.append(box((left - half, outer_y - 1.0, ends[0]), (right + half, outer_y + deep, ends[1])))
-    return cuts, (left, right, z)
+    cuts = [box((x - half, outer_y - 1.0, ends[0]), (x + half, inner_y + 1.0, ends[1])) for x in (left, right)]
+    return [*cuts, box((left - half, outer_y - 1.0, ends[0]), (right + half, outer_y + deep, ends[1]))]

@@ -47,7 +47,7 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
         motion = CONTACT_MM * motion_of_errors(clip.nest)
     elif isinstance(held_by, BoardHoles):
         posts = np.column_stack([clip.board_screws[:, :2], np.full(len(clip.board_screws), _back_mm(hardware))])
-        motion = np.hstack([CONTACT_MM * _on_posts(posts), _in_play(posts[:, :2], play_mm(held_by))])
+        motion = np.hstack([CONTACT_MM * _on_posts(posts), _in_play(posts[:, :2], held_by.play_mm)])
     else:
         raise ValueError("a body without a nest, expected the clip of this camera")
     moved = _moved_px(layout, working_distance_mm(layout) or hardware.holder.depth_without_spec_mm) @ motion
@@ -58,11 +58,6 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
         image_px=_largest(moved),
         between_views_px=_largest(between),
     )
-
-
-def play_mm(holes: BoardHoles) -> float:
-    """How far a board can move any way until a hole touches its screw, with holes and screws where they are drawn."""
-    return max(holes.hole_mm - holes.screw_mm, 0.0) / 2.0
 
 
 def _back_mm(hardware: Hardware) -> float:

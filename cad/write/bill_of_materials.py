@@ -140,7 +140,14 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
         lines.append(
             BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same, titles))
         )
-    lines.append(BoughtLine(title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide", count=1, note="cable to mount"))
+    resting = device.hardware.camera.rest_mm is not None
+    lines.append(
+        BoughtLine(
+            title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide",
+            count=3 if resting else 2,
+            note="cable to camera clip, cable to mount" + (", lens to camera clip" if resting else ""),
+        )
+    )
     lines.append(
         BoughtLine(
             title=GLUES[device.hardware.cutting.material],

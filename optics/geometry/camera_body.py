@@ -40,6 +40,11 @@ class BoardHoles(Value):
     screw_mm: float = PART_MM.field(2.0, "thread of the screws, which cut it in the posts themselves")
     screw_length_mm: float = PART_MM.field(6.0, "length of these screws")
 
+    @property
+    def play_mm(self) -> float:
+        """How far the board can move any way until a hole touches its screw, with both where they are drawn."""
+        return max(self.hole_mm - self.screw_mm, 0.0) / 2.0
+
 
 class CameraBody(Value):
     """A camera from outside, seen along its lens axis: x along its image's x, y along its image's y, z out of the lens.
@@ -88,6 +93,12 @@ class CameraBody(Value):
         exclude_if=lambda thick: thick == 0.0,
         description="thickness of a ribbon whose width along x is cable_mm; 0: the cable is round",
     )
+    rest_mm: tuple[_Size, _Size] | None = Field(
+        default=None,
+        exclude_if=lambda rest: rest is None,
+        description="of a board with a heavy lens: from where to where before the front its barrel, lens_ring_mm wide, "
+        "rests on the clip",
+    )
     mass_g: float = Bounds(0.001, 1e6).field(description="mass of the camera without its cable")
     field_of_view_deg: tuple[ViewAngle, ViewAngle] | None = Field(
         default=None, description="along the image's x and y, without distortion; left out, it is compared with nothing"
@@ -105,6 +116,13 @@ class CameraBody(Value):
         if self.end_radius_mm > min(self.width_mm, self.height_mm) / 2.0:
             raise ValueError(
                 f"end_radius_mm {self.end_radius_mm:g}, expected at most half of {self.width_mm:g} x {self.height_mm:g}"
+            )
+        if self.rest_mm is not None and self.held_by.kind != "board":
+            raise ValueError("rest_mm is for a lens on a board, expected none of a body that is held by lips")
+        if self.rest_mm is not None and not self.rest_mm[0] < self.rest_mm[1] <= self.lens_protrusion_mm:
+            raise ValueError(
+                f"rest_mm {self.rest_mm[0]:g} to {self.rest_mm[1]:g}, expected upwards to at most lens_protrusion_mm "
+                f"{self.lens_protrusion_mm:g}"
             )
         return self
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from mirrorcam.cad.checks.camera_nest import check_nest
+from mirrorcam.cad.assembly.bought_solids import camera_solid
+from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.checks.camera_nest import check_nest, check_rest
+from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
@@ -31,3 +35,15 @@ def test_a_board_has_no_points_to_check_but_repeats_as_its_holes_let_it(default_
     assert {name: check for name, check in checks.items() if check.limit is not None} == {}
     assert 0.03 < checks["camera_clip.reclamped_mm"].value < 0.1
     assert checks["camera_clip.reclamped_between_views_px"].value < checks["camera_clip.reclamped_px"].value
+
+
+def test_a_lens_too_far_from_its_rest_fails() -> None:
+    hardware = HARDWARE.replaced(camera=read_body("pi_hq_cs"))
+    clip = solid_of(tessellated(make_clip(plan_clip(hardware))))
+    camera = solid_of(tessellated(camera_solid(hardware.camera)))
+    check = check_rest(clip, camera, hardware)["camera_clip.rest_gap_mm"]
+    assert check.passed
+    assert check.value > 0.05
+    assert not check_rest(clip, camera.translate((0.0, 0.2, 0.0)), hardware)["camera_clip.rest_gap_mm"].passed
+    assert not check_rest(None, camera, hardware)["camera_clip.rest_gap_mm"].passed
+    assert check_rest(clip, camera, HARDWARE) == {}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from build123d import Box, Location
 
+from mirrorcam.cad.parts.board_clip import REST_TO_MM
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import TIE_THICK_MM, ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
@@ -94,3 +96,24 @@ def tie_depth(plan: ClipPlan) -> float:
     hollow = plan.cuts[-1]
     assert isinstance(hollow, Frustum)
     return float(corners_of([hollow])[:, 1].max()) - plan.slide_y_mm
+
+
+def test_the_tie_round_a_lens_has_slots_beside_its_rest_clear_of_the_slides_screws() -> None:
+    hardware = HARDWARE.replaced(camera=read_body("pi_hq_cs"))
+    body, plan = hardware.camera, plan_clip(hardware)
+    bare = plan_clip(hardware.replaced(camera=body.replaced(rest_mm=None)))
+    assert body.rest_mm is not None
+    left, right, hollow = plan.cuts[-3:]
+    assert len(plan.cuts) == len(bare.cuts) + 3
+    assert isinstance(left, Frustum)
+    assert isinstance(right, Frustum)
+    assert isinstance(hollow, Frustum)
+    for slot, side in ((left, -1.0), (right, 1.0)):
+        low, high = np.vstack([slot.base, slot.top]).min(axis=0), np.vstack([slot.base, slot.top]).max(axis=0)
+        assert np.abs([low[0], high[0]]).min() >= REST_TO_MM + hardware.printer.wall_mm / 2.0 - 1e-9
+        assert np.abs([low[0], high[0]]).max() < plan.slide_x_mm - hardware.screw.insert_hole_mm / 2.0
+        assert side * low[0] > 0.0
+        assert body.rest_mm[0] < (low[2] + high[2]) / 2.0 - body.pupil_behind_front_mm < body.rest_mm[1]
+    assert np.ptp(np.vstack([hollow.base, hollow.top])[:, 0]) == pytest.approx(
+        np.ptp(np.vstack([left.base, right.base, left.top, right.top])[:, 0])
+    )

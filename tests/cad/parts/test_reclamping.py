@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.nest import motion_of_errors
-from mirrorcam.cad.parts.reclamping import CONTACT_MM, _in_play, _moved_px, _on_posts, play_mm, repeatability
+from mirrorcam.cad.parts.reclamping import CONTACT_MM, _in_play, _moved_px, _on_posts, repeatability
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -79,6 +79,6 @@ def test_a_board_with_wider_holes_repeats_worse(default_layout: Layout) -> None:
         held_by = body.held_by.replaced(hole_mm=hole_mm)
         hardware = HARDWARE.replaced(camera=body.replaced(held_by=held_by))
         found.append(repeatability(plan_clip(hardware), default_layout, hardware))
-    assert play_mm(held_by) == pytest.approx(0.25)
+    assert held_by.play_mm == pytest.approx(0.25)
     assert found[0].shift_mm < found[1].shift_mm < found[2].shift_mm < 0.25
     assert found[0].image_px < found[1].image_px < found[2].image_px

@@ -45,7 +45,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 12 screw", 2),
         ("M3 x 8 screw", 5),
         ("M3 x 5.7 heat-set insert", 4),
-        ("Cable tie, at most 4 mm wide", 1),
+        ("Cable tie, at most 4 mm wide", 2),
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
         ("Tool: syringe of 5 ml", None),
         ("Tool: soldering iron with a tip for M3 inserts", None),

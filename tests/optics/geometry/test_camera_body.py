@@ -25,6 +25,16 @@ PLAIN = CameraBody(
     mass_g=70.0,
     held_by=Lips(lip_mm=2.0),
 )
+BOARD: dict[str, Any] = {
+    "lens_protrusion_mm": 4.0,
+    "held_by": BoardHoles(holes_mm=((-9.0, 0.0), (9.0, 0.0)), hole_mm=2.2, post_mm=5.0),
+}
+
+
+def test_a_board_plays_by_half_of_what_its_holes_are_wider_than_its_screws() -> None:
+    holes = BoardHoles(holes_mm=((-9.0, 0.0), (9.0, 0.0)), hole_mm=2.5, post_mm=5.0)
+    assert holes.play_mm == pytest.approx(0.25)
+    assert holes.replaced(screw_mm=2.5).play_mm == 0.0
 
 
 def test_the_box_is_that_of_the_body_seen_from_the_pupil() -> None:
@@ -59,6 +69,9 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
         ({"end_radius_mm": 12.6}, "end_radius_mm 12.6, expected at most half of 90 x 25"),
         ({"foot_mm": (1.0, 0.0, 1.0)}, "foot_mm"),
         ({"lens_protrusion_mm": -1.0}, "lens_protrusion_mm"),
+        ({"rest_mm": (1.0, 2.0)}, "rest_mm is for a lens on a board"),
+        ({"rest_mm": (3.0, 5.0), **BOARD}, "rest_mm 3 to 5, expected upwards to at most lens_protrusion_mm 4"),
+        ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected upwards"),
     ],
 )
 def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
