@@ -54,7 +54,7 @@ def run(options: CameraOptions) -> int:
         say("camera", f"{profile.name}: {options.name} written; next: mirrorcam design --camera {options.name}")
         return 0
     if options.name is None:
-        print_table(("name", "picture", "field of view", "pupil", "guessed", "camera"), list_rows())
+        print_table(("name", "picture", "view, deg", "pupil", "guessed", "recalled", "camera"), list_rows())
         return 0
     for title, text in described(read_profile(options.name)):
         say(title, text)
@@ -66,14 +66,19 @@ def _show(line: str) -> None:
 
 
 def list_rows() -> list[tuple[str, ...]]:
-    """A row of texts for each camera of the library: name, picture, field of view, pupil, number of guesses, title."""
+    """A row of texts for each camera of the library: name, picture, field of view, pupil, guesses, recalled, title.
+
+    Recalled are sources that were not read again: their figures are from memory.
+    """
     rows: list[tuple[str, ...]] = []
     for name, profile in library().items():
         optics, view = profile.optics, profile.body.field_of_view_deg
         picture = f"{optics.width_px} x {optics.height_px}" if optics else "any lens"
-        degrees = " x ".join(f"{angle:.1f}" for angle in view) + " deg" if view else "-"
+        degrees = " x ".join(f"{angle:.1f}" for angle in view) if view else "-"
         pupil = f"{optics.aperture_mm:.2f} mm" if optics else "-"
-        rows.append((name, picture, degrees, pupil, str(len(_guesses(profile))), profile.name))
+        recalled = sum(source.from_memory for source in profile.sources)
+        known = f"{recalled} of {len(profile.sources)}"
+        rows.append((name, picture, degrees, pupil, str(len(_guesses(profile))), known, profile.name))
     return rows
 
 

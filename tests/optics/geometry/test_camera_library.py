@@ -175,3 +175,13 @@ def test_the_camera_of_a_layout_is_known_by_its_name_calibrated_or_binned() -> N
     assert profile_of(camera.replaced(fx_px=1390.0)) == profile_of(camera.binned(0.5)) == profile
     assert profile_of(camera.replaced(name="mine")) is None
     assert profile_of(camera.replaced(name="Intel RealSense D435, colour 2")) is None
+
+
+def test_the_documentation_says_which_figures_are_from_memory() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "cad.md").read_text(encoding="utf-8")
+    table = text[text.index("| camera | figures from memory |") :].split("\n\n")[0].splitlines()[2:]
+    recalled = {
+        name: "; ".join(source.gives for source in profile.sources if source.from_memory)
+        for name, profile in library().items()
+    }
+    assert table == [f"| `{name}` | {figures} |" for name, figures in recalled.items() if figures]
