@@ -87,10 +87,10 @@ def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table of texts; all columns but the first stand to the right."""
+    """A table of texts; all columns but the first, whose texts are never cut short, stand to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for place, head in enumerate(heads):
-        table.add_column(head, justify="right" if place else "left")
+        table.add_column(head, justify="right" if place else "left", no_wrap=not place)
     for row in rows:
         table.add_row(*row)
     console().print(table)
