@@ -149,11 +149,9 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
-    slide = np.array(
-        [(x, clip.slide_y_mm - clip.slide.grip_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)]
-    )
     slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
+    slide = clip.slide_at - clip.slide.grip_mm * scene
     head, foot = ("mount", "mirror_holder"), (back.parts[0].name, "mount")
     return (
         *_screws(

@@ -162,7 +162,7 @@ def connections(device: Device) -> tuple[Connection, ...]:
     # x along the slide, z towards the clip.
     along_slide = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
     slide = rigid(along_slide, mount.slide)
-    clip_slide = rigid(along_slide, [0.0, clip.slide_y_mm, clip.slide_z_mm])
+    clip_slide = rigid(along_slide, clip.slide_middle)
     return (
         Connection(
             "back", "mirror_holder", "mount", out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])

@@ -16,7 +16,7 @@ from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, home_of, joins_of
 from mirrorcam.cad.documents.labels import Label, annotate
 from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
-from mirrorcam.cad.parts.mount_openings import LONGEST_MARK_MM
+from mirrorcam.cad.parts.mount_openings import longest_mark_mm
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
@@ -206,7 +206,8 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
 def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
     """Bars (n, 3, 3) as triangles in rig: along the clip's edge that reads the scale, and along the longest mark."""
     clip, mount = device.clip, device.mount
-    ends = np.array([mount.half_width_mm - LONGEST_MARK_MM, mount.half_width_mm])
+    longest = longest_mark_mm(clip, mount.half_width_mm, device.hardware)
+    ends = np.array([mount.half_width_mm - longest, mount.half_width_mm])
     bar = trimesh.creation.box((float(np.ptp(ends)), BAR_MM, BAR_MM))
     bar.apply_translation((float(ends.mean()), clip.slide_y_mm, clip.top_mm))
     triangles = np.asarray(bar.triangles, dtype=np.float64)

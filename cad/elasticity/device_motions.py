@@ -74,14 +74,15 @@ class _Part:
 
 def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     """Solve the whole device with elements of a size; raises InputError where gmsh is missing or cannot mesh a part."""
-    mount, clip = device.mount, device.clip
+    mount, clip, foot = device.mount, device.clip, device.mount.foot
     head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
-    slide = np.array([(x, clip.slide_y_mm, clip.slide_z_mm) for x in (-clip.slide_x_mm, clip.slide_x_mm)])
-    at = np.vstack([mount.foot, head, slide])
+    slide = clip.slide_at
+    at = np.vstack([foot, head, slide])
     foot_up, scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-    axes = np.array([*[foot_up] * len(mount.foot), *[mount.rig_from_head[:3, 2]] * 4, *[scene] * 2])
+    axes = np.array([*[foot_up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[scene] * len(slide)])
     feet, heads, slides = (
-        tuple(range(*ends)) for ends in ((0, len(at) - 6), (len(at) - 6, len(at) - 2), (len(at) - 2, len(at)))
+        tuple(range(*ends))
+        for ends in ((0, len(foot)), (len(foot), len(foot) + len(head)), (len(at) - len(slide), len(at)))
     )
     solids = {
         name: Solid(_meshed(part, name, size_mm))

@@ -11,7 +11,7 @@ from mirrorcam.cad.parts.body_clip import hold_body
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held
 from mirrorcam.cad.parts.nest import Nest
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, stack, thread
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, corners_of
@@ -28,8 +28,8 @@ class ClipPlan:
     """A camera clip in rig, mm: convex pieces, what is cut from them, and where it slides.
 
     It stands at the nominal depth of the pupil, its wall (towards -y, and `pieces[0]`) against the mount at y =
-    `slide_y_mm`; the two slide screws are at x = +-`slide_x_mm`, z = `slide_z_mm`, and it moves by up to `travel_mm`
-    either way along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below `bottom_mm` and above
+    `slide_y_mm`; the slide's screws are at x = +-`slide_x_mm` and each z of `slide_z_mm`, the lowest first, and it moves
+    by up to `travel_mm` either way along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below `bottom_mm` and above
     `top_mm` there is none of it. A body rests in a `nest`; `board_screws` (n, 3) are where the heads of a board's own
     screws rest. `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
     """
@@ -39,7 +39,7 @@ class ClipPlan:
     slide: Stack
     slide_x_mm: float
     slide_y_mm: float
-    slide_z_mm: float
+    slide_z_mm: tuple[float, ...]
     travel_mm: float
     rib_mm: float
     bottom_mm: float
@@ -47,6 +47,17 @@ class ClipPlan:
     nest: Nest | None
     board_screws: FloatArray
     tie_mm: tuple[float, float, float]
+
+    @property
+    def slide_at(self) -> FloatArray:
+        """Points (n, 3) in rig where the slide's screws pass from the mount into the clip."""
+        sides = (-self.slide_x_mm, self.slide_x_mm)
+        return np.array([(x, self.slide_y_mm, z) for z in self.slide_z_mm for x in sides])
+
+    @property
+    def slide_middle(self) -> FloatArray:
+        """The middle (3,) of these."""
+        return np.asarray(self.slide_at.mean(axis=0))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -72,7 +83,7 @@ class ClipPlan:
 def plan_clip(hardware: Hardware) -> ClipPlan:
     """Lay out the clip of a camera; raises InputError with the measure that breaks where it cannot be made."""
     camera, clip, screw = hardware.camera, hardware.clip, hardware.screw
-    slide = stack(hardware.mount.skin_mm, hardware)
+    slide = stack(hardware.mount.slide_skin_mm, hardware)
     around = _around_mm(hardware)
     held_by = camera.held_by
     held = (
@@ -84,13 +95,14 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     reach = slide_x + around
     bottom, top = held.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
+    if held.nest is not None:
+        # A body is heavy: of a thin one, the wall goes on below it, for two rows of screws.
+        bottom = min(bottom, top - 2.0 * around - _least_apart_mm(hardware))
     outer_y = held.inner_y_mm - slide.wall_mm
     wall = box((min(held.x_mm[0], -reach), outer_y, bottom), (max(held.x_mm[1], reach), held.inner_y_mm, top))
-    # At the height of the pads at a body's sides, where the two hold each other.
-    slide_z = (bottom + top) / 2.0 if held.nest is None else float(held.nest.points[5, 2])
+    slide_z = _slide_z_mm(held, (bottom + around, top - around), hardware)
     cuts = list(held.cuts)
-    for side in (-1.0, 1.0):
-        mouth = np.array([side * slide_x, outer_y, slide_z])
+    for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
         # The clip lies on this face in print: round holes need no roof.
         entered = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
         cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in entered]
@@ -132,6 +144,26 @@ def _slide_x_mm(held: Held, hardware: Hardware) -> float:
         return least
     nut = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
     return max(least, float(np.ceil(max(np.abs(held.x_mm)) + nut)))
+
+
+def _slide_z_mm(held: Held, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
+    """Heights of the slide's screws, between `ends_mm`: two, so that the camera's weight does not bend the skin.
+
+    They lie about the pads at a body's sides, where the two hold each other, or as near to that as the wall lets them.
+    Where it is too low for two ways of drivers with a wall between them there is one, in the middle or at these pads.
+    """
+    low, high = ends_mm
+    middle = (low + high) / 2.0 if held.nest is None else float(held.nest.points[5, 2])
+    away = min(hardware.clip.screws_above_mm, high - low) / 2.0
+    if 2.0 * away < _least_apart_mm(hardware) - 1e-9:
+        return (middle,)
+    middle = min(max(middle, low + away), high - away)
+    return (middle - away, middle + away)
+
+
+def _least_apart_mm(hardware: Hardware) -> float:
+    """Least distance of two rows of the slide's screws: the drivers' ways into the mount have a wall between them."""
+    return 2.0 * (hardware.clip.travel_mm + head_room_mm(hardware)) + hardware.printer.wall_mm
 
 
 def _tie(

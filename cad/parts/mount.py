@@ -26,7 +26,7 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_room_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
-from mirrorcam.cad.plan.prisms import overlap_mm, volume_mm3
+from mirrorcam.cad.plan.prisms import box, overlap_mm, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -36,6 +36,8 @@ from mirrorcam.optics.geometry.transforms import transform
 WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
+# The skin is thicker as far around the slots as a washer reaches, and a little more.
+AROUND_SLOTS_MM = 5.0
 # Steps in which wider, deeper and thicker mounts are tried.
 WIDER_MM, DEEPER_MM = 8.0, 2.0
 THICKER = (1.0, 1.5, 2.0)
@@ -106,7 +108,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
     grip = hardware.mount.skin_mm
     pieces, webs = truss(profile.inner, profile.outer, section, hardware)
-    pieces.append(_rib(clip))
+    pieces += [_rib(clip), _slide_skin(clip, half_width)]
     webs += joint_blocks(laid, section.skin_mm, half_width, hardware)
     light = tuple(
         volume
@@ -122,7 +124,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         holes_in_head_mm=holder.holes_in_mount_mm * [1.0, -1.0],
         head=stack_into(grip, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, hardware.screw),
         foot=foot_screws(clip, hardware),
-        slide=np.array([0.0, clip.slide_y_mm, clip.slide_z_mm]),
+        slide=clip.slide_middle,
         path=profile.path,
         section=section,
         load_g=load_g,
@@ -230,3 +232,14 @@ def _rib(clip: ClipPlan) -> Frustum:
     y, low = clip.slide_y_mm, clip.bottom_mm - clip.travel_mm
     corners = np.array([(-deep - root, y - root, low), (deep + root, y - root, low), (0.0, y + deep, low)])
     return Frustum(corners, corners + (clip.top_mm + clip.travel_mm - low) * ABOVE)
+
+
+def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:
+    """The thicker part of the skin, from below the lowest slot of the slide to over the highest.
+
+    On a thin skin the camera would nod by its weight.
+    """
+    beyond = clip.travel_mm + AROUND_SLOTS_MM
+    ends = (min(clip.slide_z_mm) - beyond, max(clip.slide_z_mm) + beyond)
+    y = clip.slide_y_mm
+    return box((-half_width, y - clip.slide.grip_mm, ends[0]), (half_width, y, ends[1]))

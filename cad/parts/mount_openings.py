@@ -49,10 +49,10 @@ def openings(
         cuts.append(Bore(hole - away, away, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
         cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     y = clip.slide_y_mm
-    for x in (-clip.slide_x_mm, clip.slide_x_mm):
-        mouth, reach = np.array([x, y + 1.0, clip.slide_z_mm]), mount.skin_mm + 2.0
+    for at in clip.slide_at:
+        mouth, reach = at + SCENE, clip.slide.grip_mm + 2.0
         cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
-        mouth = np.array([x, y - mount.skin_mm, clip.slide_z_mm])
+        mouth = at - clip.slide.grip_mm * SCENE
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for spot in foot_screws(clip, hardware):
         cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
@@ -92,14 +92,11 @@ def _for_cable(y: float, floor_z: float, section: Section, hardware: Hardware) -
 def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
     """Marks 1 mm apart, the clip's upper end at the longest when it is at the nominal depth of the pupil.
 
-    They run out at the end that prints last, so that nothing of them overhangs; and beside the clip's slots, whose
-    ceilings would be bridged by a notched line.
+    They run out at the end that prints last, so that nothing of them overhangs.
     """
     marks = []
     steps = int(clip.travel_mm)
-    beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
-    over_slots = clip.top_mm - steps > clip.slide_z_mm + clip.travel_mm + beside
-    longest = LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
+    longest = longest_mark_mm(clip, half_width, hardware)
     for step in range(-steps, steps + 1):
         length = longest * (1.0 if step == 0 else 0.7 if abs(step) == steps else 0.4)
         z, y = clip.top_mm + step, clip.slide_y_mm
@@ -108,6 +105,13 @@ def _scale(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustu
         )
         marks.append(along_x(notch, half_width - length, half_width + 1.0))
     return marks
+
+
+def longest_mark_mm(clip: ClipPlan, half_width: float, hardware: Hardware) -> float:
+    """Length of the scale's longest mark: beside the clip's slots, whose ceilings a notched line would bridge."""
+    beside = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
+    over_slots = clip.top_mm - int(clip.travel_mm) > max(clip.slide_z_mm) + clip.travel_mm + beside
+    return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - beside)
 
 
 def _flush(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:

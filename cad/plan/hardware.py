@@ -130,6 +130,7 @@ class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
     skin_mm: float = _positive(1.6, "thickness of both skins: what screw heads rest on")
+    slide_skin_mm: float = _positive(4.0, "thickness of the skin round the screws of the clip")
     web_mm: float = _positive(1.2, "thickness of the webs between the skins")
     deepest_mm: float = _positive(80.0, "largest distance of the skins that is tried")
     clearance_mm: float = _positive(1.0, "gap to the mirror holder, off its back")
@@ -147,14 +148,17 @@ class MountDimensions(Value):
 class ClipDimensions(Value):
     """The camera clip and how far it slides along the mount."""
 
-    wall_mm: float = _positive(2.8, "walls, lips and the floor under a bare board")
+    wall_mm: float = _positive(4.0, "walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "how far the clip slides either way from the nominal depth of the pupil")
     behind_mm: float = _positive(1.0, "space between the body's back and the leaf of the screw behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
         3.0, "acceleration, as a multiple of gravity, at which no point of the nest lets go of the camera"
     )
     rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
-    screws_apart_mm: float = _positive(40.0, "distance of the two screws that hold the clip")
+    screws_apart_mm: float = _positive(40.0, "distance of the screws that hold the clip, across the slide")
+    screws_above_mm: float = _positive(
+        18.0, "distance of their two rows along the slide; where the clip is too low for it, there is one row"
+    )
 
 
 class Cutting(Value):

@@ -11,6 +11,7 @@ from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import TIE_THICK_MM, ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.cad.plan.fasteners import head_room_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
@@ -82,7 +83,30 @@ def test_the_cable_leaves_the_camera_past_the_clip(name: str) -> None:
 def test_the_drawing_is_told_of_every_hole() -> None:
     plan = plan_clip(HARDWARE)
     bores = [each for each in plan.dimensions if isinstance(each, Hole)]
-    assert len(bores) == 2 + 2 * 2
+    assert len(bores) == 4 + 2 * 2
+
+
+@pytest.mark.parametrize("name", camera_names())
+def test_the_slides_screws_are_in_two_rows_wherever_the_wall_is_high_enough(name: str) -> None:
+    """Each with its insert within the wall, and a wall of plastic between the drivers' ways."""
+    hardware = HARDWARE.replaced(camera=read_body(name))
+    plan, screw = plan_clip(hardware), hardware.screw
+    around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
+    apart = 2.0 * (plan.travel_mm + head_room_mm(hardware)) + hardware.printer.wall_mm
+    rows = np.array(plan.slide_z_mm)
+    assert plan.bottom_mm + around <= rows.min() + 1e-9
+    assert rows.max() - 1e-9 <= plan.top_mm - around
+    assert (np.diff(rows) >= apart - 1e-9).all()
+    assert len(rows) == 2 or plan.top_mm - plan.bottom_mm - 2.0 * around < apart
+    assert len(rows) == 2 or plan.nest is None
+    assert plan.slide_at.shape == (2 * len(rows), 3)
+    np.testing.assert_allclose(plan.slide_middle, [0.0, plan.slide_y_mm, rows.mean()], atol=1e-12)
+
+
+def test_a_low_wall_has_one_row_of_screws_in_its_middle() -> None:
+    low = HARDWARE.replaced(clip=HARDWARE.clip.replaced(screws_above_mm=12.0))
+    assert len(plan_clip(low).slide_z_mm) == 1
+    assert len(plan_clip(HARDWARE).slide_z_mm) == 2
 
 
 def test_a_longer_rib_makes_the_tie_pass_deeper() -> None:

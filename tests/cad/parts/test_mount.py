@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from build123d import GeomType
+from build123d import Box, GeomType, Location
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -79,6 +79,18 @@ def test_the_made_mount_has_its_face_on_the_holders_back(planned: Planned) -> No
     assert len(faces[0].inner_wires()) == 4
     bounds = part.bounding_box()
     assert pytest.approx(mount.section.width_mm) == bounds.size.X
+
+
+def test_the_skin_is_thick_round_the_slides_screws_wherever_the_clip_is(planned: Planned) -> None:
+    """A ring as wide as a washer round each screw: all of it plastic, as deep as the screw grips, but the slot."""
+    *_, clip, mount = planned
+    part, grip = make_mount(mount), clip.slide.grip_mm
+    assert grip == HARDWARE.mount.slide_skin_mm > HARDWARE.mount.skin_mm
+    for x, y, z in clip.slide_at:
+        for by in (-clip.travel_mm, clip.travel_mm):
+            # Beside the slot, between it and the washer's edge, on the side away from the roof of the driver's way.
+            probe = Location((x - 3.0, y - grip / 2.0, z + by)) * Box(0.5, grip - 0.1, 0.5)
+            assert sum(solid.volume for solid in part.intersect(probe) or []) == pytest.approx(0.25 * (grip - 0.1))
 
 
 def test_its_screws_meet_the_holders_holes(planned: Planned) -> None:
