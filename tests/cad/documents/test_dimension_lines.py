@@ -38,11 +38,3 @@ def test_text_without_room_keeps_clear_of_extension_lines() -> None:
         (text,) = (Polygon(words.corners).buffer(-0.2) for words in sheet.words if words.text == "3.7")
         assert not any(text.intersects(line) for line in lines)
         assert np.sign(text.centroid.y - 60.0) == side
-
-
-def test_text_between_its_arrows_gives_way_to_an_extension_line() -> None:
-    """The end of a longer dimension, in its middle: it stands beside that, still between its arrows."""
-    sheet = drawn((0.0, 14.4, "16"), (7.2, 30.0, "18"), (0.0, 7.2, "7"))
-    (text,) = (Polygon(words.corners).buffer(-0.2) for words in sheet.words if words.text == "16")
-    assert not any(text.intersects(LineString(line)) for line, _ in sheet.drawn)
-    assert 60.0 < text.bounds[1] < text.bounds[3] < 60.0 + 14.4
