@@ -28,10 +28,11 @@ class ClipPlan:
     """A camera clip in rig, mm: convex pieces, what is cut from them, and where it slides.
 
     It stands at the nominal depth of the pupil, its wall (towards -y, and `pieces[0]`) against the mount at y =
-    `slide_y_mm`; the slide's screws are at x = +-`slide_x_mm` and each z of `slide_z_mm`, the lowest first, and it moves
-    by up to `travel_mm` either way along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below `bottom_mm` and above
-    `top_mm` there is none of it. A body rests in a `nest`; `board_screws` (n, 3) are where the heads of a board's own
-    screws rest. `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
+    `slide_y_mm`. The slide's screws are at x = +-`slide_x_mm` and each z of `slide_z_mm`, the lowest first; it moves by
+    up to `travel_mm` either way along z. A rib of the mount, of 45 deg and `rib_mm` high, runs in its groove. Below
+    `bottom_mm` and above `top_mm` there is none of it. A body rests in a `nest`; `board_screws` (n, 3) are where the
+    heads of a board's own screws rest. `tie_mm` are the x of the two slots for the cable's tie, and the z of their
+    middle.
     """
 
     pieces: tuple[Frustum, ...]
