@@ -58,11 +58,12 @@ def camera_solid(camera: CameraBody) -> Part:
             wide, high, deep = camera.foot_mm
             with Locations((middle[0], middle[1] + (camera.height_mm + high) / 2.0, front - camera.depth_mm)):
                 Box(wide, high, min(deep, camera.depth_mm), align=ABOVE)
-        with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
-            if camera.cable_thick_mm > 0.0:
-                Box(camera.cable_mm, camera.cable_thick_mm, CABLE_STUB_MM, align=BELOW)
-            else:
-                Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
+        if camera.has_cable:
+            with Locations((camera.cable_x_mm, middle[1] + camera.cable_y_mm, front - camera.depth_mm)):
+                if camera.cable_thick_mm > 0.0:
+                    Box(camera.cable_mm, camera.cable_thick_mm, CABLE_STUB_MM, align=BELOW)
+                else:
+                    Cylinder(camera.cable_mm / 2.0, CABLE_STUB_MM, align=BELOW)
         if isinstance(camera.held_by, BoardHoles):
             with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
                 Hole(camera.held_by.hole_mm / 2.0)

@@ -89,6 +89,9 @@ def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
             x = MARGIN_PX if left else width - MARGIN_PX - box[2]
             start = np.array([x + box[2] + 8.0 if left else x - 8.0, place])
             _leader(image, start, point)
+            # A long name may reach over what is drawn: on white it can be read there too.
+            ground = ((int(x) - 4, int(place - 0.6 * size)), (int(x + box[2]) + 4, int(place + 0.6 * size)))
+            cv2.rectangle(image, *ground, (255, 255, 255), -1)
             cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size, WEIGHT)
     return image
 

@@ -140,14 +140,11 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
         lines.append(
             BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same, titles))
         )
-    resting = device.hardware.camera.rest_mm is not None
-    lines.append(
-        BoughtLine(
-            title=f"Cable tie, at most {mount.tie_mm[0]:g} mm wide",
-            count=3 if resting else 2,
-            note="cable to camera clip, cable to mount" + (", lens to camera clip" if resting else ""),
-        )
-    )
+    tied = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
+    tied += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
+    if tied:
+        title = f"Cable tie, at most {mount.tie_mm[0]:g} mm wide"
+        lines.append(BoughtLine(title=title, count=len(tied), note=", ".join(tied)))
     lines.append(
         BoughtLine(
             title=GLUES[device.hardware.cutting.material],

@@ -24,7 +24,7 @@ class Lips(Value):
     display: bool = Field(
         default=False,
         exclude_if=lambda display: not display,
-        description="the back is a display: felt goes between it and the screw",
+        description="the back is a display: felt goes between it and the screw, and no cable leaves there",
     )
 
 
@@ -125,6 +125,11 @@ class CameraBody(Value):
                 f"{self.lens_protrusion_mm:g}"
             )
         return self
+
+    @property
+    def has_cable(self) -> bool:
+        """Whether a cable leaves its back: not from the display of a phone, which runs on its battery."""
+        return not (isinstance(self.held_by, Lips) and self.held_by.display)
 
     @property
     def box_mm(self) -> Box:

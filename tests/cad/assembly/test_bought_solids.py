@@ -65,3 +65,11 @@ def test_a_ribbon_is_as_wide_and_thin_as_stated() -> None:
     camera = read_body("pi_camera_3")
     ribbon = camera_solid(camera).volume - camera_solid(camera.replaced(cable_thick_mm=1e-3)).volume
     assert ribbon == pytest.approx(16.0 * (0.3 - 1e-3) * 20.0, rel=1e-6)
+
+
+def test_no_cable_is_drawn_out_of_a_display() -> None:
+    phone = read_body("iphone_13")
+    lowest = camera_solid(phone).bounding_box().min.Z
+    assert lowest == pytest.approx(phone.pupil_behind_front_mm - phone.depth_mm)
+    assert not phone.has_cable
+    assert read_body("c920").has_cable

@@ -56,3 +56,18 @@ def test_text_is_as_heavy_whatever_was_drawn_before() -> None:
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), 255, cv2.FontFace("sans"), 30, 900)
     np.testing.assert_array_equal(annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")]), before)
+
+
+def test_a_name_over_a_dark_body_is_as_on_white() -> None:
+    bodies = np.full((120, 500), -1, dtype=np.int32)
+    bodies[50:70, 20:40] = 0
+    white = shot_of(bodies)
+    dark = Shot(np.full_like(white.image, 20), bodies, white.nearness, white.screen)
+    labels = [Label(0, "Raspberry Pi Camera Module 2")]
+    on_white, on_dark = annotate(white, labels), annotate(dark, labels)
+    # The leader runs to the dot in the middle of the body; the name begins where it ends.
+    rows, columns = np.nonzero((on_white < 120).all(axis=2))
+    beyond = columns > 60
+    around = (slice(rows[beyond].min() - 2, rows[beyond].max() + 3), slice(62, columns.max() + 3))
+    assert (on_white[around] < 120).sum() > 500
+    np.testing.assert_array_equal(on_dark[around], on_white[around])

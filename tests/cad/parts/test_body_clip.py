@@ -14,6 +14,7 @@ from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, Nest, least_contact_n, reactions
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.prisms import box, overlap_mm
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
@@ -143,3 +144,32 @@ def test_a_screw_that_nobody_sells_is_refused() -> None:
     short = HARDWARE.replaced(screw=HARDWARE.screw.replaced(lengths_mm=(8.0, 12.0)))
     with pytest.raises(InputError, match=r"needs an M3 screw of 20\.\d mm, longer than any on the list"):
         plan_clip(short)
+
+
+PHONES = [name for name in BODIES if not read_body(name).has_cable]
+
+
+@pytest.mark.parametrize("name", PHONES)
+def test_the_lens_of_a_phone_looks_past_its_clip_at_the_edge_towards_the_scene(name: str) -> None:
+    """From its lens to that edge, and 2 mm around, nothing of the clip is over the phone."""
+    hardware = with_camera(name)
+    camera, body = hardware.camera, body_box(hardware.camera)
+    half = camera.lens_ring_mm / 2.0 + 2.0
+    over = box((-half, -half, float(body.high[2])), (half, float(body.high[1]) + 50.0, float(body.high[2]) + 50.0))
+    assert max(overlap_mm(piece, over) for piece in plan_clip(hardware).pieces) <= 0.0
+    # Nearer to that edge and to one end than to the others: no clamp with the lens in its middle would do.
+    assert body.high[1] < -body.low[1]
+    assert abs(body.low[0] + body.high[0]) > camera.width_mm / 2.0
+
+
+@pytest.mark.parametrize("name", PHONES)
+def test_the_clip_of_a_phone_covers_its_port_as_the_guide_says(name: str) -> None:
+    """In the middle of the end that is far from the lens."""
+    hardware = with_camera(name)
+    body = body_box(hardware.camera)
+    end = float(body.low[0]) if -body.low[0] > body.high[0] else float(body.high[0])
+    outwards = np.sign(end)
+    ends = np.sort([end + 1.0 * outwards, end + 3.0 * outwards])
+    y, z = body.middle[1:]
+    plug = box((float(ends[0]), float(y) - 4.0, float(z) - 1.5), (float(ends[1]), float(y) + 4.0, float(z) + 1.5))
+    assert max(overlap_mm(piece, plug) for piece in plan_clip(hardware).pieces) > 0.0

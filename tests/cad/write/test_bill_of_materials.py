@@ -22,6 +22,7 @@ from mirrorcam.cad.write import bill_of_materials
 from mirrorcam.cad.write.bill_of_materials import Bom, bill_of, write_bom
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.camera_library import read_body
 
 
 @pytest.fixture
@@ -52,6 +53,16 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
     assert bom.bought[2].note == "adapter cap, mirror holder, mount: at most 0.097 N m"
+
+
+@pytest.mark.parametrize(("name", "ties"), [("c920", 2), ("pi_hq_cs", 3), ("iphone_13", 0)])
+def test_ties_are_bought_for_what_is_tied(
+    name: str, ties: int, device: Device, built_block: BuiltPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    other = replace(device, hardware=HARDWARE.replaced(camera=read_body(name)))
+    bought = bill_of(other, [built_block], plan_sheets(device.layout, HARDWARE.cutting)).bought
+    assert sum(line.count or 0 for line in bought if line.title.startswith("Cable tie")) == ties
 
 
 def test_a_hostile_name_is_text_in_every_file(
