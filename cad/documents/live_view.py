@@ -28,6 +28,8 @@ TEXT_RGB = (28, 33, 45)
 SHIFT = 4
 NEAREST_MM = 1.0
 WIDEST_PX = 1400
+# The largest names are as high as the frame's width over this.
+LARGEST_OF_WIDTH = 32.0
 
 
 def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> None:
@@ -98,11 +100,11 @@ def _line_px(layout: Layout) -> int:
 
 
 def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
-    """Write a mirror's name in the middle of its outline, as large as a sixth of its height."""
+    """Write a mirror's name in the middle of its outline, as large as a sixth of its height at most."""
     low, high = outline.min(axis=0), outline.max(axis=0)
-    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, 60.0))
-    font = cv2.FontFace("sans")
     height, width = image.shape[:2]
+    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / LARGEST_OF_WIDTH))
+    font = cv2.FontFace("sans")
     box = cv2.getTextSize((width, height), name, (0, 0), font, size, WEIGHT)
     at = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)
     cv2.putText(image, name, (int(at[0]), int(at[1])), colour, font, size, WEIGHT)

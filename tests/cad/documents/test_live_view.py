@@ -9,7 +9,7 @@ import numpy as np
 from shapely import Polygon, contains_xy
 
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.documents.live_view import AROUND, LINE_RGB, MIRROR, live_overlay, live_view, write_live_view
+from mirrorcam.cad.documents.live_view import AROUND, LINE_RGB, MIRROR, _name, live_overlay, live_view, write_live_view
 from tests.cad.documents.conftest import Made
 
 FAR_MM = 1000.0
@@ -73,3 +73,14 @@ def test_files_have_the_size_of_the_frame_and_the_same_bytes(made: Made, tmp_pat
 def test_a_layout_alone_shows_its_mirrors(made: Made) -> None:
     image = live_view(made.device.layout, ())
     assert set(np.unique(image[..., 0])) >= {AROUND, MIRROR}
+
+
+def test_names_in_a_frame_of_twice_the_size_are_twice_as_large() -> None:
+    heights = []
+    for scale in (1, 2):
+        image = np.zeros((1080 * scale, 1920 * scale, 3), dtype=np.uint8)
+        _name(
+            image, "1-0", scale * np.array([[100.0, 100.0], [900.0, 100.0], [900.0, 520.0], [100.0, 520.0]]), (255,) * 3
+        )
+        heights.append(np.ptp(np.nonzero(image.any(axis=2))[0]))
+    assert 1.9 < heights[1] / heights[0] < 2.1
