@@ -62,6 +62,8 @@ def build_parts(
         begin_loading(KERNEL)
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
+    if elastic and hardware.holder.mirrors == "screws":
+        raise InputError('finite elements hold mirrors by glue, expected holder.mirrors = "glue" or no --elastic')
     if elastic:
         from mirrorcam.cad.elasticity.elasticity_report import require_solvable
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from build123d import (
     Align,
     Box,
@@ -13,6 +14,7 @@ from build123d import (
     Cylinder,
     Hole,
     Locations,
+    Mode,
     Part,
     Plane,
     RectangleRounded,
@@ -29,6 +31,8 @@ ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)
 BELOW: Any = (Align.CENTER, Align.CENTER, Align.MAX)
 HINGE_MM = 7.8
 CABLE_STUB_MM = 20.0
+# Coils of a spring that is drawn as a sleeve, the dead ones among them.
+SLEEVE_COILS = 5.5
 # A set screw (ISO 4026) has no head: its origin is at the end with the socket.
 SET = " set"
 # ISO 7089: outer diameter and hole of a washer, over the diameter of its thread.
@@ -81,6 +85,8 @@ def _rounded(camera: CameraBody) -> None:
 
 def item_solid(item: BoughtItem) -> Part:
     """A screw, insert, nut or pin in its own frame: origin under the head (at the mouth of the hole), z outwards."""
+    if item.kind == "spring":
+        return _sleeve(item)
     diameter = diameter_mm(item.size)
     with BuildPart() as body:
         if item.kind == "screw":
@@ -104,6 +110,16 @@ def item_solid(item: BoughtItem) -> Part:
             Hole(diameter / 2.0)
         else:
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
+    return _solid(body)
+
+
+def _sleeve(spring: BoughtItem) -> Part:
+    """A spring as a sleeve of its mean diameter, as thick as the volume of its wire makes it (with two dead coils)."""
+    wire, mean, _ = (float(number) for number in spring.size.split(" x "))
+    thick = min(np.pi * wire**2 * SLEEVE_COILS / (4.0 * spring.length_mm), wire)
+    with BuildPart() as body:
+        Cylinder((mean + thick) / 2.0, spring.length_mm, align=BELOW)
+        Cylinder((mean - thick) / 2.0, spring.length_mm, align=BELOW, mode=Mode.SUBTRACT)
     return _solid(body)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 HOLDER, MOUNT, CLIP, CAMERA = "mirror_holder", "mount", "camera_clip", "camera"
 # Regular expressions of the names.
-MIRROR, ADAPTER = r"mirror_\d+(?:-\d+)?", r"adapter_\w+"
+MIRROR, ADAPTER, CARRIER = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", r"carrier_\d+(?:-\d+)?"
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ STEPS = (
     Step("print"),
     Step("cut"),
     Step("inserts"),
-    Step("mirrors", ((MIRROR, HOLDER),)),
+    Step("mirrors", ((MIRROR, HOLDER), (MIRROR, CARRIER), (CARRIER, HOLDER))),
     Step("holder", ((HOLDER, MOUNT),)),
     Step("camera", ((CAMERA, CLIP),), pictures="base"),
     Step("clip", ((CLIP, MOUNT),)),

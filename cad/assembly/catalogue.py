@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import named_faces
+from mirrorcam.cad.assembly.named_faces import carrier_name, named_faces
 from mirrorcam.cad.assembly.ways_out import (
     foot_nut_ways_mm,
     holder_nut_ways_mm,
@@ -19,13 +19,16 @@ from mirrorcam.cad.assembly.ways_out import (
 )
 from mirrorcam.cad.backs.back import BackJoint, BackPart
 from mirrorcam.cad.backs.back_solids import MAKERS
-from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
+from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.bed_placement import turn
-from mirrorcam.cad.parts.part_solids import make_clip, make_coupon, make_cover, make_mount
+from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.item_frames import ACROSS, along
+from mirrorcam.cad.plan.item_frames import ACROSS, along, beyond
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
+from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.cad.splitting.split import Pieces, split
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
@@ -37,6 +40,9 @@ Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 Z_UP = np.eye(3)
 SCENE = np.array([0.0, 1.0, 0.0])
+
+# In an exploded view carriers are so far from the holder.
+CARRIER_OUT_MM = 25.0
 
 EXPLODE = {
     "mirror_holder": (0.0, 30.0, 60.0),
@@ -62,6 +68,7 @@ def _on_bed(device: Device) -> Pieces:
         **{part.name: part.plan.corners for part in device.back.parts},
         "fit_coupon": corners_of(device.coupon.pieces),
         **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
+        **{carrier_name(each.name): corners_of((each.body,)) for each in device.mirror_carriers},
     }
     cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
@@ -82,7 +89,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             "Mirror holder",
             1,
             device.holder,
-            make_holder,
+            make_screwed_holder if device.mirror_carriers else make_holder,
             lying_on(device.holder.rig_from_mount),
             (0.36, 0.39, 0.44),
         ),
@@ -99,6 +106,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
         *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
         _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
         *_cover(device),
+        *_carriers(device),
     )
 
 
@@ -107,6 +115,22 @@ def _cover(device: Device) -> tuple[PartPlan, ...]:
         return ()
     bed_from_rig = lying_on(device.cover.rig_from_front)
     return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
+
+
+def _carriers(device: Device) -> Iterator[PartPlan]:
+    moves = explode_of(device)
+    for number, carrier in enumerate(device.mirror_carriers, start=8):
+        name = carrier_name(carrier.name)
+        yield PartPlan(
+            name=name,
+            title=f"Mirror carrier {carrier.name}",
+            number=f"MC-{number:02d}",
+            plan=carrier,
+            make=make_carrier,
+            print_from_rig=lying_on(carrier.rig_from_back),
+            explode_mm=moves[name],
+            rgb=(0.46, 0.49, 0.54),
+        )
 
 
 def _of_back(part: BackPart, number: int) -> PartPlan:
@@ -168,6 +192,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
         *(item for joint in back.joints for item in _of_joint(device, joint)),
         *back.items,
         *_camera_screws(device),
+        *_carrier_items(device),
         *_on_bed(device).pins,
     )
 
@@ -182,7 +207,9 @@ def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
 def explode_of(device: Device) -> dict[str, FloatArray]:
     """How far each printed part is moved (3,) in an exploded view, by its name."""
     own = {name: np.array(move) for name, move in EXPLODE.items()}
-    return own | {part.name: part.explode_mm for part in device.back.parts}
+    off = EXPLODE["mirror_holder"] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
+    carriers = {carrier_name(each.name): off for each in device.mirror_carriers}
+    return own | {part.name: part.explode_mm for part in device.back.parts} | carriers
 
 
 def _screws(
@@ -248,6 +275,36 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
         way = insert_way_mm(out) if insert else sprung.nut_way_mm
         across = ACROSS if insert else SCENE - (SCENE @ out) * out
         yield _thread(device, along(seat, out, across), apart, ("camera_clip",), way)
+
+
+def _carrier_items(device: Device) -> Iterator[BoughtItem]:
+    """The screws that draw every mirror's carrier to the holder, their springs, and their inserts or nuts."""
+    holder, screw = device.holder, device.hardware.screw
+    if not isinstance(holder, ScrewedHolderPlan):
+        return
+    adjuster, away, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
+    moves = explode_of(device)
+    base = moves["mirror_holder"]
+    for carrier, heads in zip(holder.carriers, holder.heads.reshape(-1, 3, 3), strict=True):
+        name = carrier_name(carrier.name)
+        joins, apart = ("mirror_holder", name), moves[name]
+        for head in heads:
+            top = head - SUNK_MM * away
+            yield BoughtItem(
+                "screw", f"{SCREW}{COUNTERSUNK}", adjuster.length_mm, along(top, away), base + 25.0 * away, joins
+            )
+            recess = head - (adjuster.plate_mm - adjuster.recess_mm) * away
+            size = device.hardware.holder.spring.size
+            yield BoughtItem(
+                "spring", size, adjuster.spring_mm, along(recess, away), base - 0.6 * CARRIER_OUT_MM * away, joins
+            )
+            mouth = head - (adjuster.plate_mm + adjuster.gap_mm) * away
+            if screw.kind == "insert":
+                yield _thread(device, along(mouth, away), apart, (name,), insert_way_mm(away))
+            else:
+                seat = mouth - UNDER_NUT_MM * away
+                way = beyond(corners_of((carrier.body,)), seat, -away)[None]
+                yield _thread(device, along(seat, away, across), apart, (name,), way)
 
 
 def standing(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:

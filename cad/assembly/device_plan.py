@@ -8,8 +8,10 @@ import numpy as np
 
 from mirrorcam.cad.backs.back import Back
 from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.camera_box import ABOVE, body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
@@ -46,6 +48,11 @@ class Device:
     coupon: CouponPlan
     cover: CoverPlan | None
 
+    @property
+    def mirror_carriers(self) -> tuple[CarrierPlan, ...]:
+        """The carriers that mirrors are glued to, in the layout's order; none where they are glued to the holder."""
+        return self.holder.carriers if isinstance(self.holder, ScrewedHolderPlan) else ()
+
 
 def plan_device(layout: Layout, hardware: Hardware) -> Device:
     """Plan every part of a device.
@@ -78,7 +85,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     require_dark("camera", camera_boxes(hardware), layout, beams)
     require_dark("camera clip", slid(clip.pieces, clip.travel_mm), layout, light)
     # Late, because it takes longest: a minute for large layouts.
-    holder = plan_holder(layout, hardware)
+    screwed = hardware.holder.mirrors == "screws"
+    holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
     back = plan_back(clip, mount, hardware)
     for part in back.parts:

@@ -11,6 +11,11 @@ from mirrorcam.cad.plan.seats import seat_height_mm
 HOLDER = "mirror_holder"
 
 
+def carrier_name(mirror: str) -> str:
+    """Name of the part that carries a mirror, by the mirror's name."""
+    return f"carrier_{mirror}"
+
+
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
     """The faces of a printed part, by its name, or that of a piece of it, such as "mount_1".
 
@@ -25,10 +30,11 @@ def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
         if joint.child == whole:
             frame = joint.rig_from_child_joint
             faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], -frame[:3, 2]))
-    if whole == HOLDER:
-        for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
-            normal = mirror.rig_from_plane[:3, 2]
-            for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
-                outline = mirror.outline_in_rig_mm + height * normal
-                faces.append(NamedFace(f"{kind}_{name}", outline.mean(axis=0), normal, outline))
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        if (part != carrier_name(name)) if device.mirror_carriers else (whole != HOLDER):
+            continue
+        normal = mirror.rig_from_plane[:3, 2]
+        for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
+            outline = mirror.outline_in_rig_mm + height * normal
+            faces.append(NamedFace(f"{kind}_{name}", outline.mean(axis=0), normal, outline))
     return tuple(faces)

@@ -14,12 +14,13 @@ from build123d import Part
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.named_faces import carrier_name
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
-Kind = Literal["part", "mirror", "camera", "screw", "washer", "insert", "nut", "pin"]
+Kind = Literal["part", "mirror", "camera", "screw", "washer", "spring", "insert", "nut", "pin"]
 
 MIRROR_RGB: Rgb = (0.80, 0.88, 0.95)
 CAMERA_RGB: Rgb = (0.13, 0.14, 0.16)
@@ -29,6 +30,7 @@ ITEM_RGB: dict[str, Rgb] = {
     "nut": (0.70, 0.72, 0.75),
     "washer": (0.78, 0.80, 0.82),
     "pin": (0.62, 0.64, 0.67),
+    "spring": (0.66, 0.70, 0.76),
 }
 # By the end of an item's title.
 STANDARDS = {
@@ -41,6 +43,7 @@ STANDARDS = {
     "UNC hexagon nut": "ASME B18.2.2",
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
+    "compression spring": "spring steel, DIN 2098 or similar",
 }
 # g/cm3: acrylic (PMMA, data sheets 1.18 to 1.19), float glass (EN 572-1), brass CuZn39Pb3, steel.
 MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
@@ -96,9 +99,10 @@ def _printed(part: BuiltPart) -> Piece:
 def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
     """The mirrors as cut; in an exploded view each moves with the holder, or its nearest piece, and off its seat."""
     pieces = []
+    carriers = {piece.name: piece for piece in printed}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         mesh = mesh_of(mirror_prism(mirror))
-        nearest = holder_under(mirror, printed)
+        nearest = carriers.get(carrier_name(name)) or holder_under(mirror, printed)
         pieces.append(
             Piece(
                 name=f"mirror_{name}",
@@ -175,6 +179,8 @@ def item_title(item: BoughtItem) -> str:
     """
     if item.kind in ("nut", "washer"):
         return f"{item.size}{' hexagon' if item.size.endswith('UNC') else ''} {item.kind}"
+    if item.kind == "spring":
+        return f"{item.size} compression spring"
     thread, _, form = item.size.partition(" ")
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"

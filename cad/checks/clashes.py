@@ -21,12 +21,12 @@ PINNED_MM = 0.2
 # Distances of solids beyond this are not measured.
 NEAR_MM = 10.0
 # Fasteners by the beginning of their names, and what a screw holds in.
-FASTENERS = ("screw", "washer", "insert", "nut", "pin")
+FASTENERS = ("screw", "washer", "spring", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
 # A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
-HOLDER = "mirror_holder"
+HOLDER, CARRIER = "mirror_holder", "carrier_"
 # The shell of the robot's wrist, and what is clamped round it, bored to its diameter.
 WRIST, CLAMP = "wrist", "adapter_"
 
@@ -105,7 +105,7 @@ def check_clashes(
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
         "device.clearance_mm": _gap(min(gaps.values(), default=NEAR_MM), least_mm),
         "device.mirrors_off_their_seats": Metric(
-            value=sum(not any(n.startswith(HOLDER) for n in touched[name]) for name in mirrors),
+            value=sum(not any(n.startswith((HOLDER, CARRIER)) for n in touched[name]) for name in mirrors),
             unit="",
             limit=0,
         ),

@@ -19,9 +19,10 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, item_names, mass_of
+from mirrorcam.cad.checks.adjustment import check_adjustment
 from mirrorcam.cad.checks.back_checks import check_back
 from mirrorcam.cad.checks.camera_nest import check_nest, check_rest
-from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
+from mirrorcam.cad.checks.clashes import CARRIER, FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
 from mirrorcam.cad.checks.cover_checks import check_cover
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
@@ -128,6 +129,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_clashes(made.sound | carriers, hardware.fit.press_mm, carriers),
         **check_insertion(items, made.sound),
         **check_tool_reach(items, made.sound),
+        **check_adjustment(device, made.sound, carriers),
         **check_step_views(device.layout, items, made.sound),
     }
 
@@ -157,7 +159,8 @@ def _check_stiffness(device: Device) -> dict[str, Metric]:
 def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
     """Check the mirrors as cut, their seats, and their way into these."""
     layout, hardware = made.device.layout, made.device.hardware
-    holders = (part for part in made.printed if part.name.startswith(HOLDER))
+    seated = CARRIER if made.device.mirror_carriers else HOLDER
+    holders = (part for part in made.printed if part.name.startswith(seated))
     faces = flat_faces(import_step(part.step) for part in holders)
     return {
         **check_cuts(made.sheets, layout, hardware.cutting),

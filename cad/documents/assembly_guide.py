@@ -15,6 +15,8 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
+from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import gauges_of
@@ -56,6 +58,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
         glue=glue_amount(device.holder.glue_mm3),
         glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
         bead_mm=bead_mm(hardware),
+        carriers=_carrier_texts(device),
         coupon=coupon,
         coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
         gauges=gauges_of(hardware),
@@ -96,6 +99,25 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
     held = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
     return texts | held
+
+
+def _carrier_texts(device: Device) -> dict[str, Any]:
+    """What the guide says of the mirrors' carriers; {} where mirrors are glued to the holder."""
+    holder = device.holder
+    if not isinstance(holder, ScrewedHolderPlan):
+        return {}
+    dimensions = device.hardware.holder
+    turns = [turn_deg(carrier) for carrier in holder.carriers]
+    return {
+        "gap_mm": f"{holder.adjuster.gap_mm:.1f}",
+        "spring_n": f"{holder.adjuster.force_n:.0f}",
+        "inset_mm": f"{dimensions.carrier_inset_mm:g}",
+        "adjust_deg": f"{dimensions.adjust_deg:g}",
+        "travel_turns": f"{holder.adjuster.travel_mm / PITCH_MM:.1f}",
+        "turn_least_deg": f"{min(turns):.1f}",
+        "turn_most_deg": f"{max(turns):.1f}",
+        "pitch_mm": f"{PITCH_MM:g}",
+    }
 
 
 def is_sliced(parts: Sequence[BuiltPart]) -> bool:

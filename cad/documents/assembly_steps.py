@@ -15,6 +15,8 @@ from mirrorcam.optics.base.figure_texts import TIMES
 
 # All parts of a back, by the beginning of their names.
 ADAPTER = "adapter"
+# The parts behind mirrors, likewise.
+CARRIERS = "carrier_"
 
 
 def joins_of(piece: Piece) -> tuple[str, ...]:
@@ -74,6 +76,16 @@ class Stages:
         return self.printed(ADAPTER)
 
     @property
+    def carriers(self) -> list[Piece]:
+        """Parts that mirrors are glued to, where these are not glued to the holder."""
+        return self.printed(CARRIERS)
+
+    @property
+    def carrier_screws(self) -> list[Piece]:
+        """Screws that draw the carriers to the holder, and their springs."""
+        return self.screws(CARRIERS, HOLDER)
+
+    @property
     def mirrors(self) -> list[Piece]:
         return self.of_kind("mirror")
 
@@ -102,10 +114,10 @@ class Stages:
         return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
 
     def screws(self, stem: str, *others: str) -> list[Piece]:
-        """Screws that join a part and others, by the beginnings of their names, and their washers."""
+        """Screws that join a part and others, by the beginnings of their names, with their washers and springs."""
         return [
             piece
-            for piece in self.of_kind("screw", "washer")
+            for piece in self.of_kind("screw", "washer", "spring")
             if any(name.startswith(stem) for name in joins_of(piece))
             and any(name.startswith(others) for name in joins_of(piece))
         ]

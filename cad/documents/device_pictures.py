@@ -141,7 +141,11 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
 def _threads(stages: Stages) -> tuple[Item, ...]:
     """Parts away from each other, their inserts and nuts at the beginning of their ways in, with arrows."""
     parts = [part for part in stages.of_kind("part") if stages.threads_in([part])]
-    items = [_moved(part, part.explode_mm, _big_label(part), pale=True) for part in parts]
+    carriers = {piece.name for piece in stages.carriers}
+    items = [
+        _moved(part, part.explode_mm, part.number if part.name in carriers else _big_label(part), pale=True)
+        for part in parts
+    ]
     for thread in stages.threads:
         home = home_of(thread, joins_of(thread)[-1], parts)
         items += _put_in(thread, home.explode_mm if home else np.zeros(3))
@@ -173,13 +177,17 @@ def _arrow_head(at: FloatArray, way: FloatArray) -> ShadedBody:
 
 
 def _seating(stages: Stages) -> tuple[Item, ...]:
-    """The mirrors before their seats."""
-    lifted = [_lifted(piece, stages.holder) for piece in stages.mirrors]
-    return (*(_item(piece, pale=True) for piece in stages.holder), *lifted)
+    """The mirrors before their seats, or with their carriers before the holder."""
+    lifted = [_lifted(piece, stages.holder) for piece in (*stages.mirrors, *stages.carriers)]
+    fasteners = [
+        _moved(piece, piece.explode_mm - _mean([p.explode_mm for p in stages.holder]))
+        for piece in stages.carrier_screws
+    ]
+    return (*(_item(piece, pale=True) for piece in stages.holder), *lifted, *fasteners)
 
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
-    rest = [*stages.holder, *stages.mirrors, *stages.threads_in(stages.holder)]
+    rest = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
     return _joined(rest, stages.mount, stages.holder_screws, stages.holder)
 
 
@@ -190,7 +198,7 @@ def _camera_in_clip(stages: Stages) -> tuple[Item, ...]:
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
     """The clip with its camera before the mount; a red bar on each says what is read against what."""
-    rest = [*stages.holder, *stages.mount, *stages.mirrors, *stages.holder_screws]
+    rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
     items = _joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
     away = STEP_SHARE * (
@@ -262,7 +270,7 @@ def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
 
 def _lifted(piece: Piece, holder: Sequence[Piece]) -> Item:
     away = piece.explode_mm - min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
-    return _moved(piece, away, piece.name.removeprefix("mirror_"))
+    return _moved(piece, away, piece.name.removeprefix("mirror_") if piece.kind == "mirror" else "")
 
 
 def _distance(move: FloatArray, piece: Piece) -> float:

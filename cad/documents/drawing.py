@@ -55,10 +55,12 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    tables = (seat_table(whole),) if isinstance(whole, HolderPlan) else ()
+    # Of a holder with carriers these have the seats.
+    seats = isinstance(whole, HolderPlan) and bool(whole.cores)
+    tables = (seat_table(whole),) if seats else ()
     sheet = DrawingSheet(*A3_MM)
-    table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if isinstance(whole, HolderPlan) else 0.0)
-    if isinstance(whole, HolderPlan):
+    table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if seats else 0.0)
+    if seats:
         built = Tolerances()
         table_low = draw_frames(
             sheet, table_left + 7.5, table_low, holder_tolerances(whole, built), tolerance_notes(built)
@@ -87,7 +89,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     annotate(sheet, placed, dimensions, room_mm, crossed)
     if cut_at:
         _draw_section_marks(sheet, tuple(traces.values()), cut_at, scale)
-    if isinstance(whole, HolderPlan):
+    if seats:
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
         for name, middle in seat_names(whole):

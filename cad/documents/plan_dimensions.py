@@ -6,6 +6,7 @@ from typing import Any
 
 from mirrorcam.cad.documents.holder_drawing import holder_holes
 from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Dimensioned, Hole, Length
 
@@ -15,5 +16,5 @@ def offered(plan: Any) -> tuple[Length | Hole, ...]:
     if isinstance(plan, PiecePlan):
         return offered(plan.whole)
     if isinstance(plan, HolderPlan):
-        return holder_holes(plan)
+        return (*holder_holes(plan), *(plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()))
     return plan.dimensions if isinstance(plan, Dimensioned) else ()

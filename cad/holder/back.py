@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from manifold3d import Manifold
 from shapely import LineString, MultiPoint, Point, Polygon, get_coordinates, unary_union
+from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
 from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_width_mm, tip_mm
@@ -54,6 +56,32 @@ def mount_axes(layout: Layout) -> FloatArray:
         x_axis = np.array([0.0, 0.0, 1.0]) - away[2] * away
     x_axis /= np.linalg.norm(x_axis)
     return np.array([x_axis, np.cross(away, x_axis), away])
+
+
+class Front(Protocol):
+    """What stands over a holder's back: `footprint` of it, in the mount's x and y, and where it ends along z."""
+
+    @property
+    def footprint(self) -> Polygon: ...
+
+    @property
+    def deepest_mm(self) -> float: ...
+
+    def recedes_to_mm(self, area: Polygon) -> float:
+        """Largest position along the mount's z of the front over an area of the back."""
+        ...
+
+
+@dataclass(frozen=True)
+class LevelFront:
+    """A front parallel to the back."""
+
+    footprint: Polygon
+    deepest_mm: float
+
+    def recedes_to_mm(self, area: Polygon) -> float:
+        """The same everywhere."""
+        return self.deepest_mm
 
 
 class FrontSurface:
@@ -160,13 +188,18 @@ def _cut_mm(seats: list[Polygon], axis: int, place: float) -> float:
     return float(sum(seat.intersection(line).length for seat in seats))
 
 
-def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
+def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
     """The rectangle of four holes, not too wide nor half as wide, that leaves the part thinnest, the largest of equals.
 
     Every hole keeps the insert's wall to the edge of the footprint, to its neighbours and, with a pin's length, to the
     cuts; and the thinnest wall to the front above it and above the slot that a nut is put in by. Raises InputError
     where none fits.
     """
+    return next(iter(places_of_mount(front, hardware, cuts_mm)))
+
+
+def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> list[MountFace]:
+    """All rectangles that `place_mount` may choose of, the best first; InputError where there is none."""
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
@@ -175,12 +208,10 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
     apart = head_room_mm(hardware) + hardware.printer.wall_mm / 2.0
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
-    beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
     # A part that is cut is everywhere thick enough for the pins.
     thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     thinnest = max(hardware.holder.floor_mm, thinnest)
-    best: tuple[float, float] | None = None
-    chosen = np.zeros((4, 2))
+    found: list[tuple[float, float, FloatArray]] = []
     widest = max(around + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
     for a in np.arange(around, widest, hardware.holder.mount_step_mm):
         if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
@@ -194,25 +225,35 @@ def place_mount(front: FrontSurface, hardware: Hardware, cuts_mm: Cuts = ((), ()
             )
             if near_cut or not allowed.contains(MultiPoint(centre + holes)):
                 continue
-            bosses = [Point(centre + hole).buffer(around) for hole in holes]
-            if hardware.screw.kind == "nut":
-                far = right - left + top - bottom
-                bosses += [
-                    LineString([centre + hole, centre + hole + far * slot_way(front.footprint, centre + hole)])
-                    .buffer(beside, cap_style="flat")
-                    .intersection(front.footprint)
-                    for hole in holes
-                ]
+            bosses = room_of_mount(holes, front.footprint, centre, hardware)
             lowest = max(front.recedes_to_mm(boss) for boss in bosses)
             over_tips = max(
                 front.recedes_to_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes
             )
             back = max(front.deepest_mm + thinnest, lowest + depth, over_tips + tip_mm(hardware.screw) + depth)
-            if best is None or (back, -a * b) < best:
-                best, chosen = (back, -a * b), holes
-    if best is None:
+            found.append((back, -a * b, holes))
+    if not found:
         raise InputError(
             f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
             f"with {around:g} mm of material around their centres, at least {2.0 * apart:.1f} mm from each other"
         )
-    return MountFace(best[0], centre, chosen)
+    return [MountFace(back, centre, holes) for back, _, holes in sorted(found, key=lambda each: each[:2])]
+
+
+def room_of_mount(
+    holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
+) -> list[BaseGeometry]:
+    """What the mount's holes (n, 2; about a centre) take of a back: discs with the insert's wall, slots for nuts."""
+    around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
+    room: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
+    if hardware.screw.kind == "nut":
+        beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
+        left, bottom, right, top = footprint.bounds
+        far = right - left + top - bottom
+        room += [
+            LineString([centre_mm + hole, centre_mm + hole + far * slot_way(footprint, centre_mm + hole)])
+            .buffer(beside, cap_style="flat")
+            .intersection(footprint)
+            for hole in holes_mm
+        ]
+    return room

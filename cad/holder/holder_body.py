@@ -70,6 +70,11 @@ class HolderPlan:
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
 
     @property
+    def bulk(self) -> tuple[Frustum, ...]:
+        """What most of its mass is in, with all that it carries but the mirrors."""
+        return (self.slab, *self.cores)
+
+    @property
     def pads_of_mirrors(self) -> tuple[tuple[Frustum, ...], ...]:
         """The pads by mirror, in the order of `mirror_names`."""
         return tuple(self.pads[start : start + PADS] for start in range(0, len(self.pads), PADS))

@@ -98,7 +98,7 @@ def _front(layout: Layout, hardware: Hardware) -> _Front:
         layout=layout,
         axes=axes,
         surface=surface,
-        border=_border(surface.footprint, hardware),
+        border=border_of(surface.footprint, hardware),
         seats=tuple(outline_at(mirror, seat_height_mm(mirror, hardware)) for mirror in layout.mirrors),
         keep_outs=keep_outs(layout, hardware),
     )
@@ -107,7 +107,7 @@ def _front(layout: Layout, hardware: Hardware) -> _Front:
 def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
     """A holder without rims, grooves and hollows, to be cut at places along the mount's axes from the pupil."""
     axes, away = front.axes, front.axes[2]
-    down = partial(_down_from, mount=mount, away=away)
+    down = partial(down_from, mount=mount, away=away)
     rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
     hull = get_coordinates(orient(front.surface.footprint))[:-1] @ axes[:2] + front.surface.deepest_mm * away
     around = get_coordinates(orient(front.border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
@@ -120,7 +120,15 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
         pads=(),
         fillers=tuple(down(filler + RELIEF_MM * away) for filler in front.surface.fillers),
         rims=(),
-        walls=_baffle(front, mount, rig_from_mount, hardware),
+        walls=baffle_of(
+            front.layout,
+            front.border,
+            front.keep_outs,
+            _reach_mm(front, mount),
+            mount,
+            rig_from_mount,
+            hardware,
+        ),
         keep_outs=tuple(tuple(group) for group in front.keep_outs),
         grooves=(),
         hollows=(),
@@ -167,7 +175,7 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
         pads=tuple(
             pad_volume(mirror, shape, hardware) for mirror, own in zip(mirrors, pads, strict=True) for shape in own
         ),
-        rims=tuple(solid for rim, ground in rims for solid in (rim, _down_from(ground, mount, axes[2]))),
+        rims=tuple(solid for rim, ground in rims for solid in (rim, down_from(ground, mount, axes[2]))),
         grooves=tuple(
             groove_volume(mirror, groove, hardware)
             for mirror, group in zip(mirrors, grooves, strict=True)
@@ -178,7 +186,7 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
     )
 
 
-def _down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frustum:
+def down_from(polygon: FloatArray, mount: MountFace, away: FloatArray) -> Frustum:
     """The column from a polygon (n, 3) straight to the holder's back."""
     return Frustum(polygon + (mount.back_mm - polygon @ away)[:, None] * away, polygon)
 
@@ -189,21 +197,29 @@ def _reach_mm(front: _Front, mount: MountFace) -> float:
     return reach + max(mirror.thickness_mm for mirror in front.layout.mirrors)
 
 
-def _baffle(front: _Front, mount: MountFace, rig_from_mount: FloatArray, hardware: Hardware) -> Baffle:
-    """Plan the baffle outside all light and every mirror's path into its pocket."""
-    reach = _reach_mm(front, mount) + 2.0 * hardware.holder.hood_mm
-    ways_in = (_way_in(mirror, reach, hardware) for mirror in front.layout.mirrors)
+def baffle_of(
+    layout: Layout,
+    border: Polygon,
+    keep_outs: list[list[Frustum]],
+    reach_mm: float,
+    mount: MountFace,
+    rig_from_mount: FloatArray,
+    hardware: Hardware,
+) -> Baffle:
+    """Plan the baffle outside all light and every mirror's path into its pocket, `reach_mm` over all of the holder."""
+    reach = reach_mm + 2.0 * hardware.holder.hood_mm
+    ways_in = (_way_in(mirror, reach, hardware) for mirror in layout.mirrors)
     return plan_baffle(
-        front.layout,
-        Polygon(get_coordinates(front.border) - mount.centre_mm),
+        layout,
+        Polygon(get_coordinates(border) - mount.centre_mm),
         rig_from_mount,
-        [*chain.from_iterable(front.keep_outs), *ways_in],
+        [*chain.from_iterable(keep_outs), *ways_in],
         hardware.holder.floor_mm,
         hardware,
     )
 
 
-def _border(footprint: Polygon, hardware: Hardware) -> Polygon:
+def border_of(footprint: Polygon, hardware: Hardware) -> Polygon:
     """Outline of the slab: the footprint and space for the walls against stray light, as far as the bed reaches."""
     left, bottom, right, top = footprint.bounds
     bed = bed_lengths_mm((right - left, top - bottom), hardware)

@@ -7,13 +7,17 @@ from itertools import combinations
 import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
+from mirrorcam.cad.holder.adjuster import SCREW
 from mirrorcam.cad.holder.brep import brep
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -50,17 +54,50 @@ def make_holder(plan: HolderPlan) -> Part:
     # Grooves end at the walls, which stand right behind rims: what they cut out of a wall would have a ceiling.
     grooved = csg.cut(whole, plan.grooves) + (whole ^ csg.solid(plan.walls))
     body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
-    radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
     with BuildPart() as holder:
         insert(brep(csg, body))
-        x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
-        with (
-            Locations(Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)),
-            Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)),
-        ):
-            Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
-            with Locations((0.0, 0.0, -cone_mm)):
-                Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+        with Locations(back_plane(plan)):
+            _drill_for_mount(plan)
+    return _one_holder(holder)
+
+
+@recipe("cad.holder.solid.make_screwed_holder")
+def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
+    """A holder with carriers as one B-rep: its plate and walls, less light, slots, and the holes of all screws."""
+    csg = PlanarCsg()
+    body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
+    screw, half = plan.adjuster, thread_of(SCREW).clearance_mm / 2.0
+    with BuildPart() as holder:
+        insert(brep(csg, body))
+        with Locations(back_plane(plan)):
+            _drill_for_mount(plan)
+            with Locations(*((x, y, 0.0) for x, y in plan.screws_in_mount_mm)):
+                with Locations((0.0, 0.0, -screw.plate_mm - OUTSIDE_MM)):
+                    Cylinder(half, screw.plate_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+                    recess_mm = screw.recess_mm + OUTSIDE_MM
+                    Cylinder(screw.recess_wide_mm / 2.0, recess_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+                with Locations((0.0, 0.0, -screw.cone_mm)):
+                    Cone(half, screw.head_mm / 2.0, screw.cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+    return _one_holder(holder)
+
+
+def back_plane(plan: HolderPlan) -> Plane:
+    """The plane of a holder's flat back, z out of it."""
+    x_axis, _, z_axis, origin = (tuple(column) for column in plan.rig_from_mount[:3].T)
+    return Plane(origin=origin, x_dir=x_axis, z_dir=z_axis)
+
+
+def _drill_for_mount(plan: HolderPlan) -> None:
+    """Cut the holes of the mount's screws, in the frame of the back."""
+    radius_mm, cone_mm = hole_mm(plan.screw) / 2.0, tip_mm(plan.screw)
+    with Locations(*((x, y, -plan.hole_depth_mm) for x, y in plan.holes_in_mount_mm)):
+        Cylinder(radius_mm, plan.hole_depth_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+        with Locations((0.0, 0.0, -cone_mm)):
+            Cone(POINT_MM, radius_mm, cone_mm, align=UPRIGHT, mode=Mode.SUBTRACT)
+
+
+def _one_holder(holder: BuildPart) -> Part:
+    """The part, if it is one solid; raises InputError otherwise."""
     solids = holder.solids()
     if len(solids) != 1:
         raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")

@@ -73,18 +73,27 @@ def plan_pads(
     room = room.difference(
         union_all([*taken, *(line.buffer(near) for line in _cut_lines(mirror, axes, cuts, hardware))])
     )
-    places = _places(room)
     middle = np.array(Polygon(mirror.outline_in_plane_mm).centroid.coords[0])
-    triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
-    heights = np.where(_surround(places[triples], middle), least_height_mm(places[triples]), 0.0)
-    best = int(np.argmax(heights.round(6))) if len(heights) else -1
-    if best < 0 or heights[best] < hardware.holder.pad_mm:
+    middles = widest_triangle(room, middle)
+    if middles is None or float(least_height_mm(middles[None])[0].round(6)) < hardware.holder.pad_mm:
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
         raise InputError(
             f"mirror {name} of {width:.1f} x {height:.1f} mm has no space for three pads of "
             f"{hardware.holder.pad_mm:g} mm about its middle, expected larger mirrors or a smaller holder.pad_mm"
         )
-    return np.asarray(places[triples[best]])
+    return middles
+
+
+def widest_triangle(room: BaseGeometry, middle: FloatArray) -> FloatArray | None:
+    """Of all triangles of points on the border of an area, about a point (2,), the one of the largest least height.
+
+    Returns its corners (3, 2), or None where no triangle surrounds the point.
+    """
+    places = _places(room)
+    triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
+    heights = np.where(_surround(places[triples], middle), least_height_mm(places[triples]), 0.0)
+    best = int(np.argmax(heights.round(6))) if len(heights) else -1
+    return np.asarray(places[triples[best]]) if best >= 0 and heights[best] > 0.0 else None
 
 
 def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware) -> list[LineString]:

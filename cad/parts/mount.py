@@ -220,7 +220,8 @@ def bending(
 
 def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float, FloatArray]:
     """Mass in g of the holder, as if it were solid, and its mirrors, and the middle of it (3,): bounds from above."""
-    volume = volume_mm3(holder.slab) + sum(volume_mm3(core) for core in holder.cores)
+    slab, *others = holder.bulk
+    volume = volume_mm3(slab) + sum(volume_mm3(solid) for solid in others)
     glass = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
     mass = (hardware.printer.plastic_g_per_cm3 * volume + GLASS_G_PER_CM3 * glass) / 1000.0
     return mass, np.asarray(holder.corners_in_rig.mean(axis=0))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, DRIVER_HOLE_MM
 from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
@@ -48,6 +50,7 @@ def openings(
         clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
         cuts.append(Bore(hole - away, away, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
         cuts.append(Bore(hole + mount.skin_mm * away, away, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
+    cuts += _for_driver(holder, up, half_width, 2.0 * depth, hardware)
     y = clip.slide_y_mm
     for at in clip.slide_at:
         mouth, reach = at + SCENE, clip.slide.grip_mm + 2.0
@@ -61,6 +64,28 @@ def openings(
     if abs(away[0]) > 1e-6:
         cuts.append(_flush(holder, head, half_width))
     return tuple(cuts)
+
+
+def _for_driver(
+    holder: HolderPlan, up: FloatArray, half_width_mm: float, deep_mm: float, hardware: Hardware
+) -> list[Bore | Frustum]:
+    """Holes for the driver that turns the screws of carriers; those near an end of the mount are open to it."""
+    if not isinstance(holder, ScrewedHolderPlan):
+        return []
+    away, wall, radius = holder.rig_from_mount[:3, 2], hardware.printer.wall_mm, DRIVER_HOLE_MM / 2.0
+    across = radius * np.cross(away, up)
+    cuts: list[Bore | Frustum] = []
+    for head in holder.heads:
+        low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
+        if high < -half_width_mm or low > half_width_mm:
+            continue
+        cuts.append(Bore(head - away, away, radius, deep_mm, up, roof_deg=ROOF_IN_WEBS_DEG))
+        beyond = [1.0] if high + wall > half_width_mm else [-1.0] if low - wall < -half_width_mm else []
+        for end in beyond:
+            out = (end * (half_width_mm + 1.0) - float(head[0])) * up
+            base = head - away + np.array([-across, across, across + out, out - across])
+            cuts.append(Frustum(base, base + deep_mm * away))
+    return cuts
 
 
 def cable_reach_mm(hardware: Hardware) -> float:

@@ -25,6 +25,7 @@ from build123d import (
     make_face,
 )
 
+from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_solid import solid_of
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
@@ -132,6 +133,12 @@ def make_coupon(plan: CouponPlan) -> Part:
             extrude(amount=ring.band_mm, mode=Mode.SUBTRACT)
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid("fit_coupon", part)
+
+
+@recipe("cad.parts.solids.make_carrier")
+def make_carrier(plan: CarrierPlan) -> Part:
+    """A mirror's carrier: its wedge with pads, less grooves and the holes of its screws."""
+    return built_of(f"carrier_{plan.name}", (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
 
 
 @recipe("cad.parts.solids.make_clip")

@@ -84,9 +84,42 @@ class Fastening(Value):
     )
 
 
+class CompressionSpring(Value):
+    """A cylindrical compression spring of steel round a screw between holder and carrier: one that shops have."""
+
+    wire_mm: float = _positive(0.5, "diameter of the wire")
+    mean_mm: float = _positive(4.0, "mean diameter of the coils: an M3 screw passes")
+    free_mm: float = _positive(7.0, "length without load")
+    coils: float = Bounds(1.0, 100.0).field(3.5, "number of active coils")
+
+    @property
+    def n_per_mm(self) -> float:
+        """Its rate, G d^4 / (8 D^3 n) (EN 13906-1), of spring steel with G = 81.5 GPa."""
+        return 81500.0 * self.wire_mm**4 / (8.0 * self.mean_mm**3 * self.coils)
+
+    @property
+    def solid_mm(self) -> float:
+        """Its length with all coils closed, two of them inactive, the ends ground."""
+        return (self.coils + 2.0) * self.wire_mm
+
+    @property
+    def size(self) -> str:
+        """Wire, mean diameter and free length, as it is ordered."""
+        return f"{self.wire_mm:g} x {self.mean_mm:g} x {self.free_mm:g}"
+
+
 class HolderDimensions(Value):
     """Dimensions of the mirror holder that the layout does not state."""
 
+    mirrors: Literal["glue", "screws"] = Field(
+        default="glue",
+        description="how mirrors sit: glued to the holder, or each glued to a carrier that three sprung screws from "
+        "behind draw to the holder, and tilt",
+    )
+    adjust_deg: float = Bounds(0.1, 3.0).field(1.0, "how far such screws tilt a mirror either way, about any axis")
+    adjust_mm: float = PART_GAP_MM.field(0.3, "how far they move it either way along their axes, beside that")
+    carrier_inset_mm: float = _positive(0.5, "how far inside the edge of its mirror a carrier ends")
+    spring: CompressionSpring = CompressionSpring()
     floor_mm: float = _positive(3.0, "thinnest material behind a mirror: stiff enough to stay flat")
     rim_mm: float = _positive(1.8, "width of the rim outside a pocket")
     rim_length_mm: float = _positive(3.0, "shortest piece of rim worth printing")

@@ -123,7 +123,7 @@ def plain(value: Any) -> Any:
 LICENCE = "CERN-OHL-W-2.0"
 """Of devices and their files, by its SPDX identifier; the program that makes them is under Apache-2.0."""
 
-BoughtKind = Literal["screw", "washer", "insert", "nut", "pin"]
+BoughtKind = Literal["screw", "washer", "spring", "insert", "nut", "pin"]
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,8 @@ class BoughtItem:
     `rig_from_item` (4, 4) has its origin under a screw's head or a washer, or at the mouth of an insert's hole, and z
     along the axis, out of the material. `explode_mm` (3,) is how far it is moved, in rig, in an exploded view; `joins`
     are the names of the parts that it joins. `way_out_mm` (n, 3) are the moves in rig, one after the other, by which an
-    insert or a nut leaves its seat; backwards, they are how it is put in. Others have none.
+    insert or a nut leaves its seat; backwards, they are how it is put in. Others have none. A spring is as long
+    as it is in the device; its `size` has wire, mean diameter and free length.
     """
 
     kind: BoughtKind

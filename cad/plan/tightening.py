@@ -30,6 +30,8 @@ HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
 PRESSING = ("camera_clip",)
+# Screws against springs, which are turned to adjust a mirror, and not tightened.
+ADJUSTING = "carrier_"
 ON_AXIS_MM = 1e-3
 
 
@@ -48,17 +50,20 @@ class Tightening:
 
 
 def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
-    """The tightening of each screw among bought items, in their order; None for anything else.
+    """The tightening of each screw among bought items, in their order; None for anything else, and for
+    those that adjust mirrors.
 
     What a screw holds in, and whether a washer is under its head, is found on its axis among the items.
     """
     return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
 
 
-def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening:
+def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening | None:
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
+    if screw.joins[-1].startswith(ADJUSTING):
+        return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
         return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")
     head, hole = thread.head_mm, thread.clearance_mm

@@ -22,6 +22,8 @@ from mirrorcam.optics.base.files import write_json, write_text
 from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
 from mirrorcam.optics.base.values import Value
 
+# All carriers of mirrors in a note.
+CARRIERS = "mirror_carriers"
 GLUES = {
     "acrylic": "Glue for acrylic that does not craze it (neutral silicone)",
     "glass": "Glue for mirrors that does not attack their coating (neutral silicone)",
@@ -133,7 +135,7 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
     items, mount = bought_items(device), device.hardware.mount
     counted = Counter((item.kind, item_title(item)) for item in items)
     torques = tightenings(items, device.hardware)
-    order = ("screw", "washer", "insert", "nut", "pin")
+    order = ("screw", "washer", "spring", "insert", "nut", "pin")
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         same = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
@@ -169,7 +171,8 @@ def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mappin
         joined.setdefault(tightening.text if tightening else "", set()).update(item.joins)
     places = []
     for text, names in joined.items():
-        where = ", ".join(titles.get(name, name.replace("_", " ")) for name in sorted(names))
+        kinds = {CARRIERS if name.startswith("carrier_") else name for name in names}
+        where = ", ".join(titles.get(name, name.replace("_", " ")) for name in sorted(kinds))
         places.append(f"{where}: at most {text}" if text else where)
     return "; ".join(places)
 

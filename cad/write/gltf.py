@@ -35,6 +35,7 @@ FINISH: dict[Kind, tuple[float, float]] = {
     "washer": (0.9, 0.35),
     "nut": (0.9, 0.35),
     "pin": (0.9, 0.35),
+    "spring": (0.9, 0.35),
 }
 # What glTF calls ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
 INDICES, VERTICES = 34963, 34962

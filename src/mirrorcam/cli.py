@@ -26,6 +26,7 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam.commands import (
+    adjust,
     board,
     cad,
     calibrate,
@@ -75,6 +76,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
     compare.CompareOptions: compare.run,
+    adjust.AdjustOptions: adjust.run,
     decode.DecodeOptions: decode.run,
     live.LiveOptions: live.run,
     drift.DriftOptions: drift.run,
@@ -109,6 +111,7 @@ class Command:
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
         | Annotated[compare.CompareOptions, subcommand("compare")]
+        | Annotated[adjust.AdjustOptions, subcommand("adjust")]
         | Annotated[decode.DecodeOptions, subcommand("decode")]
         | Annotated[live.LiveOptions, subcommand("live")]
         | Annotated[drift.DriftOptions, subcommand("drift")]

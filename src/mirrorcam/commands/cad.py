@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, AdapterKind
+from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, MIRRORS_TEXT, AdapterKind
 from mirrorcam.console.progress import long_work, print_metrics, say
 from mirrorcam.optics.base.bounds import WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
@@ -41,6 +41,13 @@ class CadOptions(Value):
     adapter: Annotated[
         AdapterKind | None, tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)")
     ] = Field(default=None, description=ADAPTER_TEXT)
+    mirrors: Annotated[
+        Literal["glue", "screws"] | None,
+        tyro.conf.arg(metavar="glue|screws", help_behavior_hint="(as in --hardware, else glue)"),
+    ] = Field(
+        default=None,
+        description=MIRRORS_TEXT,
+    )
     elastic: bool = Field(
         default=False,
         description="also tell how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)",
@@ -58,7 +65,12 @@ def run(options: CadOptions) -> int:
 
     layout = Layout.load(options.layout)
     hardware = read_hardware(
-        options.hardware, camera=options.camera, fasteners=options.fasteners, adapter=options.adapter, layout=layout
+        options.hardware,
+        camera=options.camera,
+        fasteners=options.fasteners,
+        adapter=options.adapter,
+        mirrors=options.mirrors,
+        layout=layout,
     )
     if hardware.camera.field_of_view_deg is None:
         body, seen = hardware.camera.name, field_of_view(layout.camera)

@@ -31,6 +31,8 @@ TolerancesOption = Annotated[
     ),
 ]
 
+MIRRORS_TEXT = "how mirrors sit: glued to the holder, or each on a carrier that three sprung screws hold and tilt"
+
 
 def tolerances_from_text(text: str) -> Tolerances:
     """Parse tolerances from a text like tilt_deg=0.3,offset_mm=0.3, the others by default; "none" is a perfect copy."""

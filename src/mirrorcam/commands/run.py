@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, AdapterKind
+from mirrorcam.commands.option_texts import ADAPTER_TEXT, FORCE, MIRRORS_TEXT, AdapterKind
 from mirrorcam.console.progress import print_metrics, say
 from mirrorcam.console.reporter import TERMINAL
 from mirrorcam.optics.base.bounds import SEED
@@ -30,6 +30,9 @@ class RunOptions(Value):
     force: bool = FORCE
     quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
     adapter: Annotated[AdapterKind, tyro.conf.arg(metavar="KIND")] = Field(default="none", description=ADAPTER_TEXT)
+    mirrors: Annotated[Literal["glue", "screws"], tyro.conf.arg(metavar="glue|screws")] = Field(
+        default="glue", description=MIRRORS_TEXT
+    )
     seed: int = SEED.field(0, "seed of poses, tolerances and noise")
 
     @model_validator(mode="after")
@@ -47,10 +50,11 @@ def run(options: RunOptions) -> int:
     recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
     if options.design is not None:
         recipe = replace(recipe, spec=read_request(options.design))
-    recipe = replace(recipe, adapter=options.adapter)
+    recipe = replace(recipe, adapter=options.adapter, mirrors=options.mirrors)
     out = options.out or Path("output/quick" if options.quick else "output/default")
     design = f" {options.design.name}" if options.design else ""
     carried = "" if options.adapter == "none" else f" --adapter {options.adapter}"
+    carried += "" if options.mirrors == "glue" else f" --mirrors {options.mirrors}"
     command = f"mirrorcam run{design}{' --quick' if options.quick else ''}{carried} --seed {options.seed}"
     figures = run_all(recipe, out, command, TERMINAL, force=options.force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}

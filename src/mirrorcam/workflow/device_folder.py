@@ -19,7 +19,7 @@ BACKS = (
     *("adapter_desk", "adapter_tripod", "adapter_arca", "adapter_flange", "adapter_centring", "adapter_spacer"),
     *("adapter_saddle", "adapter_cap", "adapter_profile", "adapter_vesa", "adapter_hook", "adapter_jaw"),
 )
-WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon", "dust_cover")
+WHOLE = ("mirror_holder", "mount", "camera_clip", *BACKS, "fit_coupon", "dust_cover", "carrier_[0-9]*")
 PARTS = (*WHOLE, *(f"{part}_[0-9]*" for part in WHOLE))
 """Names of the parts, as patterns: some are printed in pieces."""
 PICTURES = (
@@ -49,14 +49,15 @@ def read_hardware(
     camera: str | None = None,
     fasteners: Literal["insert", "nut"] | None = None,
     adapter: str | None = None,
+    mirrors: Literal["glue", "screws"] | None = None,
     layout: Layout | None = None,
 ) -> Hardware:
-    """The table of dimensions of a TOML file, else the default one, with another camera, other fasteners or back.
+    """The table of dimensions of a TOML file, else the default one, with another camera, fasteners, back or seats.
 
     `camera` is the name of a camera of the library or a TOML file. Where neither it nor the table states one, the body
     is that of the camera of the library that the layout is made for, else that of the C920. `adapter` is the kind of a
-    back, one of `BACKS` of `cad.plan.back_table`; of the same kind, the dimensions of the table's own are kept. Raises
-    InputError for a file that is not valid.
+    back, one of `BACKS` of `cad.plan.back_table`; of the same kind, the dimensions of the table's own are kept.
+    `mirrors` says how these sit. Raises InputError for a file that is not valid.
     """
     hardware = HARDWARE if table is None else read_model(Hardware, table)
     if camera:
@@ -65,6 +66,8 @@ def read_hardware(
         hardware = hardware.replaced(camera=known.body)
     if fasteners:
         hardware = hardware.replaced(screw=hardware.screw.replaced(kind=fasteners))
+    if mirrors:
+        hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=mirrors))
     if adapter and adapter != hardware.back.kind:
         hardware = hardware.replaced(back=back_of(adapter))
     return hardware

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from mirrorcam.console.reporter import SILENT, Reporter
 from mirrorcam.optics.base.files import write_metrics
@@ -45,6 +46,8 @@ class Recipe:
     small: bool
     adapter: str = "none"
     """The back that carries the device, by its kind."""
+    mirrors: Literal["glue", "screws"] = "glue"
+    """How mirrors sit."""
 
 
 def full_recipe(seed: int) -> Recipe:
@@ -76,7 +79,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE
 
-        hardware = HARDWARE.replaced(back=back_of(recipe.adapter))
+        holder = HARDWARE.holder.replaced(mirrors=recipe.mirrors)
+        hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
         build_parts(Layout.load(nominal), folder, hardware, previous=root / "cad", workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
@@ -115,7 +119,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             part,
             doing="every part, its files and checks",
             unit="steps",
-            parameters={"adapter": recipe.adapter},
+            parameters={"adapter": recipe.adapter, "mirrors": recipe.mirrors},
             reads=(nominal,),
             sources=("mirrorcam.optics", "mirrorcam.cad"),
             extras=("cad",),

@@ -1,0 +1,135 @@
+"""Mirrors on carriers: tilted and moved by all of their travel they meet nothing, springs hold them, drivers reach.
+
+The poses are those of a mirror tilted by `holder.adjust_deg` about axes all round, moved back and forth by
+`holder.adjust_mm` at the same time. Its own screws go with it, for whose shanks `plan_adjuster` leaves space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import manifold3d
+import numpy as np
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.named_faces import carrier_name
+from mirrorcam.cad.checks.clashes import FASTENERS, common_mm3
+from mirrorcam.cad.holder.adjuster import DRIVER_MM
+from mirrorcam.cad.holder.carriers import CarrierPlan
+from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
+from mirrorcam.optics.base.values import FloatArray, Metric
+
+DIRECTIONS = 8
+GRAVITY_N_PER_G = 9.80665e-3
+# Length of a driver's blade, and diameter and length of its handle.
+BLADE_MM, HANDLE_MM = 75.0, (20.0, 30.0)
+# Solids nearer than this to a tilted mirror are looked at.
+NEAR_MM = 5.0
+
+
+def check_adjustment(
+    device: Device, solids: Mapping[str, manifold3d.Manifold], carriers: Mapping[str, manifold3d.Manifold]
+) -> dict[str, Metric]:
+    """Check that every mirror can be adjusted; {} of a device whose mirrors are glued to the holder.
+
+    Parameters
+    ----------
+    device : Device
+        The plans of its parts.
+    solids : mapping of str to Manifold
+        The solids of the assembled device by name, in rig, mm.
+    carriers : mapping of str to Manifold
+        What the device is fastened to, which may be in the way of a driver.
+
+    Returns
+    -------
+    dict of str to Metric
+        Volume that tilted mirrors, with their carriers, have in common with others; the least gap that is left; the
+        least force of a spring, and the weight, shaken, that it has to hold; volume in the way of the driver when all
+        is assembled; how far a turn tilts the smallest and the largest carrier.
+    """
+    holder = device.holder
+    if not isinstance(holder, ScrewedHolderPlan):
+        return {}
+    swept, gap = _tilted(device, holder, solids)
+    shaken = device.hardware.clip.shaken_g * GRAVITY_N_PER_G * _heaviest_g(device, solids)
+    degrees = [turn_deg(carrier) for carrier in holder.carriers]
+    return {
+        "mirrors.adjust_clash_mm3": Metric(value=swept, unit="mm3", limit=0.0),
+        "mirrors.adjust_gap_mm": Metric(value=round(gap, 3), unit="mm"),
+        "mirrors.spring_least_n": Metric(
+            value=round(holder.adjuster.least_n, 2), unit="N", limit=round(shaken, 3), lower_is_better=False
+        ),
+        "mirrors.adjust_tool_clash_mm3": Metric(
+            value=_driver_clash(holder, {**solids, **carriers}), unit="mm3", limit=0.0
+        ),
+        "mirrors.turn_least_deg": Metric(value=round(min(degrees), 2), unit="deg"),
+        "mirrors.turn_most_deg": Metric(value=round(max(degrees), 2), unit="deg"),
+    }
+
+
+def poses(carrier: CarrierPlan, tilt_deg: float, shift_mm: float) -> Iterator[FloatArray]:
+    """Motions (4, 4) in rig of a carrier to the ends of its travel."""
+    frame, back = carrier.rig_from_back, np.linalg.inv(carrier.rig_from_back)
+    for turn in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
+        for shift in (-shift_mm, shift_mm):
+            moved = np.eye(4)
+            moved[:3, :3] = rotation_about(np.array([np.cos(turn), np.sin(turn), 0.0]), float(np.radians(tilt_deg)))
+            moved[2, 3] = shift
+            yield frame @ moved @ back
+
+
+def _tilted(
+    device: Device, holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]
+) -> tuple[float, float]:
+    """Volume that tilted mirrors and carriers have in common with other solids, and the least gap between them."""
+    dimensions = device.hardware.holder
+    common, gap = 0.0, NEAR_MM
+    for carrier in holder.carriers:
+        own = {carrier_name(carrier.name), f"mirror_{carrier.name}"}
+        moving = manifold3d.Manifold.compose([solids[name] for name in sorted(own) if name in solids])
+        if moving.is_empty():
+            continue
+        others = [
+            solid
+            for name, solid in solids.items()
+            if name not in own and not name.startswith(FASTENERS) and moving.min_gap(solid, NEAR_MM) < NEAR_MM
+        ]
+        around = manifold3d.Manifold.compose(others)
+        for pose in poses(carrier, dimensions.adjust_deg, dimensions.adjust_mm):
+            placed = moving.transform(pose[:3])
+            common += common_mm3(placed, around)
+            gap = min(gap, placed.min_gap(around, NEAR_MM))
+    return common, gap
+
+
+def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> float:
+    """Mass of the heaviest mirror with its carrier, its plastic solid, glass taken for both."""
+    density = device.hardware.printer.plastic_g_per_cm3
+    glass = 2.5
+    return max(
+        (
+            density * solids[carrier_name(name)].volume() / 1000.0 + glass * solids[f"mirror_{name}"].volume() / 1000.0
+            for name in device.layout.mirror_names
+            if carrier_name(name) in solids and f"mirror_{name}" in solids
+        ),
+        default=0.0,
+    )
+
+
+def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
+    """Volume that a driver at the screws has in common with the assembled device, and what carries it."""
+    there = [solid for name, solid in solids.items() if not name.startswith(FASTENERS)]
+    around = manifold3d.Manifold.compose(there)
+    wide = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
+    blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)
+    handle = manifold3d.Manifold.cylinder(HANDLE_MM[1], HANDLE_MM[0] / 2.0, circular_segments=32)
+    driver = blade.translate((0.0, 0.0, -wide / 4.0)) + handle.translate((0.0, 0.0, BLADE_MM))
+    frame = np.array(holder.rig_from_mount)
+    clash = 0.0
+    for head in holder.heads:
+        frame[:3, 3] = head
+        clash = max(clash, common_mm3(around, driver.transform(frame[:3])))
+    return clash

@@ -1,0 +1,217 @@
+"""The plan of a mirror holder whose mirrors sit on carriers: a level plate, with holes for the carriers' screws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from shapely import MultiPoint, Point, Polygon, get_coordinates, unary_union
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
+
+from mirrorcam.cad.holder.adjuster import (
+    DRIVER_HOLE_ENDS_MM,
+    Adjuster,
+    head_wide_mm,
+    least_plate_mm,
+    plan_adjuster,
+    travel_mm,
+)
+from mirrorcam.cad.holder.back import LevelFront, MountFace, fits_bed, mount_axes, places_of_mount, room_of_mount
+from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
+from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
+from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
+from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.cad.plan.fasteners import head_room_mm
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
+from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
+
+
+@dataclass(frozen=True)
+class ScrewedHolderPlan(HolderPlan):
+    """A holder that is a level plate with a baffle: no cores, pads, rims, grooves nor hollows.
+
+    `carriers` are in the order of `mirror_names`, each with three screws, all as `adjuster` says.
+    """
+
+    carriers: tuple[CarrierPlan, ...]
+    adjuster: Adjuster
+
+    @property
+    def bulk(self) -> tuple[Frustum, ...]:
+        """The plate and all carriers."""
+        return (self.slab, *(carrier.body for carrier in self.carriers))
+
+    @property
+    def corners_in_rig(self) -> FloatArray:
+        """Corners (n, 3) of the plate with its walls, and of the carriers on it."""
+        carriers = (np.vstack([carrier.body.base, carrier.body.top]) for carrier in self.carriers)
+        return np.vstack([super().corners_in_rig, *carriers])
+
+    @property
+    def screws_in_mount_mm(self) -> FloatArray:
+        """Where the axes of the carriers' screws meet the back (3 n, 2), in its frame, three of each carrier."""
+        mount_from_rig = inverse(self.rig_from_mount)
+        points = [
+            transform(carrier.rig_from_back, np.column_stack([carrier.screws_mm, np.zeros(3)]))
+            for carrier in self.carriers
+        ]
+        return transform(mount_from_rig, np.vstack(points))[:, :2]
+
+    @property
+    def heads(self) -> FloatArray:
+        """Where these axes meet the back (3 n, 3), in rig."""
+        flat = self.screws_in_mount_mm
+        return transform(self.rig_from_mount, np.column_stack([flat, np.zeros(len(flat))]))
+
+    @property
+    def screw_holes(self) -> tuple[Hole, ...]:
+        """The holes of the carriers' screws, as a drawing states them."""
+        axis, thread = self.rig_from_mount[:3, 2], thread_of("M3")
+        text = f"through, countersunk {self.adjuster.head_mm:.3g} (far side), recess {self.adjuster.recess_wide_mm:.3g}"
+        return tuple(Hole(head, axis, thread.clearance_mm, text) for head in self.heads)
+
+
+def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan:
+    """Lay out a holder with carriers.
+
+    Parameters
+    ----------
+    layout : Layout
+        The mirrors, in rig, whose fronts stay where they are: the holder lies as far behind as carriers need.
+    hardware : Hardware
+        Fits, printer, screws, spring, and how far mirrors are to be tilted.
+
+    Returns
+    -------
+    ScrewedHolderPlan
+        All solids of the holder and its carriers in rig, mm.
+
+    Raises
+    ------
+    InputError
+        With the measure that breaks: a mirror too small for three screws, a holder larger than the bed, a screw longer
+        than any on the list.
+    """
+    axes = mount_axes(layout)
+    footprint = _footprint(layout, axes, hardware)
+    border = border_of(footprint, hardware)
+    _require_bed(border, hardware)
+    # As if the front of the plate were at 0.
+    mounts = places_of_mount(LevelFront(footprint, 0.0), hardware)
+    place, areas = plan_areas(layout, axes, (_taken(each, footprint, hardware) for each in mounts), hardware)
+    mount = mounts[place]
+    screws_reach, edge_reach = (max(area.reaches_mm[which] for area in areas) for which in (0, 1))
+    thick = max(mount.back_mm, least_plate_mm(travel_mm(screws_reach, hardware), hardware))
+    adjuster = plan_adjuster(screws_reach, edge_reach, thick, hardware)
+    level = max(
+        least_level_mm(mirror, area, axes, adjuster.hole_mm, hardware)
+        for mirror, area in zip(layout.mirrors, areas, strict=True)
+    )
+    front = level + adjuster.gap_mm
+    mount = MountFace(front + adjuster.plate_mm, mount.centre_mm, mount.holes_mm)
+    carriers = tuple(
+        plan_carrier(name, mirror, area, level, axes, -layout.view_from_rig[1], adjuster, hardware)
+        for name, mirror, area in zip(layout.mirror_names, layout.mirrors, areas, strict=True)
+    )
+    return _plan(layout, axes, footprint, border, front, mount, carriers, adjuster, hardware)
+
+
+def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
+    """The hull of all mirrors as seen from the back, with the margin that rims of a glued holder have."""
+    margin = hardware.fit.free_mm + hardware.holder.rim_mm
+    grown = [outline_at(mirror, seat_height_mm(mirror, hardware), margin, bevelled=True) for mirror in layout.mirrors]
+    return MultiPoint(np.vstack(grown) @ axes[:2].T).convex_hull
+
+
+def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
+    """Where no axis of a carrier's screw may be: at the holes of the mount's screws, and at its holes for their heads.
+
+    These and the driver's holes have roofs along x, as `DRIVER_HOLE_ENDS_MM` says; between two of them is a wall.
+    """
+    rooms = room_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
+    taken = [room.buffer(head_wide_mm() / 2.0) for room in rooms]
+    radius, (low, high) = head_room_mm(hardware), DRIVER_HOLE_ENDS_MM
+    for hole in mount.centre_mm + mount.holes_mm:
+        disc, tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])
+        room = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(tip)])).convex_hull
+        beside = MultiPoint(np.vstack([get_coordinates(room.buffer(-low)), get_coordinates(room) - [high, 0.0]]))
+        taken.append(beside.convex_hull.buffer(hardware.printer.wall_mm))
+    return unary_union(taken)
+
+
+def _require_bed(border: Polygon, hardware: Hardware) -> None:
+    if fits_bed(border, hardware):
+        return
+    left, bottom, right, top = border.bounds
+    width, depth = bed_lengths_mm((right - left, top - bottom), hardware)
+    raise InputError(
+        f"mirror holder with screws is {right - left:.0f} x {top - bottom:.0f} mm, expected it to fit the printer's "
+        f'bed of {width:g} x {depth:g} mm in one piece, or holder.mirrors = "glue"'
+    )
+
+
+def _plan(
+    layout: Layout,
+    axes: FloatArray,
+    footprint: Polygon,
+    border: Polygon,
+    front_mm: float,
+    mount: MountFace,
+    carriers: tuple[CarrierPlan, ...],
+    adjuster: Adjuster,
+    hardware: Hardware,
+) -> ScrewedHolderPlan:
+    away = axes[2]
+    rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * away)
+    hull = get_coordinates(orient(footprint))[:-1] @ axes[:2] + front_mm * away
+    around = get_coordinates(orient(border))[:-1] @ axes[:2] + (mount.back_mm - hardware.holder.floor_mm) * away
+    light = keep_outs(layout, hardware)
+    nuts = hardware.screw.kind == "nut"
+    thread_from, thread_to, hole_depth = screw_depths_mm(hardware)
+    seats = np.vstack([carrier.body.top for carrier in carriers])
+    reach = mount.back_mm - float((seats @ away).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
+    plan = ScrewedHolderPlan(
+        slab=down_from(hull, mount, away),
+        flange=down_from(around, mount, away),
+        cores=(),
+        pads=(),
+        fillers=(),
+        rims=(),
+        walls=baffle_of(layout, border, light, reach, mount, rig_from_mount, hardware),
+        keep_outs=tuple(tuple(group) for group in light),
+        grooves=(),
+        hollows=(),
+        slots=nut_slots(mount.holes_mm, footprint, mount.centre_mm, rig_from_mount, hardware) if nuts else (),
+        rig_from_mount=rig_from_mount,
+        holes_in_mount_mm=mount.holes_mm,
+        thread_mm=(thread_from, thread_to),
+        hole_depth_mm=hole_depth,
+        size_mm=(0.0, 0.0, 0.0),
+        cuts_mm=((), ()),
+        planned_cover=tuple(carrier.planned_cover for carrier in carriers),
+        glue_mm3=tuple(carrier.glue_mm3 for carrier in carriers),
+        mirror_names=layout.mirror_names,
+        screw=hardware.screw,
+        wall_mm=hardware.printer.wall_mm,
+        carriers=carriers,
+        adjuster=adjuster,
+    )
+    return _sized(plan, hardware)
+
+
+def _sized(plan: ScrewedHolderPlan, hardware: Hardware) -> ScrewedHolderPlan:
+    """The plan with the size of its body."""
+    csg = PlanarCsg()
+    body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
+    points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
+    size = tuple(np.ptp(points, axis=0).tolist())
+    require_height("mirror holder", size[2], hardware)
+    return replace(plan, size_mm=size)
