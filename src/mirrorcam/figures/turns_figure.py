@@ -42,7 +42,8 @@ def turns_figure(
     axes = figure.add_subplot()
     for name, own, outline, screws in zip(names, turns, outlines_mm, screws_mm, strict=True):
         axes.fill(*outline.T, facecolor="#eef2f6", edgecolor="#7a8896", linewidth=1.0)
-        axes.text(*outline.mean(axis=0), name, ha="center", va="center", color="#9aa6b2", fontsize=13)
+        x, y = outline.mean(axis=0)
+        axes.text(x, y, name, ha="center", va="center", color="#9aa6b2", fontsize=13)
         for letter, turn, at in zip(LETTERS, own, screws, strict=True):
             axes.plot(*at, marker="o", color="#c8412c" if abs(turn) >= 0.005 else "#5f6b76", markersize=5)
             text = f"{letter} {turn:+.2f}"
