@@ -20,7 +20,8 @@ from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
+from mirrorcam.cad.write.bill_files import write_bom
+from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics
 from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.cad.write.plates import write_plates
@@ -85,9 +86,11 @@ def write_device(
     if elastic:
         checks |= others[-1]
     write_robot(out / "robot", device, pieces)
-    write_bom(out, bill_of(device, parts, sheets))
+    bill = bill_of(device, parts, sheets)
+    checks |= bom_metrics(bill)
+    write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
-    write_guide(out, device, parts, pieces)
+    write_guide(out, device, parts, pieces, bill.estimate)
     write_page(out, device, parts, pictures, checks)
     write_metrics(out / "checks.json", checks)
     return checks

@@ -23,7 +23,8 @@ from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.cad.documents.assembly_guide import camera_toml
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine, as_csv, as_markdown
+from mirrorcam.cad.write.bill_files import as_csv, as_markdown
+from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.fingerprint import digest
 from mirrorcam.optics.base.names import markdown_text
@@ -249,7 +250,17 @@ def profile(folder: Path, random: np.random.Generator) -> str:
         return f"the profile of {camera.name!r} is not read as it was written"
     line = BoughtLine(title=camera.name, count=1, note="the camera")
     bill = Bom(
-        layout_identity="0", plastic=camera.name, plastic_g=1.0, sliced=False, printed=(), mirrors=(), bought=(line,)
+        layout_identity="0",
+        plastic=camera.name,
+        plastic_g=1.0,
+        sliced=False,
+        printed=(),
+        mirrors=(),
+        bought=(line,),
+        currency=camera.name,
+        prices_date=camera.name,
+        price=0.0,
+        unpriced=(line.title,),
     )
     if any(cell.startswith(("=", "+", "-", "@", "\t")) for cell in as_csv(bill).split(",")):
         return f"{camera.name!r} is a formula in the parts list"

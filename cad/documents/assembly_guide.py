@@ -32,8 +32,13 @@ from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 WEB = Path(__file__).parents[1] / "web"
 
 
-def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> None:
-    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there."""
+def write_guide(
+    folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece], estimate: str = ""
+) -> None:
+    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there.
+
+    `estimate` says what the device costs.
+    """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
     )
@@ -45,6 +50,7 @@ def write_guide(folder: Path, device: Device, parts: Sequence[BuiltPart], pieces
     coupon = next((part for part in parts if part.name == COUPON), None)
     text = environment.get_template("guide.md").render(
         layout=device.layout,
+        estimate=estimate,
         hardware=hardware,
         back=device.back,
         camera=hardware.camera,

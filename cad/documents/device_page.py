@@ -15,6 +15,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
+from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
 from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, render
@@ -66,6 +67,7 @@ def write_page(
             f"{len(layout.mirrors)} flat mirrors turn a {device.hardware.camera.name} into "
             f"{views} cameras. This page has everything needed to print, cut and assemble them."
         ),
+        summary=summary_of(checks),
         identity=layout.identity,
         licence=LICENCE,
         parts=parts,

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
+from mirrorcam.cad.plan.prices import Prices
 from mirrorcam.optics.base.bounds import PART_GAP_MM, PART_MM, Bounds
 from mirrorcam.optics.base.names import Name
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
@@ -262,6 +263,7 @@ class Hardware(Value):
     clip: ClipDimensions = ClipDimensions()
     cutting: Cutting = Cutting()
     back: AnyBack = Field(default=DeskBack(), description="what is screwed under the mount's foot, by its `kind`")
+    prices: Prices = Prices()
     camera: Annotated[CameraBody, BeforeValidator(_named)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )

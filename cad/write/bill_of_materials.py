@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from pydantic import Field
 from shapely import Polygon
@@ -17,13 +14,13 @@ from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
+from mirrorcam.cad.plan.prices import BASIS, Prices
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
-from mirrorcam.optics.base.files import write_json, write_text
-from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
-from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.base.values import Metric, Value
 
 # All carriers of mirrors in a note.
 CARRIERS = "mirror_carriers"
+TOOL = "Tool: "
 GLUES = {
     "acrylic": "Glue for acrylic that does not craze it (neutral silicone)",
     "glass": "Glue for mirrors that does not attack their coating (neutral silicone)",
@@ -40,6 +37,7 @@ class PrintedLine(Value):
     solid_g: float = Field(description="mass if printed solid")
     print_minutes: float | None
     print_g: float | None
+    price: float = Field(description="of its filament")
 
 
 class MirrorLine(Value):
@@ -51,6 +49,7 @@ class MirrorLine(Value):
     sheets: int
     sheet_mm: tuple[float, float]
     files: tuple[str, ...] = Field(description="DXF, from the folder of the bill")
+    price: float = Field(description="of stock of their area")
 
     @property
     def count(self) -> int:
@@ -64,10 +63,15 @@ class BoughtLine(Value):
     count: int | None
     standard: str = ""
     note: str
+    price: float | None = Field(default=None, description="of all of them; null for tools, and where none is known")
 
 
 class Bom(Value):
-    """All that a device is made of, and the fit coupon; `plastic_g` is a slicer's where all parts were `sliced`."""
+    """All that a device is made of, and the fit coupon; `plastic_g` is a slicer's where all parts were `sliced`.
+
+    Prices are in `currency`, as of `prices_date`; `price` is that of all lines but those without a price, the titles of
+    which are in `unpriced`.
+    """
 
     layout_identity: str
     plastic: str
@@ -76,25 +80,48 @@ class Bom(Value):
     printed: tuple[PrintedLine, ...]
     mirrors: tuple[MirrorLine, ...]
     bought: tuple[BoughtLine, ...]
+    currency: str
+    prices_date: str
+    price: float
+    unpriced: tuple[str, ...]
+
+    @property
+    def print_minutes(self) -> float | None:
+        """The time of all prints together, where a slicer gave the time of each."""
+        minutes = [line.print_minutes for line in self.printed if line.print_minutes is not None]
+        return sum(minutes) if len(minutes) == len(self.printed) else None
+
+    @property
+    def estimate(self) -> str:
+        """What all of it costs, as a sentence."""
+        without = f" without {', '.join(self.unpriced)}" if self.unpriced else ""
+        return f"About {self.price:.0f} {self.currency}{without}, as of {self.prices_date} ({BASIS}; without tools)."
 
 
 def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSheet]) -> Bom:
     """Make the bill of materials of a device from its built parts and its stock sheets."""
-    printed = tuple(_printed(part) for part in parts)
+    printer, prices = device.hardware.printer, device.hardware.prices
+    printed = tuple(_printed(part, printer.plastic, prices) for part in parts)
     grams = [line.print_g for line in printed]
     sliced = None not in grams
+    mirrors, bought = _mirrors(device, sheets), _bought(device, {part.name: part.title.lower() for part in parts})
+    priced = [line.price for line in (*printed, *mirrors, *bought) if line.price is not None]
     return Bom(
         layout_identity=device.layout.identity,
-        plastic=device.hardware.printer.plastic,
+        plastic=printer.plastic,
         plastic_g=round(sum(g for g in grams if g is not None) if sliced else sum(p.solid_g for p in printed), 1),
         sliced=sliced,
         printed=printed,
-        mirrors=_mirrors(device, sheets),
-        bought=_bought(device, {part.name: part.title.lower() for part in parts}),
+        mirrors=mirrors,
+        bought=bought,
+        currency=prices.currency,
+        prices_date=prices.date,
+        price=round(sum(priced), 2),
+        unpriced=tuple(line.title for line in bought if line.price is None and not line.title.startswith(TOOL)),
     )
 
 
-def _printed(part: BuiltPart) -> PrintedLine:
+def _printed(part: BuiltPart, plastic: str, prices: Prices) -> PrintedLine:
     minutes, grams = part.checks.get("print_minutes"), part.checks.get("print_g")
     return PrintedLine(
         number=part.number,
@@ -104,6 +131,7 @@ def _printed(part: BuiltPart) -> PrintedLine:
         solid_g=round(part.mass.mass_g, 1),
         print_minutes=minutes.value if minutes else None,
         print_g=grams.value if grams else None,
+        price=round(prices.of_plastic(plastic, grams.value if grams else part.mass.mass_g), 2),
     )
 
 
@@ -118,14 +146,16 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
     lines = []
     for kind, group in kinds.items():
         names = tuple(cut.name for sheet in group for cut in sheet.cuts)
+        area_cm2 = sum(areas[name] for name in names) / 100.0
         lines.append(
             MirrorLine(
                 sheet=kind,
                 names=names,
-                area_cm2=round(sum(areas[name] for name in names) / 100.0, 1),
+                area_cm2=round(area_cm2, 1),
                 sheets=len(group),
                 sheet_mm=device.hardware.cutting.sheet_mm,
                 files=tuple(f"mirrors/{sheet.stem}.dxf" for sheet in group),
+                price=round(device.hardware.prices.of_mirrors(kind, area_cm2), 2),
             )
         )
     return tuple(lines)
@@ -154,14 +184,20 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
             note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",
         )
     )
-    lines.append(BoughtLine(title="Tool: syringe of 5 ml", count=None, note="to lay beads of glue"))
+    lines.append(BoughtLine(title=f"{TOOL}syringe of 5 ml", count=None, note="to lay beads of glue"))
     if any(item.kind == "insert" for item in items):
         lines.append(
             BoughtLine(
-                title="Tool: soldering iron with a tip for M3 inserts", count=None, note="at about 220 °C in PLA"
+                title=f"{TOOL}soldering iron with a tip for M3 inserts", count=None, note="at about 220 °C in PLA"
             )
         )
-    return tuple(lines)
+    return tuple(_priced(line, device.hardware.prices) for line in lines)
+
+
+def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
+    """A line with the price of its items; of one without a number, such as glue, that of a pack."""
+    price = None if line.title.startswith(TOOL) else prices.of_item(line.title)
+    return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 
 
 def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
@@ -177,83 +213,9 @@ def _where(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mappin
     return "; ".join(places)
 
 
-def write_bom(folder: Path, bom: Bom) -> None:
-    """Write `bom.md`, `bom.csv` and `bom.json` into a folder."""
-    write_text(folder / "bom.md", as_markdown(bom))
-    write_text(folder / "bom.csv", as_csv(bom))
-    write_json(folder / "bom.json", bom.model_dump(mode="json"))
-
-
-def as_markdown(bom: Bom) -> str:
-    """The bill as Markdown tables: printed, cut and bought."""
-    how = "as sliced" if bom.sliced else "if printed solid"
-    lines = [
-        "# Parts list",
-        "",
-        f"Layout `{bom.layout_identity}`.",
-        "",
-        "## Printed",
-        "",
-        "| number | part | file | volume, cm³ | mass solid, g | mass sliced, g | time |",
-        "|---|---|---|---:|---:|---:|---:|",
-        *(
-            f"| {line.number} | {line.title} | [{Path(line.file).name}]({line.file}) | {line.volume_cm3:.1f} "
-            f"| {line.solid_g:.1f} | {_or_dash(line.print_g, '.1f')} | {_hours(line.print_minutes)} |"
-            for line in bom.printed
-        ),
-        "",
-        f"{markdown_text(bom.plastic)}: {bom.plastic_g:.0f} g {how}{_in_all(bom)}.",
-        "",
-        "## Mirrors",
-        "",
-        "| stock sheet | mirrors | area, cm² | sheets | files |",
-        "|---|---:|---:|---:|---|",
-        *(
-            f"| {line.sheet} | {line.count} | {line.area_cm2:.1f} "
-            f"| {line.sheets} of {line.sheet_mm[0]:g} x {line.sheet_mm[1]:g} mm "
-            f"| {', '.join(f'[{Path(file).name}]({file})' for file in line.files)} |"
-            for line in bom.mirrors
-        ),
-        "",
-        "## Bought",
-        "",
-        "| count | what | standard | for |",
-        "|---:|---|---|---|",
-        *(
-            f"| {_or_dash(line.count, 'd')} | {markdown_text(line.title)} | {line.standard} | {line.note} |"
-            for line in bom.bought
-        ),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def as_csv(bom: Bom) -> str:
-    """The bill as CSV, one row per line; a cell is empty where a column does not apply."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("kind", "number", "item", "count", "file", "solid_g", "print_g", "print_minutes", "note"))
-    for part in bom.printed:
-        printed = (part.solid_g, part.print_g, part.print_minutes)
-        note = spreadsheet_text(f"{bom.plastic}, {part.volume_cm3:g} cm3")
-        writer.writerow(("printed", part.number, part.title, 1, part.file, *printed, note))
-    for mirror in bom.mirrors:
-        note = f"{mirror.sheets} sheets of {mirror.sheet_mm[0]:g} x {mirror.sheet_mm[1]:g} mm, {mirror.area_cm2:g} cm2"
-        writer.writerow(("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", note))
-    for line in bom.bought:
-        note = ", ".join(text for text in (line.standard, line.note) if text)
-        writer.writerow(("bought", "", spreadsheet_text(line.title), line.count, "", "", "", "", note))
-    return stream.getvalue()
-
-
-def _or_dash(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
-
-
-def _in_all(bom: Bom) -> str:
-    """The time of all prints together, where a slicer gave the time of each."""
-    minutes = [line.print_minutes for line in bom.printed if line.print_minutes is not None]
-    return f"; {_hours(sum(minutes))} of printing in all" if len(minutes) == len(bom.printed) else ""
-
-
-def _hours(minutes: float | None) -> str:
-    return "-" if minutes is None else f"{int(minutes) // 60}:{int(minutes) % 60:02d} h"
+def bom_metrics(bom: Bom) -> dict[str, Metric]:
+    """The figures of the whole device that a bill has: its price, and the time of all prints where a slicer gave it."""
+    found = {"device.price": Metric(value=bom.price, unit=bom.currency)}
+    if bom.print_minutes is not None:
+        found["device.print_minutes"] = Metric(value=bom.print_minutes, unit="min")
+    return found

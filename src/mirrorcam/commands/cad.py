@@ -87,10 +87,13 @@ def run(options: CadOptions) -> int:
             elastic=options.elastic,
             progress=advance,
         )
+    from mirrorcam.cad.plan.prices import summary_of
+
     failed = {name for name, check in checks.items() if not check.passed}
     print_metrics({"measured": {name: checks[name] for name in checks if name in failed or name.startswith(SHOWN)}})
     limited = sum(check.limit is not None for check in checks.values())
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
     others = count_text(len(checks) - limited, "figure")
+    say("cad", f"{summary_of(checks)}; prices are estimates, see {options.out / 'bom.md'}")
     say("cad", f"{verdict}, {others} without a limit; open {options.out / 'index.html'}")
     return 1 if failed else 0

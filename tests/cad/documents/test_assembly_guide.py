@@ -31,7 +31,8 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
-from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
+from mirrorcam.cad.write.bill_files import as_markdown
+from mirrorcam.cad.write.bill_of_materials import bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.base.values import Metric

@@ -1,43 +1,23 @@
-"""The bill of materials: counted right, and the same in its three files."""
+"""The bill of materials: counted and priced right."""
 
 from __future__ import annotations
 
-import csv
-import html
-import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from markdown_it import MarkdownIt
+import tomli_w
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
-from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind, BuiltPart
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write import bill_of_materials
-from mirrorcam.cad.write.bill_of_materials import Bom, bill_of, write_bom
+from mirrorcam.cad.write.bill_of_materials import Bom, bill_of, bom_metrics
 from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
-
-
-@pytest.fixture
-def bom(device: Device, built_block: BuiltPart, monkeypatch: pytest.MonkeyPatch) -> Bom:
-    items: list[tuple[BoughtKind, float, tuple[str, ...]]] = [
-        *(("screw", 8.0, ("mount", "mirror_holder")),) * 4,
-        *(("screw", 12.0, ("camera_clip", "mount")),) * 2,
-        ("screw", 8.0, ("adapter_cap",)),
-        *(("insert", 5.7, ("mirror_holder",)),) * 4,
-    ]
-    bought = tuple(BoughtItem(kind, "M3", length, np.eye(4), np.zeros(3), joins) for kind, length, joins in items)
-    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: bought)
-    sliced = {"print_minutes": Metric(value=75.4, unit="min"), "print_g": Metric(value=9.5, unit="g")}
-    parts = [built_block.replaced(checks=sliced), built_block.replaced(name="other", number="MC-98", checks=sliced)]
-    return bill_of(device, parts, plan_sheets(device.layout, HARDWARE.cutting))
 
 
 def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
@@ -65,27 +45,6 @@ def test_ties_are_bought_for_what_is_tied(
     assert sum(line.count or 0 for line in bought if line.title.startswith("Cable tie")) == ties
 
 
-def test_a_hostile_name_is_text_in_every_file(
-    device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
-    name = '=HYPERLINK("http://x") <img src=x onerror=alert(1)> | a'
-    hardware = device.hardware.replaced(
-        camera=device.hardware.camera.replaced(name=name), printer=device.hardware.printer.replaced(plastic=name)
-    )
-    bill = bill_of(replace(device, hardware=hardware), [built_block], plan_sheets(device.layout, HARDWARE.cutting))
-    write_bom(tmp_path, bill)
-    markdown = (tmp_path / "bom.md").read_text(encoding="utf-8")
-    assert "<img" not in markdown
-    page = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
-    assert "<img" not in page
-    assert html.unescape(page).count(name) == 2
-    rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
-    assert [row[2] for row in rows if row[8] == "the camera"] == [f"'{name}"]
-    assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "@"))]
-    assert json.loads((tmp_path / "bom.json").read_text(encoding="utf-8"))["plastic"] == name
-
-
 def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: BuiltPart) -> None:
     assert bom.sliced
     assert bom.plastic_g == 19.0
@@ -100,19 +59,48 @@ def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: Built
     assert unsliced.plastic_g == pytest.approx(18.0 * 1.24, abs=0.05)
 
 
-def test_the_three_files_say_the_same(bom: Bom, tmp_path: Path) -> None:
-    write_bom(tmp_path, bom)
-    assert read_model(Bom, tmp_path / "bom.json") == bom
-    assert json.loads((tmp_path / "bom.json").read_text(encoding="utf-8"))["printed"][0]["print_minutes"] == 75.4
-    rows = list(csv.DictReader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == len(bom.printed) + len(bom.mirrors) + len(bom.bought)
-    assert {row["item"]: row["count"] for row in rows}["M3 x 8 screw"] == "5"
-    text = (tmp_path / "bom.md").read_text(encoding="utf-8")
-    tables = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|---")]
-    assert len(tables) == len(rows) + 3
-    assert "| MC-99 | Block | [block.3mf](parts/block.3mf) | 18.0 | 22.3 | 9.5 | 1:15 h |" in text
-    assert "PLA: 19 g as sliced; 2:30 h of printing in all." in text
-    # No row has more or fewer cells than its header.
-    for table in re.split(r"\n\n", text):
-        widths = {line.count("|") for line in table.splitlines() if line.startswith("|")}
-        assert len(widths) <= 1
+def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: Device, built_block: BuiltPart) -> None:
+    # 9.5 g at 22 EUR per kg; 5 screws at 12 cents; the camera.
+    assert [line.price for line in bom.printed] == [0.21, 0.21]
+    prices = {line.title: line.price for line in bom.bought}
+    assert prices["M3 x 8 screw"] == 0.6
+    assert prices["M3 x 5.7 heat-set insert"] == 0.6
+    assert prices["Logitech C920"] == 70.0
+    assert {title for title, price in prices.items() if price is None} == {t for t in prices if t.startswith("Tool: ")}
+    area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors) / 100.0
+    assert bom.mirrors[0].price == pytest.approx(area * 0.06, abs=0.006)
+    lines = [line.price for line in (*bom.printed, *bom.mirrors, *bom.bought)]
+    assert bom.price == pytest.approx(sum(price for price in lines if price is not None))
+    assert bom.unpriced == ()
+    assert f"About {bom.price:.0f} EUR, as of 2026-11 (typical retail prices" in bom.estimate
+    assert bom_metrics(bom) == {
+        "device.price": Metric(value=bom.price, unit="EUR"),
+        "device.print_minutes": Metric(value=150.8, unit="min"),
+    }
+    assert list(bom_metrics(bill_of(device, [built_block], ()))) == ["device.price"]
+
+
+def test_a_hardware_file_replaces_prices_and_what_has_none_is_named(
+    device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    (tmp_path / "mine.toml").write_text(
+        """[prices]
+currency = "CHF"
+date = "2027-02"
+[prices.plastic_per_kg]
+PLA = 100
+[prices.each]
+"Cable tie" = 3.5
+
+"""
+        + tomli_w.dumps(
+            {"camera": device.hardware.camera.replaced(name="A camera").model_dump(mode="json", exclude_none=True)}
+        )
+    )
+    hardware = read_model(Hardware, tmp_path / "mine.toml")
+    bill = bill_of(replace(device, hardware=hardware), [built_block], plan_sheets(device.layout, HARDWARE.cutting))
+    assert bill.printed[0].price == pytest.approx(18.0 * 1.24 * 0.1, abs=0.006)
+    assert {line.title[:9]: line.price for line in bill.bought}["Cable tie"] == 3.5
+    assert bill.unpriced == ("A camera",)
+    assert bill.estimate.startswith(f"About {bill.price:.0f} CHF without A camera, as of 2027-02")

@@ -1,0 +1,121 @@
+"""Prices: the one table of what a device's plastic, mirrors and bought items cost, as of a stated month.
+
+Typical retail prices of small quantities in Europe with tax, estimated and not looked up one by one: what they are for
+is to compare devices, and to know the order of what one costs. The table `[prices]` of a hardware file replaces any.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, PlainSerializer
+
+from mirrorcam.optics.base.bounds import Bounds
+from mirrorcam.optics.base.names import Name
+from mirrorcam.optics.base.values import Metric, Value
+
+BASIS = "typical retail prices of small quantities, estimated: check before you buy"
+# EUR per kg of filament, by the names that plastics begin with; of any other plastic.
+PLASTICS = {"PLA": 22.0, "PETG": 22.0, "ASA": 30.0, "ABS": 24.0, "PC": 45.0, "PA": 55.0}
+OTHER_PLASTIC = 40.0
+# EUR per 100 cm2 of stock, by the beginning of its name in a parts list. Cutting by a service is not among it.
+MIRRORS = {
+    "first-surface acrylic mirror": 6.0,
+    "second-surface acrylic mirror": 2.0,
+    "first-surface glass mirror": 20.0,
+    "second-surface glass mirror": 3.0,
+}
+# EUR each, by the titles of parts lists without the length; of an insert, screw or nut as one of a bag.
+EACH = {
+    "M3 screw": 0.12,
+    "M3 countersunk screw": 0.12,
+    "M3 thread-forming screw": 0.12,
+    "M4 screw": 0.15,
+    "M5 screw": 0.20,
+    "M6 screw": 0.25,
+    "M3 washer": 0.04,
+    "M3 heat-set insert": 0.15,
+    "M3 nut": 0.05,
+    "M4 nut": 0.06,
+    "M5 T-slot nut": 0.40,
+    "1/4-20 UNC hexagon nut": 0.40,
+    "3 pin": 0.30,
+    "Cable tie": 0.10,
+    "Glue for acrylic": 8.0,
+    "Glue for mirrors": 8.0,
+    "Arducam B0196": 35.0,
+    "Intel RealSense D435, colour": 330.0,
+    "ELP 4K USB board, 3.6 mm": 60.0,
+    "Logitech Brio": 160.0,
+    "Logitech C920": 70.0,
+    "Logitech C922": 90.0,
+    "Luxonis OAK-D, colour": 260.0,
+    "Raspberry Pi Camera Module 2": 17.0,
+    "Raspberry Pi Camera Module 3": 30.0,
+    "Raspberry Pi HQ, CS 6 mm": 85.0,
+    "Raspberry Pi HQ, M12 8 mm": 75.0,
+    "38 mm USB board, M12 lens": 45.0,
+}
+
+PRICE = Bounds(0.0, 1e6)
+
+
+def _pairs(listed: object) -> object:
+    return tuple(sorted(listed.items())) if isinstance(listed, dict) else listed
+
+
+_Price = Annotated[float, PRICE.each]
+_PriceList = Annotated[tuple[tuple[Name, _Price], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+
+
+def _listed(description: str) -> Any:
+    return Field(default=(), description=description)
+
+
+class Prices(Value):
+    """What differs from the table of prices; `currency` and `date` say what all of them are in, and from when."""
+
+    currency: Name = Field(default="EUR", description="of all prices; give all that a device needs in another one")
+    date: Name = Field(default="2026-11", description="when the prices were stated")
+    plastic_per_kg: _PriceList = _listed("filament by the name of its plastic")
+    mirror_per_100_cm2: _PriceList = _listed('stock by name, such as "first-surface acrylic mirror"')
+    each: _PriceList = _listed('bought items by title without their length, such as "M3 screw"; cameras by name')
+
+    def of_plastic(self, plastic: str, grams: float) -> float:
+        """Price of so much filament: of the plastic of this name, or of the longest name that it begins with."""
+        known = _by_beginning(plastic, PLASTICS | dict(self.plastic_per_kg))
+        return (OTHER_PLASTIC if known is None else known) * grams / 1000.0
+
+    def of_mirrors(self, stock: str, area_cm2: float) -> float:
+        """Price of so much stock of a name, such as "first-surface acrylic mirror, 1 mm"."""
+        known = _by_beginning(stock, MIRRORS | dict(self.mirror_per_100_cm2))
+        if known is None:
+            raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
+        return known * area_cm2 / 100.0
+
+    def of_item(self, title: str) -> float | None:
+        """Price of one bought item by its title, None where it is not known."""
+        plain = re.sub(r" x [\d.]+(?= )", "", title)
+        return _by_beginning(plain, EACH | dict(self.each))
+
+
+def hours_text(minutes: float | None) -> str:
+    """A time as hours and minutes, a dash for one that is not known."""
+    return "-" if minutes is None else f"{int(minutes) // 60}:{int(minutes) % 60:02d} h"
+
+
+def summary_of(checks: Mapping[str, Metric]) -> str:
+    """Mass, price and printing time of a device in a line, from its figures; what is not among them is left out."""
+    mass, price, time = (checks.get(f"device.{name}") for name in ("mass_g", "price", "print_minutes"))
+    said = [f"{mass.value:.0f} g"] if mass else []
+    said += [f"about {price.value:.0f} {price.unit}"] if price else []
+    said += [f"{hours_text(time.value)} of printing"] if time else []
+    return ", ".join(said)
+
+
+def _by_beginning(title: str, known: dict[str, float]) -> float | None:
+    """The price of the longest of some names that a title begins with, None where there is none."""
+    found = [name for name in known if title.startswith(name)]
+    return known[max(found, key=len)] if found else None

@@ -1,0 +1,82 @@
+"""Prices: found by the longest name, replaced by a file, known for everything that devices of the library need."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import item_title
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.plan.back_table import BACKS, back_of
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.prices import EACH, MIRRORS, OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
+from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+
+PRICES = Prices()
+
+
+def test_the_longest_name_that_a_title_begins_with_counts() -> None:
+    assert PRICES.of_plastic("PLA+ matt black", 1000.0) == PLASTICS["PLA"]
+    assert PRICES.of_plastic("PETG", 500.0) == PLASTICS["PETG"] / 2.0
+    assert PRICES.of_plastic("Unobtainium", 1000.0) == OTHER_PLASTIC
+    assert PRICES.of_item("M3 x 12 countersunk screw") == EACH["M3 countersunk screw"]
+    assert PRICES.of_item("M3 x 5.7 heat-set insert") == EACH["M3 heat-set insert"]
+    assert PRICES.of_item("a tool of gold") is None
+    assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * MIRRORS["second-surface glass mirror"]
+    with pytest.raises(ValueError, match="stock paper"):
+        PRICES.of_mirrors("paper", 1.0)
+
+
+def test_a_file_replaces_prices_and_comes_back_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "prices.toml"
+    path.write_text('date = "2027-01"\n[each]\n"M3 screw" = 0.02\n[plastic_per_kg]\n"PLA+" = 31\n')
+    prices = read_model(Prices, path)
+    assert prices.of_item("M3 x 8 screw") == 0.02
+    assert prices.of_item("M3 x 8 countersunk screw") == EACH["M3 countersunk screw"]
+    assert (prices.of_plastic("PLA+", 1000.0), prices.of_plastic("PLA", 1000.0)) == (31.0, PLASTICS["PLA"])
+    path.write_text(tomli_w.dumps(prices.model_dump(mode="json")))
+    assert read_model(Prices, path) == prices
+    # Devices are kept by their hardware.
+    assert hash(prices) == hash(read_model(Prices, path))
+
+
+@pytest.mark.parametrize("text", ["[each]\nM3 = -1.0\n", '[each]\nM3 = "dear"\n', "each = 3\n", "shipping = 5\n"])
+def test_what_is_no_price_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "prices.toml").write_text(text)
+    with pytest.raises(InputError):
+        read_model(Prices, tmp_path / "prices.toml")
+
+
+def test_all_that_is_bought_for_any_back_has_a_price(device: Device) -> None:
+    for kind in BACKS:
+        hardware = device.hardware.replaced(back=back_of(kind))
+        carried = replace(device, hardware=hardware, back=plan_back(device.clip, device.mount, hardware))
+        assert [title for title in map(item_title, bought_items(carried)) if PRICES.of_item(title) is None] == []
+
+
+def test_all_cameras_of_the_library_but_phones_have_a_price() -> None:
+    names = {name: read_body(name).name for name in camera_names()}
+    assert {name for name, title in names.items() if PRICES.of_item(title) is None} == {
+        "galaxy_s21",
+        "iphone_13",
+        "pixel_7",
+    }
+    assert HARDWARE.prices == PRICES
+
+
+def test_a_device_is_summed_up_in_a_line() -> None:
+    figures = {
+        "device.mass_g": Metric(value=392.4, unit="g"),
+        "device.price": Metric(value=117.6, unit="EUR"),
+        "device.print_minutes": Metric(value=150.8, unit="min"),
+    }
+    assert summary_of(figures) == "392 g, about 118 EUR, 2:30 h of printing"
+    assert summary_of({}) == ""
+    assert (hours_text(None), hours_text(65.0)) == ("-", "1:05 h")
