@@ -105,7 +105,8 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
     grams = [line.print_g for line in printed]
     sliced = None not in grams
     mirrors, bought = _mirrors(device, sheets), _bought(device, {part.name: part.title.lower() for part in parts})
-    priced = [line.price for line in (*printed, *mirrors, *bought) if line.price is not None]
+    priced = [line.price for line in printed] + [line.price for line in mirrors]
+    priced += [line.price for line in bought if line.price is not None]
     return Bom(
         layout_identity=device.layout.identity,
         plastic=printer.plastic,

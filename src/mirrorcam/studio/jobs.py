@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.child_command import ENDING_S, ChildCommand
 
@@ -46,13 +47,16 @@ class Plan:
     page: str
 
 
-def plans(folder: Path) -> dict[JobKind, Plan]:
-    """What can be made of the design in a folder, which holds its layout.json and design.toml."""
-    layout = str(folder / "layout.json")
+def plans(folder: Path, adapter: Adapter = "none") -> dict[JobKind, Plan]:
+    """What can be made of the design in a folder, which holds its layout.json and design.toml.
+
+    `adapter` is the kind of what carries the device.
+    """
+    layout, carried = str(folder / "layout.json"), ("--adapter", adapter)
     return {
-        "parts": Plan(("cad", layout, "--out", str(folder / "parts")), "parts", "index.html"),
+        "parts": Plan(("cad", layout, *carried, "--out", str(folder / "parts")), "parts", "index.html"),
         "set": Plan(("render", layout, "--frames", str(FRAMES), "--out", str(folder / "set")), "set", "dataset.json"),
-        "run": Plan(("run", str(folder / "design.toml"), "--out", str(folder / "run")), "run", "index.html"),
+        "run": Plan(("run", str(folder / "design.toml"), *carried, "--out", str(folder / "run")), "run", "index.html"),
     }
 
 
@@ -82,9 +86,12 @@ class Jobs:
         self._jobs: dict[int, _Job] = {}
         self._lock = threading.Lock()
 
-    def start(self, kind: JobKind, design: str) -> JobReport:
-        """Start what makes `kind` of the design in the folder of this name. Raises InputError where one works there."""
-        plan = plans(self.root / design)[kind]
+    def start(self, kind: JobKind, design: str, adapter: Adapter = "none") -> JobReport:
+        """Start what makes `kind` of the design in the folder of this name, for what carries the device.
+
+        Raises InputError where one works there.
+        """
+        plan = plans(self.root / design, adapter)[kind]
         with self._lock:
             made = [job for job in self._jobs.values() if (job.design, job.kind) == (design, kind)]
             if any(job.state == "running" for job in made):

@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.optics.base.html.templates import render
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import control_groups, snapping_groups
@@ -47,7 +48,14 @@ def studio_page(begin: PageStart, folder: Path, *, nonce: str) -> str:
     }
     scripts = [*SCRIPTS, "server.js", "sight.js", "make.js", "main.js"]
     return render(
-        WEB, "studio.html", start=script_json(start), scripts=scripts, nonce=nonce, makes_into=str(folder), atlas=""
+        WEB,
+        "studio.html",
+        start=script_json(start),
+        scripts=scripts,
+        nonce=nonce,
+        makes_into=str(folder),
+        adapters={kind: table.title for kind, table in BACKS.items()},
+        atlas="",
     )
 
 
@@ -65,6 +73,7 @@ def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
         scripts=[*SCRIPTS, "snapshot.js", "main.js"],
         nonce="",
         makes_into="",
+        adapters={},
     )
 
 

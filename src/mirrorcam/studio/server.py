@@ -16,6 +16,7 @@ from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, R
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.optics.base.bounds import DEPTH_MM
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_process import WorkerDied
@@ -39,9 +40,10 @@ class Opened(Value):
 
 
 class JobRequest(Value):
-    """What to make of which design."""
+    """What to make of which design, and what is to carry the device."""
 
     kind: JobKind
+    adapter: Adapter = "none"
     spec: DesignSpec
 
 
@@ -150,7 +152,7 @@ class JobAnswers:
         wanted = await asked(JobRequest, request)
         layout = self._designer.solved(wanted.spec).layout
         name = await run_in_threadpool(write_folder, self._jobs.root, layout)
-        return _json(self._jobs.start(wanted.kind, name).model_dump(mode="json"))
+        return _json(self._jobs.start(wanted.kind, name, wanted.adapter).model_dump(mode="json"))
 
     async def all(self, request: Request) -> Response:
         return _json([report.model_dump(mode="json") for report in self._jobs.reports()])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.studio.jobs import JobReport, Jobs, Plan, plans
 
@@ -76,3 +78,13 @@ def test_commands_write_below_the_folder_of_the_design(tmp_path: Path) -> None:
         assert isinstance(plan, Plan)
         out = plan.arguments[plan.arguments.index("--out") + 1]
         assert Path(out) == tmp_path / "d" / plan.folder
+
+
+@pytest.mark.parametrize("adapter", BACKS)
+def test_what_carries_the_device_is_told_to_the_commands_that_build_it(adapter: Any, tmp_path: Path) -> None:
+    made = plans(tmp_path / "d", adapter)
+    for kind in ("parts", "run"):
+        arguments = made[kind].arguments
+        assert arguments[arguments.index("--adapter") + 1] == adapter
+    assert "--adapter" not in made["set"].arguments
+    assert plans(tmp_path / "d") == plans(tmp_path / "d", "none")

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.optics.geometry.layout import Layout
 from tests.mirrorcam.studio.browser import Watched, browser_page
 
@@ -46,6 +47,20 @@ def test_a_job_is_followed_and_cancelled(page: Watched, studio: tuple[str, Path]
     assert Layout.load(folder / "layout.json").identity == page.drawn["identity"]
     assert (folder / "design.toml").is_file()
     assert "mirrorcam render" in page.page.inner_text(".job summary")
+
+
+def test_parts_are_built_for_the_carrier_that_is_chosen(page: Watched, studio: tuple[str, Path]) -> None:
+    page.open(studio[0] + SMALL)
+    page.settled()
+    options = page.page.eval_on_selector_all("#adapter option", "found => found.map((each) => each.value)")
+    assert options == list(BACKS)
+    assert page.page.input_value("#adapter") == "none"
+    page.page.get_by_label("The device stands on, or is fastened to").select_option("vesa")
+    page.page.click("[data-make=parts]")
+    page.page.wait_for_selector(".job.running")
+    page.page.click(".job >> text=Cancel")
+    assert ended(page, 30.0) == "cancelled"
+    assert "--adapter vesa" in page.page.inner_text(".job:first-child summary")
 
 
 @pytest.mark.slow

@@ -262,7 +262,7 @@
     for (const button of document.querySelectorAll("[data-make]")) {
       button.addEventListener("click", () => {
         note(written);
-        maker.start(button.dataset.make).catch((error) => note(error.message));
+        maker.start(button.dataset.make, byId("adapter").value).catch((error) => note(error.message));
       });
     }
     byId("open").addEventListener("change", async (event) => {

@@ -24,8 +24,8 @@
       Studio.save(name, text, type);
     }
 
-    async start(kind) {
-      await Studio.post("/jobs", { kind, spec: this.current() });
+    async start(kind, adapter) {
+      await Studio.post("/jobs", { kind, adapter, spec: this.current() });
       this.watch();
     }
 
