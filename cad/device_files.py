@@ -7,7 +7,6 @@ from pathlib import Path
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
-from mirrorcam.cad.build import KERNEL
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
@@ -55,7 +54,7 @@ def write_device(
         [*made, (write_sheets, (out / "mirrors", device.layout, device.hardware.cutting))],
         workers,
         step,
-        preload=KERNEL,
+        preload=(__name__,),
     )
     pieces = pieces_of(device, parts)
     write_glb(out / "assembly.glb", pieces)
@@ -77,7 +76,7 @@ def write_device(
         ],
         workers,
         step,
-        preload=KERNEL,
+        preload=(__name__,),
     )
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
