@@ -101,7 +101,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         mount=mount,
         clip=clip,
         back=back,
-        coupon=plan_coupon(layout, hardware),
+        coupon=plan_coupon(layout, hardware, holder.adjuster.gap_mm if isinstance(holder, ScrewedHolderPlan) else 0.0),
         cover=_cover(layout, holder, mount, (*camera_boxes(hardware), *clip.pieces), hardware),
     )
 

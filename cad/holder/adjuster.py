@@ -13,6 +13,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.optics.base.values import InputError
 
@@ -117,7 +118,9 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
     """
     screw, spring = hardware.screw, hardware.holder.spring
     travel = travel_mm(screws_reach_mm, hardware)
-    gap = float(np.ceil(10.0 * (travel_mm(edge_reach_mm, hardware) + SPARE_MM)) / 10.0)
+    # In whole layers, of which the coupon's gauge for it is printed.
+    layer = PRINT_SETTINGS.layer_mm
+    gap = round(layer * float(np.ceil((travel_mm(edge_reach_mm, hardware) + SPARE_MM) / layer)), 6)
     held = screw.engaged_mm if screw.kind == "insert" else UNDER_NUT_MM + screw.nut_height_mm
     least = plate_mm - SUNK_MM + gap + held + travel
     lengths = [length for length in screw.lengths_mm if length >= least]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.holder.pads import pad_shapes
 from mirrorcam.cad.plan.back_table import RingGauge
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
@@ -21,6 +22,9 @@ MIRROR_MM = (20.0, 15.0)
 """The test mirror, cut from the stock sheet of the layout's mirrors."""
 
 PLATE_MM = 2.4
+STRIP_MM = (22.0, 8.0)
+"""How far the strip for the carriers' gap stands out, and how wide it is."""
+
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
@@ -70,7 +74,7 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
         Gauge(
             "seat of a mirror",
             f"a mirror of {MIRROR_MM[0]:g} x {MIRROR_MM[1]:g} mm, cut from an offcut of the stock sheet, drops in with "
-            f"a gap of {fit.free_mm:g} mm all round",
+            f"a gap of {fit.free_mm:g} mm all round and rests on the three pads without rocking",
             "`free_mm` under `[fit]`",
         ),
         Gauge(
@@ -110,8 +114,11 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
     return tuple(found)
 
 
-def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
-    """Lay out the coupon; of the layout only the thickness of the thickest mirror counts."""
+def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
+    """Lay out the coupon; of the layout only the thickness of the thickest mirror counts.
+
+    With a gap between mirrors' carriers and their holder, a strip as thick as that stands out at the left.
+    """
     at, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
@@ -127,7 +134,13 @@ def plan_coupon(layout: Layout, hardware: Hardware) -> CouponPlan:
         centre = right + to_chord
     rims, grooves = _seat(layout, hardware)
     return CouponPlan(
-        pieces=(_box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)), *rims, block),
+        pieces=(
+            _box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)),
+            *rims,
+            block,
+            *_pads(hardware),
+            *([_box((-STRIP_MM[0], 0.0, 0.0), (1.0, STRIP_MM[1], gap_mm))] if gap_mm else []),
+        ),
         cuts=(*grooves, *screw_holes, *_lens_gauges(seat_y, pitch, hardware), *_slot(right, depth, hardware)),
         centre=at + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
@@ -169,7 +182,7 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
     """The seat: rims all round as high over it as the holder's, and grooves for the glue as the holder has."""
     dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(hardware)
     rim, thickness = dimensions.rim_mm, max(mirror.thickness_mm for mirror in layout.mirrors)
-    high = PLATE_MM + dimensions.rim_height_of_sheet * thickness
+    high = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
     rims = [
         _box((0.0, 0.0, 0.0), (seat_x, rim, high)),
         _box((0.0, seat_y - rim, 0.0), (seat_x, seat_y, high)),
@@ -182,6 +195,18 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
         from_x, to_x = middle - dimensions.groove_mm / 2.0, middle + dimensions.groove_mm / 2.0
         grooves.append(_box((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, high + 1.0)))
     return rims, grooves
+
+
+def _pads(hardware: Hardware) -> list[Frustum]:
+    """Three pads in the seat as a holder's has them, off the grooves."""
+    margin = hardware.holder.rim_mm + 2.0 * hardware.fit.free_mm + hardware.holder.pad_mm / 2.0
+    seat_x, seat_y = _seat_mm(hardware)
+    middles = np.array([(margin, margin), (seat_x - margin, margin), (seat_x / 2.0, seat_y - margin)])
+    pads = []
+    for shape in pad_shapes(middles, hardware):
+        base = RIG_FROM_COUPON_MM + np.column_stack([shape, np.full(len(shape), PLATE_MM - 0.5)])
+        pads.append(Frustum(base, base + np.array([0.0, 0.0, 0.5 + hardware.holder.bond_mm])))
+    return pads
 
 
 def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:

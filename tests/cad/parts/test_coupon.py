@@ -62,12 +62,33 @@ def test_the_test_mirror_has_the_play_of_a_mirror_in_its_pocket(coupon: CouponPl
     assert within(coupon.pieces, middle + (reach + RIM_MM - 0.01) * sides).all()
 
 
+def test_the_seat_has_three_pads_under_the_test_mirror_as_high_as_the_glue(coupon: CouponPlan) -> None:
+    low = RIG_FROM_COUPON_MM[:2] + FREE_MM + RIM_MM
+    floor = RIG_FROM_COUPON_MM[2] + PLATE_MM
+    pads = [piece for piece in coupon.pieces if len(piece.top) == 8]
+    assert len(pads) == 3
+    for pad in pads:
+        assert pad.top[:, 2] == pytest.approx(np.full(8, floor + HARDWARE.holder.bond_mm))
+        # Wherever the mirror lies in its pocket, all of each pad is behind it.
+        assert (pad.top[:, :2] > low + FREE_MM - 1e-9).all()
+        assert (pad.top[:, :2] < low + np.array(MIRROR_MM) - FREE_MM + 1e-9).all()
+        assert not within(coupon.cuts, pad.top).any()
+
+
+def test_with_carriers_a_strip_is_as_thick_as_their_gap(default_layout: Layout) -> None:
+    plan, plain_one = plan_coupon(default_layout, HARDWARE, 1.2), plan_coupon(default_layout, HARDWARE)
+    (strip,) = [piece for piece in plan.pieces if piece.base[:, 0].min() < RIG_FROM_COUPON_MM[0] - 1.0]
+    heights = corners_of((strip,))[:, 2] - RIG_FROM_COUPON_MM[2]
+    assert {round(float(height), 9) for height in heights} == {0.0, 1.2}
+    assert len(plan.pieces) == len(plain_one.pieces) + 1
+
+
 @pytest.mark.parametrize("thickness_mm", [1.0, 3.0])
 def test_rims_are_as_high_over_the_thickest_mirror_as_the_holders(default_layout: Layout, thickness_mm: float) -> None:
     first, *others = default_layout.mirrors
     layout = default_layout.replaced(mirrors=(first.replaced(thickness_mm=thickness_mm), *others))
     rims = corners_of(plan_coupon(layout, HARDWARE).pieces[1:5])[:, 2]
-    expected = PLATE_MM + HARDWARE.holder.rim_height_of_sheet * thickness_mm
+    expected = PLATE_MM + HARDWARE.holder.bond_mm + HARDWARE.holder.rim_height_of_sheet * thickness_mm
     assert rims.max() - RIG_FROM_COUPON_MM[2] == pytest.approx(expected)
 
 
