@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,17 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
+from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.checks.adjustment import check_adjustment, poses
+from mirrorcam.cad.checks.clashes import check_clashes
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.checks.insertion import check_insertion
+from mirrorcam.cad.checks.tool_reach import check_tool_reach
+from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.geometry.transforms import transform
+from tests.cad.documents.conftest import make
 from tests.cad.holder.screwed import pair, planned, with_screws
 
 Solids = dict[str, Manifold]
@@ -104,3 +113,31 @@ def test_poses_tilt_by_the_angle_about_axes_in_the_back() -> None:
         assert np.degrees(np.arccos(turned @ frame[:3, 2])) == pytest.approx(1.0)
         moved = transform(motion, frame[:3, 3]) - frame[:3, 3]
         assert abs(moved @ frame[:3, 2]) == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("kind", ["insert", "nut"])
+def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: str, tmp_path: Path) -> None:
+    made = make(pair(), with_screws(kind), tmp_path)
+    items = bought_items(made.device)
+    parts = {piece.name: solid_of(piece.mesh) for piece in made.pieces}
+    assert {part.name for part in made.parts if part.name.startswith("carrier")} == {"carrier_0-0", "carrier_0-1"}
+    assert [part.number for part in made.parts if part.name.startswith("carrier")] == ["MC-08", "MC-09"]
+    checks = {
+        **check_adjustment(made.device, parts, {}),
+        **check_tool_reach(items, parts),
+        **check_insertion(items, parts),
+        **check_clashes(parts, made.device.hardware.fit.press_mm),
+    }
+    assert {name: check for name, check in checks.items() if not check.passed} == {}
+    write_guide(tmp_path, made.device, made.parts, made.pieces)
+    guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    size = made.device.hardware.holder.spring.size
+    for words in (
+        "mirrorcam adjust",
+        f"6 {TIMES} M3 x",
+        f"6 {TIMES} {size} compression springs",
+        "by its three screws",
+    ):
+        assert words in guide
+    assert "dental floss" not in guide
+    assert f"strip {made.device.holder.adjuster.gap_mm:.1f} mm thick" in guide  # type: ignore[attr-defined]
