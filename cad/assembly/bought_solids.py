@@ -33,8 +33,6 @@ HINGE_MM = 7.8
 CABLE_STUB_MM = 20.0
 # Coils of a spring that is drawn as a sleeve, the dead ones among them.
 SLEEVE_COILS = 5.5
-# A set screw (ISO 4026) has no head: its origin is at the end with the socket.
-SET = " set"
 # ISO 7089: outer diameter and hole of a washer, over the diameter of its thread.
 WASHER, WASHER_HOLE = 7.0 / 3.0, 3.2 / 3.0
 
@@ -93,7 +91,7 @@ def item_solid(item: BoughtItem) -> Part:
             Cylinder(diameter / 2.0, item.length_mm, align=BELOW)
             if item.size.endswith(COUNTERSUNK):
                 Cone(diameter / 2.0, SUNK_HEAD * diameter / 2.0, (SUNK_HEAD - 1.0) * diameter / 2.0, align=BELOW)
-            elif not item.size.endswith(SET):
+            else:
                 thread = thread_of(item.size)
                 Cylinder(thread.head_mm / 2.0, thread.head_height_mm, align=ABOVE)
         elif item.kind == "washer":

@@ -34,7 +34,6 @@ ITEM_RGB: dict[str, Rgb] = {
 }
 # By the end of an item's title.
 STANDARDS = {
-    "set screw": "ISO 4026, flat point",
     "thread-forming screw": "for plastics, pan head",
     "countersunk screw": "ISO 10642, hexagon socket",
     "screw": "ISO 4762, socket head",
@@ -173,7 +172,7 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
 
 
 def item_title(item: BoughtItem) -> str:
-    """The title of a bought item: "M3 x 12 screw", "M3 x 10 set screw" (of the size "M3 set"), "M3 nut".
+    """The title of a bought item: "M3 x 12 screw", "M3 nut", "M3 x 12 countersunk screw" (of size "M3 countersunk").
 
     A nut with an inch thread is a "1/4-20 UNC hexagon nut", as shops call it.
     """

@@ -27,7 +27,7 @@ MIRRORS = {
     "first-surface glass mirror": 20.0,
     "second-surface glass mirror": 3.0,
 }
-# EUR each, by the titles of parts lists without the length; of an insert, screw or nut as one of a bag.
+# EUR each, by the beginning or end of a title in a parts list without its length; screws and the like as one of a bag.
 EACH = {
     "M3 screw": 0.12,
     "M3 countersunk screw": 0.12,
@@ -42,6 +42,7 @@ EACH = {
     "M5 T-slot nut": 0.40,
     "1/4-20 UNC hexagon nut": 0.40,
     "3 pin": 0.30,
+    "compression spring": 0.60,
     "Cable tie": 0.10,
     "Glue for acrylic": 8.0,
     "Glue for mirrors": 8.0,
@@ -85,12 +86,12 @@ class Prices(Value):
 
     def of_plastic(self, plastic: str, grams: float) -> float:
         """Price of so much filament: of the plastic of this name, or of the longest name that it begins with."""
-        known = _by_beginning(plastic, PLASTICS | dict(self.plastic_per_kg))
+        known = _by_name(plastic, PLASTICS | dict(self.plastic_per_kg))
         return (OTHER_PLASTIC if known is None else known) * grams / 1000.0
 
     def of_mirrors(self, stock: str, area_cm2: float) -> float:
         """Price of so much stock of a name, such as "first-surface acrylic mirror, 1 mm"."""
-        known = _by_beginning(stock, MIRRORS | dict(self.mirror_per_100_cm2))
+        known = _by_name(stock, MIRRORS | dict(self.mirror_per_100_cm2))
         if known is None:
             raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
         return known * area_cm2 / 100.0
@@ -98,7 +99,7 @@ class Prices(Value):
     def of_item(self, title: str) -> float | None:
         """Price of one bought item by its title, None where it is not known."""
         plain = re.sub(r" x [\d.]+(?= )", "", title)
-        return _by_beginning(plain, EACH | dict(self.each))
+        return _by_name(plain, EACH | dict(self.each))
 
 
 def hours_text(minutes: float | None) -> str:
@@ -115,7 +116,7 @@ def summary_of(checks: Mapping[str, Metric]) -> str:
     return ", ".join(said)
 
 
-def _by_beginning(title: str, known: dict[str, float]) -> float | None:
-    """The price of the longest of some names that a title begins with, None where there is none."""
-    found = [name for name in known if title.startswith(name)]
+def _by_name(title: str, known: dict[str, float]) -> float | None:
+    """The price of the longest of some names that a title begins or ends with, None where there is none."""
+    found = [name for name in known if title.startswith(name) or title.endswith(name)]
     return known[max(found, key=len)] if found else None

@@ -40,7 +40,7 @@ SUNK_HEAD = 2.24
 
 
 def thread_of(size: str) -> Thread:
-    """The thread of a size, which begins with its name: "M3", "M3 set", "1/4-20 UNC".
+    """The thread of a size, which begins with its name: "M3", "M3 countersunk", "1/4-20 UNC".
 
     Raises ValueError for a size of no thread in the table.
     """

@@ -25,6 +25,7 @@ from mirrorcam.cad.assembly.pieces import (
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.assembly.bought import item
 
@@ -138,7 +139,7 @@ def test_fasteners_are_where_they_are_told(device: Device) -> None:
 
 def test_what_is_bought_is_named_as_in_a_shop() -> None:
     assert item_title(item("screw", "M3", 8.0)) == "M3 x 8 screw"
-    assert item_title(item("screw", "M3 set", 10.0)) == "M3 x 10 set screw"
+    assert item_title(item("screw", f"M3{COUNTERSUNK}", 10.0)) == "M3 x 10 countersunk screw"
     assert item_title(item("nut", "M3", 2.4)) == "M3 nut"
     assert item_title(item("pin", "3", 16.0)) == "3 x 16 pin"
 

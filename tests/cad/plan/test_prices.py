@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 
 from mirrorcam.cad.assembly.catalogue import bought_items
-from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import item_title
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import BACKS, back_of
@@ -22,12 +22,13 @@ from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 PRICES = Prices()
 
 
-def test_the_longest_name_that_a_title_begins_with_counts() -> None:
+def test_the_longest_name_at_an_end_of_a_title_counts() -> None:
     assert PRICES.of_plastic("PLA+ matt black", 1000.0) == PLASTICS["PLA"]
     assert PRICES.of_plastic("PETG", 500.0) == PLASTICS["PETG"] / 2.0
     assert PRICES.of_plastic("Unobtainium", 1000.0) == OTHER_PLASTIC
     assert PRICES.of_item("M3 x 12 countersunk screw") == EACH["M3 countersunk screw"]
     assert PRICES.of_item("M3 x 5.7 heat-set insert") == EACH["M3 heat-set insert"]
+    assert PRICES.of_item("0.4 x 5 x 12 compression spring") == EACH["compression spring"]
     assert PRICES.of_item("a tool of gold") is None
     assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * MIRRORS["second-surface glass mirror"]
     with pytest.raises(ValueError, match="stock paper"):
@@ -59,6 +60,13 @@ def test_all_that_is_bought_for_any_back_has_a_price(device: Device) -> None:
         hardware = device.hardware.replaced(back=back_of(kind))
         carried = replace(device, hardware=hardware, back=plan_back(device.clip, device.mount, hardware))
         assert [title for title in map(item_title, bought_items(carried)) if PRICES.of_item(title) is None] == []
+
+
+def test_all_that_screws_of_mirrors_need_has_a_price(device: Device) -> None:
+    hardware = device.hardware.replaced(holder=device.hardware.holder.replaced(mirrors="screws"))
+    titles = {item_title(each) for each in bought_items(plan_device(device.layout, hardware))}
+    assert any("spring" in title for title in titles)
+    assert [title for title in titles if PRICES.of_item(title) is None] == []
 
 
 def test_all_cameras_of_the_library_but_phones_have_a_price() -> None:
