@@ -125,10 +125,8 @@ def tie_depth(plan: ClipPlan) -> float:
 def test_the_tie_round_a_lens_has_slots_beside_its_rest_clear_of_the_slides_screws() -> None:
     hardware = HARDWARE.replaced(camera=read_body("pi_hq_cs"))
     body, plan = hardware.camera, plan_clip(hardware)
-    bare = plan_clip(hardware.replaced(camera=body.replaced(rest_mm=None)))
     assert body.rest_mm is not None
     left, right, hollow = plan.cuts[-3:]
-    assert len(plan.cuts) == len(bare.cuts) + 3
     assert isinstance(left, Frustum)
     assert isinstance(right, Frustum)
     assert isinstance(hollow, Frustum)
