@@ -89,7 +89,7 @@ class Bom(Value):
     def print_minutes(self) -> float | None:
         """The time of all prints together, where a slicer gave the time of each."""
         minutes = [line.print_minutes for line in self.printed if line.print_minutes is not None]
-        return sum(minutes) if len(minutes) == len(self.printed) else None
+        return round(sum(minutes), 1) if len(minutes) == len(self.printed) else None
 
     @property
     def estimate(self) -> str:

@@ -12,6 +12,7 @@ from benchmarks.backs import BackResult, read_results, result_of, table_of
 from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.optics.base.values import Metric
 
+DOCS = Path(__file__).parents[2] / "docs" / "cad.md"
 CHECKS = {
     "device.mass_g": Metric(value=391.6, unit="g"),
     "device.price": Metric(value=117.6, unit="EUR"),
@@ -48,6 +49,18 @@ def test_backs_that_are_there_are_not_built_again(
     assert built == list(BACKS)
     assert capsys.readouterr().out == first
     assert read_results(tmp_path / "backs.jsonl")["arca"] == result_of("arca", CHECKS)
+
+
+def test_the_documented_table_has_no_failure() -> None:
+    text = DOCS.read_text(encoding="utf-8")
+    head = table_of([]).splitlines()[0]
+    rows = text[text.index(head) :].split("\n\n")[0].splitlines()[2:]
+    stated = [row.split("`")[1] for row in rows]
+    assert stated == [kind for kind in BACKS if kind in stated]
+    for row in rows:
+        passed, of = row.rstrip(" |").rpartition("|")[2].split(" of ")
+        assert int(passed) == int(of)
+        assert float(row.split("|")[5].removesuffix(" mm ")) >= 1.2
 
 
 def test_a_result_survives_its_line() -> None:
