@@ -17,18 +17,25 @@ from mirrorcam.cad.elasticity.tetrahedra import Tetrahedra
 from mirrorcam.optics.base.values import FloatArray, InputError
 
 POISSON = 0.35
-LOADS = 7
-"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), that of what it carries, and a strain of expansion."""
+LOADS = 8
+"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), that of what it carries, a strain of its own expansion
+and one of what is glued to it.
+"""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """What a solid carries: nodes that it rests on, a point whose motion is told, and a weight in N at its middle."""
+    """A rigid thing on a solid: nodes that it rests on, a point whose motion is told, and a weight in N at its middle.
+
+    `glue` (n, 3, 3) are springs in N/mm between each node and the thing, where the solid has a
+    modulus of 1 MPa; the thing then expands about the point. Without, it moves as the nodes do in the mean.
+    """
 
     nodes: NDArray[np.int64]
     at: FloatArray
     weight_n: float
     middle: FloatArray
+    glue: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class Solid:
             raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
         if len(np.unique(np.concatenate(screws))) < sum(len(nodes) for nodes in screws):
             raise ValueError("screws share nodes, expected each node to be held by one")
-        stiffness, loads = self._assembled(carried)
+        stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
         count = stiffness.shape[0]
         held = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
         rigid = np.zeros((count, 6 * len(screws)))
@@ -83,7 +90,7 @@ class Solid:
         by_screws[free] = -factor.solve(pulled)
         by_loads[free] = factor.solve(loads[free])
         own = by_screws.T @ (stiffness @ by_screws)
-        told = {name: self._motion(each) for name, each in carried.items()}
+        told = {name: self._told(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)}
         return CondensedSolid(
             stiffness=(own + own.T) / 2.0,
             forces=by_screws.T @ loads,
@@ -107,11 +114,47 @@ class Solid:
         bulk = lame + 2.0 / 3.0 * shear
         loads[:, 6] = LinearForm(lambda v, _: 3.0 * bulk * div(v)).assemble(self._basis)
         for each in carried.values():
-            about = self._motion(each).T
-            for axis in range(3):
-                force = each.weight_n * np.eye(3)[axis]
-                loads[:, 3 + axis] += about @ np.concatenate([force, np.cross(each.middle - each.at, force)])
+            if each.glue is None:
+                loads[:, 3:6] += self._motion(each).T @ _weights(each)
         return stiffness, loads
+
+    def _with_glue(
+        self, stiffness: Any, loads: FloatArray, carried: Sequence[Carried]
+    ) -> tuple[Any, FloatArray, list[int | None]]:
+        """Stiffness and loads with six more displacements for each thing that is glued; the first of them for each."""
+        from scipy.sparse import block_diag, csr_matrix
+
+        own = stiffness.shape[0]
+        glued: list[int | None] = []
+        held = [each for each in carried if each.glue is not None]
+        whole = block_diag([stiffness, csr_matrix((6 * len(held), 6 * len(held)))], format="csr")
+        loads = np.vstack([loads, np.zeros((6 * len(held), LOADS))])
+        for each in carried:
+            if each.glue is None:
+                glued.append(None)
+                continue
+            first = own + 6 * sum(place is not None for place in glued)
+            glued.append(first)
+            arms = self.nodes[each.nodes] - each.at
+            # How springs are stretched: nodes less a rigid motion of the thing, and less what it grows.
+            dofs = np.concatenate([self._dofs[each.nodes].ravel(), np.arange(first, first + 6)])
+            stretch = np.hstack([np.eye(arms.size), -rigid_motions(arms)])
+            springs = block_diag(each.glue)
+            added = stretch.T @ (springs @ stretch)
+            rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
+            whole = whole + csr_matrix((added.ravel(), (rows.ravel(), columns.ravel())), shape=whole.shape)
+            loads[dofs, 7] += stretch.T @ (springs @ arms.ravel())
+            loads[first : first + 6, 3:6] += _weights(each)
+        return whole, loads, glued
+
+    def _told(self, each: Carried, first: int | None, count: int) -> FloatArray:
+        """The motion (6, count) of what is carried, on all displacements: from `first` on its own, or a mean."""
+        motion = np.zeros((6, count))
+        if first is None:
+            motion[:, : self._dofs.size] = self._motion(each)
+        else:
+            motion[:, first : first + 6] = np.eye(6)
+        return motion
 
     def _motion(self, each: Carried) -> FloatArray:
         """The rigid motion (6, dofs) that fits the nodes best about a point; its transpose spreads forces on them."""
@@ -119,6 +162,12 @@ class Solid:
         motion = np.zeros((6, self._dofs.size))
         motion[:, self._dofs[each.nodes].ravel()] = fitted
         return motion
+
+
+def _weights(each: Carried) -> FloatArray:
+    """Forces and moments (6, 3) about its point, of a thing's weight along x, y and z."""
+    force = each.weight_n * np.eye(3)
+    return np.vstack([force, np.cross(each.middle - each.at, force).T])
 
 
 def rigid_motions(arms: FloatArray) -> FloatArray:

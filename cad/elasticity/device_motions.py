@@ -1,13 +1,14 @@
 """How the mirrors of a device move against its camera: the holder, the mount and the clip by finite elements.
 
 The parts are tied to each other around their screws, each of which holds both as a rigid disc, and the foot's screws to
-what does not move. Mirrors and camera are rigid: their weight is spread over the nodes that they rest on, whose motion
-is theirs. Of glue there is no element: a mirror of 2 g shears 400 mm2 of silicone .2 mm thick (.3 MPa) by 33 nm.
+what does not move. Mirrors and camera are rigid. The camera's weight is spread over the nodes that it rests on, whose
+motion is its own. A mirror hangs in springs, as a layer of silicone has them, on the nodes of its seat's floor, and
+expands by itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,11 +20,13 @@ from shapely import Polygon, points
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import MIRRORS
-from mirrorcam.cad.elasticity.condensed_solid import Carried, CondensedSolid, Solid
+from mirrorcam.cad.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
+from mirrorcam.cad.elasticity.plastics import MIRROR_PER_K
 from mirrorcam.cad.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
+from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -35,6 +38,9 @@ SCREW_MM = 6.0
 # Nodes are in a plane to this; nodes within this of what carries a camera carry it.
 IN_PLANE_MM, CARRIES_MM = 5e-3, 3.0
 CAMERA = "camera"
+# Neutral-cure silicone, of 20 to 25 Shore A: its shear modulus, and that of a layer that cannot yield to the sides, of
+# Poisson's ratio .49; MPa.
+GLUE_SHEAR_MPA, GLUE_LAYER_MPA = 0.3, 15.0
 
 
 @dataclass(frozen=True)
@@ -42,14 +48,17 @@ class DeviceMotions:
     """Motions of each mirror against the camera, by its name: shift in mm of its outline's mean, then turn in rad.
 
     `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig, of plastic of 1 g/cm3 and of
-    what it carries, both for a modulus of 1 MPa. `plastic_strain` and `ground_strain` (6,) are for a free strain of 1,
-    of all plastic and of what the foot is screwed to.
+    what it carries, both for a modulus of 1 MPa. `plastic_strain`, `ground_strain` and `mirror_strain` (6,) are for a
+    free strain of 1: of all plastic, of what the foot is screwed to, and of the mirrors, which expand by
+    `mirror_per_k`.
     """
 
     plastic_weight: Mapping[str, FloatArray]
     carried_weight: Mapping[str, FloatArray]
     plastic_strain: Mapping[str, FloatArray]
     ground_strain: Mapping[str, FloatArray]
+    mirror_strain: Mapping[str, FloatArray]
+    mirror_per_k: float
 
     def under_gravity(self, modulus_mpa: float, density_g_per_cm3: float) -> dict[str, FloatArray]:
         """Motions (6, 3) per gravity along x, y and z of rig, for parts of one plastic."""
@@ -58,13 +67,16 @@ class DeviceMotions:
             for name, own in self.plastic_weight.items()
         }
 
-    def of_strain(self, plastic: float, ground: float) -> dict[str, FloatArray]:
-        """Motions (6,) where the plastic and what it stands on expand by so much."""
-        return {name: plastic * own + ground * self.ground_strain[name] for name, own in self.plastic_strain.items()}
+    def of_strain(self, plastic: float, ground: float, mirrors: float) -> dict[str, FloatArray]:
+        """Motions (6,) where the plastic, what it stands on, and the mirrors expand by so much."""
+        return {
+            name: plastic * own + ground * self.ground_strain[name] + mirrors * self.mirror_strain[name]
+            for name, own in self.plastic_strain.items()
+        }
 
 
 @dataclass(frozen=True)
-class _Part:
+class TiedPart:
     """A solid with the screws that hold it, by their numbers in the device, and what it carries."""
 
     solid: Solid
@@ -93,19 +105,43 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
         }.items()
     }
     parts = (
-        _Part(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
-        _Part(solids["mount"], (*feet, *heads, *slides), {}),
-        _Part(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
+        TiedPart(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
+        TiedPart(solids["mount"], (*feet, *heads, *slides), {}),
+        TiedPart(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
     )
+    held = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
+    return tied_motions(parts, held, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
+
+
+def tied_motions(
+    parts: Sequence[TiedPart],
+    held: Sequence[Sequence[NDArray[np.int64]]],
+    at: FloatArray,
+    feet: Sequence[int],
+    mirror_per_k: float,
+) -> DeviceMotions:
+    """Motions of all that parts carry against what is called `CAMERA`.
+
+    Parameters
+    ----------
+    parts : sequence of TiedPart
+        Those that share a screw are tied there.
+    held : sequence of sequence of (n,) arrays
+        For each part and each of its screws, the nodes that this holds.
+    at : (k, 3) array
+        Points of all screws in rig, mm.
+    feet : sequence of int
+        The screws that do not move.
+    mirror_per_k : float
+        Expansion of what is glued, per K.
+
+    Raises InputError where a screw holds too few nodes.
+    """
     condensed = [
-        part.solid.condensed(
-            discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]),
-            at[list(part.screws)],
-            part.carried,
-        )
-        for part in parts
+        part.solid.condensed(nodes, at[list(part.screws)], part.carried)
+        for part, nodes in zip(parts, held, strict=True)
     ]
-    return _solved(parts, condensed, at, feet)
+    return _solved(parts, condensed, at, feet, mirror_per_k)
 
 
 def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
@@ -140,8 +176,17 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
         mass_g = density * outline.area * mirror.thickness_mm / 1000.0
         centre = mirror.rig_from_plane[:3, 3]
         middle = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
-        carried[name] = Carried(seat, centre, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, middle))
+        glue = _glue(outline.area, mirror.rig_from_plane[:3, 2], len(seat), device.hardware)
+        carried[name] = Carried(seat, centre, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, middle), glue)
     return carried
+
+
+def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -> FloatArray:
+    """Springs (count, 3, 3) of a layer of glue, in N/mm where the plastic has 1 MPa instead of its own modulus."""
+    along = np.outer(normal, normal)
+    layer = GLUE_SHEAR_MPA * (np.eye(3) - along) + GLUE_LAYER_MPA * along
+    each = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
+    return np.tile(each, (count, 1, 1))
 
 
 def _camera(device: Device, nodes: FloatArray) -> Carried:
@@ -154,20 +199,24 @@ def _camera(device: Device, nodes: FloatArray) -> Carried:
 
 
 def _solved(
-    parts: tuple[_Part, ...], condensed: list[CondensedSolid], at: FloatArray, feet: tuple[int, ...]
+    parts: Sequence[TiedPart],
+    condensed: Sequence[CondensedSolid],
+    at: FloatArray,
+    feet: Sequence[int],
+    mirror_per_k: float,
 ) -> DeviceMotions:
     """Join the parts at their screws; columns of loads are those of `DeviceMotions`, in its order."""
     count = 6 * len(at)
-    stiffness, forces = np.zeros((count, count)), np.zeros((count, 8))
+    stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
     # Plastic of 1 g/cm3 weighs so many N/mm3.
-    loads = np.zeros((7, 8))
+    loads = np.zeros((LOADS, 9))
     loads[[0, 1, 2], [0, 1, 2]] = G * 1e-6
-    loads[[3, 4, 5, 6], [3, 4, 5, 6]] = 1.0
+    loads[[3, 4, 5, 6, 7], [3, 4, 5, 6, 8]] = 1.0
     dofs = [(np.array(part.screws)[:, None] * 6 + np.arange(6)).ravel() for part in parts]
     for own, solid in zip(dofs, condensed, strict=True):
         stiffness[np.ix_(own, own)] += solid.stiffness
         forces[own] += solid.forces @ loads
-    motions = np.zeros((count, 8))
+    motions = np.zeros((count, 9))
     ground = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
     for foot in feet:
         motions[6 * foot : 6 * foot + 3, 7] = at[foot] - at[list(feet)].mean(axis=0)
@@ -191,4 +240,6 @@ def _solved(
         carried_weight={name: each[:, 3:6] for name, each in against.items()},
         plastic_strain={name: each[:, 6] for name, each in against.items()},
         ground_strain={name: each[:, 7] for name, each in against.items()},
+        mirror_strain={name: each[:, 8] for name, each in against.items()},
+        mirror_per_k=mirror_per_k,
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.elasticity.device_motions import device_motions
@@ -20,6 +22,9 @@ SIZE_MM = 6.0
 # What images may move against each other, in px: as much as a calibration's corners scatter, for gravity and for creep;
 # .1 px per K for warmth.
 GRAVITY_PX, CREEP_PX, WARMTH_PX = 0.1, 0.1, 1.0
+# What mirrors may turn against the camera, in deg: as much as the mount alone may bend.
+TURN_DEG = 0.05
+SCHEMA = "mirrorcam.elasticity/1"
 TEXT = """# Gravity, warmth and creep
 
 By finite elements of holder, mount and clip in {plastic} ({modulus:g} MPa), for points {depth:g} mm away. An error is
@@ -31,7 +36,7 @@ what is left of that where the motion of all mirrors as one body is estimated fr
 |---|---|---|---|---|
 {rows}
 
-Limits, of what is in brackets: gravity {gravity:g} px, 10 K {warmth:g} px, creep {creep:g} px.
+Limits: {turn:g}° each; of what is in brackets, gravity {gravity:g} px, 10 K {warmth:g} px, creep {creep:g} px.
 
 Recommended: {recommended}, whose largest part of a limit is the smallest, of plastics that swell less in the air of a
 room than they expand in 10 K.
@@ -46,7 +51,7 @@ def require_solvable(hardware: Hardware) -> None:
 
 
 def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
-    """Write `elasticity.md` and `robot/gravity.json` of a device; return its figures.
+    """Write `elasticity.md`, `elasticity.json` and `robot/gravity.json` of a device; return its figures.
 
     Raises InputError where gmsh is missing, cannot mesh a part, or the plastic is not in the table.
     """
@@ -60,14 +65,42 @@ def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
         modulus=plastic.modulus_mpa,
         depth=depth,
         rows="\n".join(_row(each) for each in errors),
+        turn=TURN_DEG,
         gravity=GRAVITY_PX,
         warmth=WARMTH_PX,
         creep=CREEP_PX,
         recommended=recommended(errors),
     )
     write_text(out / "elasticity.md", text)
+    own = errors_of(layout, motions, depth, plastic)
+    write_text(out / "elasticity.json", json.dumps(table_of(errors, own, depth), indent=1) + "\n")
     gravity_table(layout, motions, plastic).save(out / "robot" / "gravity.json")
-    return figures(errors_of(layout, motions, depth, plastic))
+    return figures(own)
+
+
+def table_of(errors: Sequence[Errors], own: Errors, depth_mm: float) -> dict[str, Any]:
+    """The content of `elasticity.json`: each plastic's errors with whether they pass, and of `own` each mirror's turn.
+
+    Lengths are in mm, angles in deg; `apart_px` is what is left where the motion of all mirrors as one is known.
+    """
+    return {
+        "schema": SCHEMA,
+        "depth_mm": depth_mm,
+        "elements_mm": SIZE_MM,
+        "limits": {"deg": TURN_DEG, "apart_px": {"gravity": GRAVITY_PX, "10_k": WARMTH_PX, "creep": CREEP_PX}},
+        "plastics": {each.plastic.name: _rounded(each) for each in errors},
+        "recommended": recommended(errors),
+        "device": {"plastic": own.plastic.name, "modulus_mpa": own.plastic.modulus_mpa, **_rounded(own)},
+        "mirrors_10_k_deg": {name: round(deg, 5) for name, deg in own.mirrors_warmth_deg.items()},
+    }
+
+
+def _rounded(errors: Errors) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, error in (("gravity", errors.gravity), ("10_k", errors.warmth), ("creep", errors.creep)):
+        found[name] = {"deg": round(error.deg, 4), "px": round(error.px, 3), "apart_px": round(error.apart_px, 3)}
+    found["corrected"] = {"deg": round(errors.corrected.deg, 4), "px": round(errors.corrected.px, 3)}
+    return found | {"passed": all(figure.passed for figure in figures(errors).values())}
 
 
 def figures(errors: Errors) -> dict[str, Metric]:
@@ -79,7 +112,7 @@ def figures(errors: Errors) -> dict[str, Metric]:
     }
     found = {}
     for name, (error, limit) in named.items():
-        found[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg")
+        found[f"elastic.{name}_deg"] = Metric(value=round(error.deg, 4), unit="deg", limit=TURN_DEG)
         found[f"elastic.{name}_px"] = Metric(value=round(error.px, 3), unit="px")
         found[f"elastic.{name}_apart_px"] = Metric(value=round(error.apart_px, 3), unit="px", limit=limit)
     return found | {"elastic.corrected_px": Metric(value=round(errors.corrected.px, 3), unit="px")}
@@ -87,8 +120,9 @@ def figures(errors: Errors) -> dict[str, Metric]:
 
 def part_of_limits(errors: Errors) -> float:
     """The largest part of its limit that an error is."""
+    turn = max(error.deg for error in (errors.gravity, errors.warmth, errors.creep)) / TURN_DEG
     return max(
-        errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
+        turn, errors.gravity.apart_px / GRAVITY_PX, errors.warmth.apart_px / WARMTH_PX, errors.creep.apart_px / CREEP_PX
     )
 
 

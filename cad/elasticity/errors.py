@@ -42,7 +42,7 @@ class Errors:
 
     `gravity` is for turning the device from no gravity to 1 g in the worst direction (from one side to the other it is
     twice that); `corrected` what is left of it by the table; `warmth` for 10 K, `creep` for 1000 h in the worst
-    direction.
+    direction. `mirrors_warmth_deg` is the turn of each mirror for 10 K.
     """
 
     plastic: Plastic
@@ -50,13 +50,14 @@ class Errors:
     corrected: Error
     warmth: Error
     creep: Error
+    mirrors_warmth_deg: Mapping[str, float]
 
 
 def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: Plastic) -> Errors:
     """The errors of a device of one plastic, of scene points at a depth in view axes."""
     weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     gravity = Error(_worst_turn_deg(weighed), *_worst_shifts_px(layout, weighed, depth_mm))
-    warm = motions.of_strain(plastic.strain_per_k * WARMER_K, STEEL_PER_K * WARMER_K)
+    warm = motions.of_strain(plastic.strain_per_k * WARMER_K, STEEL_PER_K * WARMER_K, motions.mirror_per_k * WARMER_K)
     warmth = {name: motion[:, None] for name, motion in warm.items()}
     return Errors(
         plastic=plastic,
@@ -64,6 +65,7 @@ def errors_of(layout: Layout, motions: DeviceMotions, depth_mm: float, plastic: 
         corrected=gravity.times(LEFT_BY_TABLE),
         warmth=Error(_worst_turn_deg(warmth), *_worst_shifts_px(layout, warmth, depth_mm)),
         creep=gravity.times(plastic.creep),
+        mirrors_warmth_deg={name: float(np.degrees(np.linalg.norm(motion[3:]))) for name, motion in warm.items()},
     )
 
 

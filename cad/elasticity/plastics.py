@@ -44,6 +44,8 @@ PLASTICS = (
         "doi 10.3390/polym13213637, of which this is a mean in a layer; the rest from memory, of moist nylon",
     ),
 )  # fmt: skip
+MIRROR_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
+"""Expansion of mirrors, by their material: of cast acrylic and of float glass, from memory."""
 STEEL_PER_K = 12e-6
 """Expansion of what the foot is screwed to."""
 

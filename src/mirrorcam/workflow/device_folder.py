@@ -35,7 +35,7 @@ FILES = (
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
     *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
-    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/gravity.json", "elasticity.md"),
+    *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf", "robot/gravity.json", "elasticity.md", "elasticity.json"),
     *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),
     *(f"robot/meshes/{part}_hull.stl" for part in PARTS),
     *(f"pictures/{name}.png" for name in PICTURES),

@@ -49,4 +49,4 @@ def turning(default_layout: Layout) -> DeviceMotions:
         motion = np.zeros((6, 3))
         motion[:3, 2], motion[3:, 2] = np.cross(turn, middle), turn
         weight[name], strain[name] = motion, np.concatenate([middle, np.zeros(3)])
-    return DeviceMotions(weight, weight, strain, _same(default_layout, still))
+    return DeviceMotions(weight, weight, strain, _same(default_layout, still), _same(default_layout, still), 7e-5)

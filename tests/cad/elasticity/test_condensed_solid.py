@@ -84,3 +84,49 @@ def test_screws_that_hold_too_little_or_the_same_are_refused(bar: Tetrahedra) ->
         solid.condensed([first[:2]], FIRST[None], {})
     with pytest.raises(ValueError, match="share nodes"):
         solid.condensed([first, first], np.array([FIRST, FIRST]), {})
+
+
+def test_a_stiff_strip_glued_to_a_bar_stretches_it_as_volkersen_says(bar: Tetrahedra) -> None:
+    """A rigid strip that expands by e under a bar, in glue of k N/mm3: E A u'' = k b (u - e x), free at both ends.
+
+    Hence u = e (x - sinh(l x) / (l cosh(l L / 2))), l^2 = k b / (E A), of x from the middle. Normal to the strip the
+    glue holds the bar flat. The bar's own shear, h / 3 G, is in series with it.
+    """
+    solid, strain, stiff = Solid(bar), 1e-3, 0.02
+    middle = np.array([LENGTH / 2.0, 0.0, 0.0])
+    under = np.flatnonzero(np.abs(solid.nodes[:, 1]) < 1e-6)
+    # Even glue on the quadratic nodes: those of the edge have half the share, of the corner a quarter.
+    share = np.ones(len(under))
+    for axis, end in ((0, LENGTH), (2, SIDE)):
+        share *= np.where((solid.nodes[under, axis] < 1e-6) | (solid.nodes[under, axis] > end - 1e-6), 0.5, 1.0)
+    area = LENGTH * SIDE * share / share.sum()
+    glue = area[:, None, None] * np.diag([stiff, 10.0, stiff])
+    ends_at = ends(solid)
+    carried = {
+        "strip": Carried(under, middle, 1.0, middle, glue),
+        "end": Carried(ends_at[1], LAST, 0.0, LAST),
+        "other": Carried(ends_at[0], FIRST, 0.0, FIRST),
+    }
+    # In one plane across the bar, which may grow to both sides.
+    in_middle = np.abs(solid.nodes[:, 0] - LENGTH / 2.0) < 1e-6
+    held = np.flatnonzero(in_middle & (np.linalg.norm(solid.nodes[:, 1:] - 3.0, axis=1) < 1.6))
+    condensed = solid.condensed([held], np.array([[LENGTH / 2.0, 3.0, 3.0]]), carried)
+    longer = strain * (condensed.by_loads["end"][0, 7] - condensed.by_loads["other"][0, 7])
+    in_series = 1.0 / (1.0 / stiff + SIDE * 2.0 * (1.0 + POISSON) / 3.0)
+    rate = np.sqrt(in_series * SIDE / AREA)
+    half = rate * LENGTH / 2.0
+    assert longer == pytest.approx(strain * LENGTH * (1.0 - np.tanh(half) / half), rel=0.02)
+    # Where both expand alike, the glue is not strained: the bar grows by as much.
+    alike = [condensed.by_loads[name][0, 6:].sum() for name in ("end", "other")]
+    assert alike[0] - alike[1] == pytest.approx(LENGTH, rel=0.01)
+
+
+def test_what_is_glued_softly_goes_with_its_seat_and_sinks_in_its_glue(bar: Tetrahedra) -> None:
+    solid = Solid(bar)
+    first, last = ends(solid)
+    glue = np.tile(0.1 * np.eye(3), (len(last), 1, 1))
+    condensed = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, LAST, glue)})
+    plain = solid.condensed([first], FIRST[None], {"mass": Carried(last, LAST, 2.0, LAST)})
+    np.testing.assert_allclose(condensed.by_screws["mass"], plain.by_screws["mass"], atol=1e-6)
+    sunk = condensed.by_loads["mass"][2, 5] - plain.by_loads["mass"][2, 5]
+    assert sunk == pytest.approx(2.0 / (0.1 * len(last)), rel=0.1)

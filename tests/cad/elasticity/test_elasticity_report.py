@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,19 +39,31 @@ def test_files_state_every_plastic_and_what_a_robot_needs(
     assert "Recommended: " in text
     assert set(GravityTable.load(tmp_path / "robot" / "gravity.json").mirrors) == set(device.layout.mirror_names)
     assert {name for name, check in checks.items() if check.limit is not None} == {
-        "elastic.gravity_apart_px",
-        "elastic.10_k_apart_px",
-        "elastic.creep_apart_px",
+        f"elastic.{name}_{figure}" for name in ("gravity", "10_k", "creep") for figure in ("deg", "apart_px")
     }
+    stated = json.loads((tmp_path / "elasticity.json").read_text(encoding="utf-8"))
+    assert list(stated["plastics"]) == [plastic.name for plastic in PLASTICS]
+    assert stated["recommended"] in text
+    assert set(stated["mirrors_10_k_deg"]) == set(device.layout.mirror_names)
+    for name in ("gravity", "10_k", "creep"):
+        assert stated["device"][name]["deg"] == checks[f"elastic.{name}_deg"].value
+        assert stated["device"][name]["apart_px"] == checks[f"elastic.{name}_apart_px"].value
+    assert stated["device"]["passed"] == all(check.passed for check in checks.values())
 
 
 def test_figures_fail_past_their_limits(default_layout: Layout, turning: DeviceMotions) -> None:
     errors = errors_of(default_layout, turning, 500.0, PLASTICS[0])
+    errors = replace(errors, gravity=replace(errors.gravity, deg=0.04))
     large = replace(errors, gravity=replace(errors.gravity, apart_px=0.11))
     assert not figures(large)["elastic.gravity_apart_px"].passed
     small = replace(errors, gravity=replace(errors.gravity, apart_px=0.09))
     assert figures(small)["elastic.gravity_apart_px"].passed
     assert part_of_limits(large) == pytest.approx(1.1)
+    for name in ("gravity", "warmth", "creep"):
+        turned = replace(small, **{name: replace(getattr(small, name), deg=0.051)})
+        failed = {name for name, figure in figures(turned).items() if not figure.passed}
+        assert failed == {f"elastic.{'10_k' if name == 'warmth' else name}_deg"}
+        assert part_of_limits(turned) == pytest.approx(1.02)
 
 
 def test_the_plastic_that_moves_images_least_is_recommended_unless_it_swells(
