@@ -12,20 +12,23 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import APART, COUPON
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
+from mirrorcam.cad.write.threemf import part_numbers
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
 from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, render
 from mirrorcam.optics.base.values import Metric
 
 WEB = Path(__file__).parents[1] / "web"
+PLATES = "plates/*.3mf"
 PURPOSES = (
     ("assembly.step", "the assembled device, for any CAD program"),
     ("assembly.glb", "the assembled device, for viewers and game engines"),
-    ("plates/*.3mf", "all parts as they are printed together, with print settings"),
+    (PLATES, "printed together, with print settings"),
     ("plates/*.ini", "the print settings, for PrusaSlicer and SuperSlicer"),
     ("plates/*.json", "the print settings, for OrcaSlicer and Bambu Studio"),
     ("mirrors/*.dxf", "the mirrors, for a laser cutter"),
@@ -74,7 +77,7 @@ def write_page(
         masses=masses_of(parts),
         sliced=is_sliced(parts),
         pictures=pictures,
-        others=_other_files(folder),
+        others=_other_files(folder, parts),
         guide=Markup(markdown.render(_text(folder / "guide.md"))),
         bom=Markup(markdown.render(_text(folder / "bom.md"))),
         failed=failed,
@@ -84,7 +87,7 @@ def write_page(
             else f"all {limited} checks pass"
         ),
         check_groups=_groups(checks, parts),
-        data=Markup(json.dumps({"rays_mm": rays})),
+        data=Markup(json.dumps({"rays_mm": rays, "not_shown": _not_shown(parts)})),
         glb=base64.b64encode(read_bytes(folder / "assembly.glb")).decode(),
     )
     write_text(folder / "index.html", page)
@@ -94,12 +97,30 @@ def _text(path: Path) -> str:
     return read_bytes(path).decode("utf-8")
 
 
-def _other_files(folder: Path) -> list[PageFile]:
+def _other_files(folder: Path, parts: Sequence[BuiltPart]) -> list[PageFile]:
     """The files of the device beside those of its parts, with what they are for; the checks are written last."""
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} | {"checks.json"}
     return [
-        PageFile(name, purpose) for pattern, purpose in PURPOSES for name in sorted(names) if fnmatch(name, pattern)
+        PageFile(name, _on_plate(folder / name, purpose, parts) if pattern == PLATES else purpose)
+        for pattern, purpose in PURPOSES
+        for name in sorted(names)
+        if fnmatch(name, pattern)
     ]
+
+
+def _on_plate(path: Path, purpose: str, parts: Sequence[BuiltPart]) -> str:
+    """The parts on a plate by number and title, then its purpose, and what is printed before it."""
+    titles = {part.number: part.title for part in parts}
+    listed = ", ".join(f"{number} {titles.get(number, '')}".strip() for number in part_numbers(path))
+    coupon = next((part for part in parts if part.name == COUPON), None)
+    first = f"; {coupon.number} {coupon.title} comes first, alone, from its own file" if coupon else ""
+    return f"{listed}: {purpose}{first}"
+
+
+def _not_shown(parts: Sequence[BuiltPart]) -> str:
+    """Which printed parts the model lacks, since they are no pieces of the device in use; "" for none."""
+    apart = [f"{part.number} {part.title}" for part in parts if part.name in APART]
+    return f"Not in the model, since not in use with it: {', '.join(apart)}" if apart else ""
 
 
 def _groups(checks: Mapping[str, Metric], parts: Sequence[BuiltPart]) -> list[tuple[str, FigureTable]]:

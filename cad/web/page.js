@@ -107,7 +107,7 @@
     ["part", "Printed parts"],
     ["mirror", "Mirrors"],
     ["camera", "Camera"],
-    ["bought", "Screws and inserts"],
+    ["bought", "Fasteners"],
   ];
   const kindOf = (kind) => (["part", "mirror", "camera"].includes(kind) ? kind : "bought");
 
@@ -188,6 +188,9 @@
       const rows = document.createElement("ul");
       group.append(summary, rows);
       for (const piece of members) addRow(rows, piece);
+      if (kind === "part" && data.not_shown) {
+        group.append(Object.assign(document.createElement("p"), { className: "note", textContent: data.not_shown }));
+      }
       list.append(group);
     }
     measure();

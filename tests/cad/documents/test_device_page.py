@@ -13,11 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.documents.device_page import WEB
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.write.threemf import body_on_bed, write_bodies
 from mirrorcam.optics.base.html.templates import KIT
 from mirrorcam.optics.base.values import Metric
 from tests.cad.documents.conftest import CHECKS, Made, write_documents
+from tests.mirrorcam.studio.browser import FLAGS, chromium
+
+# What lies right of the window: the section it is in, and its text.
+BEYOND = """() => [...document.querySelectorAll("#files *, .guide *")]
+  .filter((e) => !e.closest("pre") && e.getBoundingClientRect().right > innerWidth + 1)
+  .map((e) => [e.closest("section").id, e.textContent.slice(0, 60)])"""
 
 
 class Links(HTMLParser):
@@ -106,6 +115,49 @@ def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
         there, back = (bounce - start) / np.linalg.norm(bounce - start), (end - bounce) / np.linalg.norm(end - bounce)
         normal = mirror.normal_in_rig
         np.testing.assert_allclose(back, there - 2.0 * (there @ normal) * normal, atol=1e-4)
+
+
+def test_every_plate_names_its_parts_and_what_comes_before_it(made: Made, tmp_path: Path) -> None:
+    plated = tmp_path / "plated"
+    shutil.copytree(made.folder, plated)
+    plans = {part.name: part for part in parts_of(made.device)}
+    for number, names in ((1, ("mirror_holder", "mount")), (2, ("camera_clip",))):
+        bodies = [body_on_bed(made.folder / "parts" / f"{name}.stl", plans[name], HARDWARE.printer) for name in names]
+        path = plated / "plates" / f"plate_{number}.3mf"
+        write_bodies(path, bodies, "Plate", "of parts", HARDWARE.printer)
+    write_documents(Made(plated, made.device, made.parts, made.pieces, made.pictures))
+    page = (plated / "index.html").read_text(encoding="utf-8")
+    for listed in ("MC-01 Mirror holder, MC-02 Mount", "MC-03 Camera clip"):
+        coupon = "MC-06 Fit coupon comes first, alone, from its own file"
+        assert f"<span>{listed}: printed together, with print settings; {coupon}</span>" in page
+
+
+def test_the_model_says_which_printed_parts_it_lacks(made: Made) -> None:
+    scripts = Links((made.folder / "index.html").read_text(encoding="utf-8")).scripts
+    lacking = json.loads(scripts["data"])["not_shown"]
+    absent = {part.name for part in made.parts} - {piece.name for piece in made.pieces}
+    titles = [f"{part.number} {part.title}" for part in made.parts if part.name in absent]
+    assert titles and all(title in lacking for title in titles)
+    script = (WEB / "page.js").read_text(encoding="utf-8")
+    assert "Fasteners" in script and "Screws and inserts" not in script
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+def test_tables_of_files_and_gauges_stay_on_the_screen(made: Made, width: int) -> None:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = chromium()
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=[*FLAGS, "--disable-3d-apis"])
+        page = browser.new_page(viewport={"width": width, "height": 900})
+        page.goto((made.folder / "index.html").as_uri())
+        found = page.evaluate(BEYOND)
+        wider = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+        browser.close()
+    assert wider <= 0
+    # At any width nothing of the files; on a wide screen no table scrolls at all.
+    assert [text for table, text in found if width > 1000 or table == "files"] == []
 
 
 def test_a_failed_check_is_said_at_the_top_and_in_its_row(made: Made, tmp_path: Path) -> None:
