@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,17 +10,21 @@ from typing import Any
 import numpy as np
 import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from shapely import Polygon, maximum_inscribed_circle
 
 from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
+from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.documents.assembly_steps import Stages, counted
+from mirrorcam.cad.documents.camera_measures import MEASURES
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
 from mirrorcam.cad.mirrors.stock_sheets import stock_kind
-from mirrorcam.cad.parts.coupon import gauges_of
+from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
@@ -28,6 +33,7 @@ from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
+from mirrorcam.optics.geometry.layout import Layout
 
 WEB = Path(__file__).parents[1] / "web"
 
@@ -55,6 +61,13 @@ def write_guide(
         back=device.back,
         camera=hardware.camera,
         view=field_of_view(device.layout.camera),
+        focus_mm=f"{focus_of(device.layout):.0f}",
+        more_measures=_more_measures(hardware.camera),
+        tools=[tool.name for tool in tools_of(device, bought_items(device))],
+        also=[tool.name for tool in also_needed(device)],
+        gap_mm=hardware.fit.free_mm,
+        cures=_cure_texts(device),
+        test_mm=MIRROR_MM,
         lips=hardware.camera.held_by.kind == "lips",
         nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
@@ -87,6 +100,41 @@ def write_guide(
     write_text(folder / "guide.md", text)
 
 
+def focus_of(layout: Layout) -> float:
+    """Where the lens is to be in focus, mm from the pupil along the axis: best for the depths of the design, if stated.
+
+    Distances are those along the light, which are the same past the mirrors as without them.
+    """
+    best = layout.metrics.get("best_focus_mm")
+    return layout.camera.focus_mm if best is None else best.value
+
+
+# How deep one-part silicone cures in a day of the open air, mm, least and most of data sheets; it slows with depth.
+CURES_MM = (2.0, 3.0)
+
+
+def _cure_texts(device: Device) -> dict[str, str]:
+    """How far the glue's air has to come from the edge of the mirror that is the widest, and the least time for it."""
+    deepest = max(
+        float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
+    )
+    least, most = (math.ceil(deepest / speed) for speed in CURES_MM[::-1])
+    return {"deepest_mm": f"{deepest:.0f}", "days": f"{least} to {most}" if most > least else f"{least}"}
+
+
+# Measures of a camera that the guide's first table has rows of its own for.
+TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
+
+
+def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
+    """What else the camera's file states: what it is, its field, its value, and how it is taken."""
+    return [
+        (measure.what, measure.field, f"{getattr(camera, measure.field):g}", measure.how)
+        for measure in MEASURES
+        if measure.field not in TABLED and not (measure.field.startswith("cable") and not camera.has_cable)
+    ]
+
+
 def _nest_texts(device: Device) -> dict[str, Any]:
     """What the step of the camera says of how it is held and repeats, as the checks have it."""
     clip, hardware = device.clip, device.hardware
@@ -104,6 +152,8 @@ def _nest_texts(device: Device) -> dict[str, Any]:
         return texts
     back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
     held = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    for place, screw in zip(("back", "end"), clip.nest.screws, strict=True):
+        held[f"{place}_screw"] = f"M3 x {screw.length_mm:g} screw"
     return texts | held
 
 

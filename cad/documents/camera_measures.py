@@ -33,7 +33,7 @@ class Measure:
 MEASURES = (
     Measure("A", "width_mm", "length of the body along the picture's width", "calipers"),
     Measure("B", "height_mm", "length of the body along the picture's height", "calipers"),
-    Measure("C", "depth_mm", "depth of the body, without lens ring and foot", "calipers"),
+    Measure("C", "depth_mm", "depth of the body, without lens ring and stand", "calipers"),
     Measure("D", "end_radius_mm", "radius of the body's four edges; 0 where they are sharp", "radius gauge, or coins"),
     Measure("E", "lens_x_mm", "lens axis right of the middle of the body", "calipers, from both ends"),
     Measure("F", "lens_y_mm", "lens axis below the middle of the body", "calipers, from both sides"),
@@ -42,7 +42,7 @@ MEASURES = (
     Measure("J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"),
     Measure("K", "cable_mm", "diameter of the cable", "calipers"),
     Measure("L", "cable_x_mm", "cable right of the lens axis, at the back", "ruler"),
-    Measure("M", "hinge_mm", "width of what sticks out of a side, such as a foot; 0 for none", "calipers"),
+    Measure("M", "hinge_mm", "width of what sticks out of a side, such as a stand; 0 for none", "calipers"),
     Measure("N", "hinge_from_back_mm", "how far it reaches from the back towards the front", "calipers"),
     Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
 )

@@ -103,8 +103,11 @@ class Prices(Value):
 
 
 def hours_text(minutes: float | None) -> str:
-    """A time as hours and minutes, a dash for one that is not known."""
-    return "-" if minutes is None else f"{int(minutes) // 60}:{int(minutes) % 60:02d} h"
+    """A time as hours and whole minutes, to the nearest; a dash for one that is not known."""
+    if minutes is None:
+        return "-"
+    hours, rest = divmod(round(minutes), 60)
+    return f"{hours}:{rest:02d} h"
 
 
 def summary_of(checks: Mapping[str, Metric]) -> str:

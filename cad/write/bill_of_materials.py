@@ -11,6 +11,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title, standard_of
+from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
@@ -20,7 +21,8 @@ from mirrorcam.optics.base.values import Metric, Value
 
 # All carriers of mirrors in a note.
 CARRIERS = "mirror_carriers"
-TOOL = "Tool: "
+# What has no price, by the beginnings of their titles.
+TOOL, ALSO = "Tool: ", "Also needed: "
 GLUES = {
     "acrylic": "Glue for acrylic that does not craze it (neutral silicone)",
     "glass": "Glue for mirrors that does not attack their coating (neutral silicone)",
@@ -35,7 +37,7 @@ class PrintedLine(Value):
     file: str = Field(description="3MF, from the folder of the bill")
     volume_cm3: float
     solid_g: float = Field(description="mass if printed solid")
-    print_minutes: float | None
+    print_minutes: float | None = Field(description="to the nearest minute, so that those of all parts add up")
     print_g: float | None
     price: float = Field(description="of its filament")
 
@@ -63,7 +65,9 @@ class BoughtLine(Value):
     count: int | None
     standard: str = ""
     note: str
-    price: float | None = Field(default=None, description="of all of them; null for tools, and where none is known")
+    price: float | None = Field(
+        default=None, description="of all of them; null for tools and what is made, and where none is known"
+    )
 
 
 class Bom(Value):
@@ -89,7 +93,7 @@ class Bom(Value):
     def print_minutes(self) -> float | None:
         """The time of all prints together, where a slicer gave the time of each."""
         minutes = [line.print_minutes for line in self.printed if line.print_minutes is not None]
-        return round(sum(minutes), 1) if len(minutes) == len(self.printed) else None
+        return sum(minutes) if len(minutes) == len(self.printed) else None
 
     @property
     def estimate(self) -> str:
@@ -118,7 +122,7 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
         currency=prices.currency,
         prices_date=prices.date,
         price=round(sum(priced), 2),
-        unpriced=tuple(line.title for line in bought if line.price is None and not line.title.startswith(TOOL)),
+        unpriced=tuple(line.title for line in bought if line.price is None and not line.title.startswith((TOOL, ALSO))),
     )
 
 
@@ -130,7 +134,7 @@ def _printed(part: BuiltPart, plastic: str, prices: Prices) -> PrintedLine:
         file=f"parts/{part.name}.3mf",
         volume_cm3=round(part.mass.volume_mm3 / 1000.0, 2),
         solid_g=round(part.mass.mass_g, 1),
-        print_minutes=minutes.value if minutes else None,
+        print_minutes=float(round(minutes.value)) if minutes else None,
         print_g=grams.value if grams else None,
         price=round(prices.of_plastic(plastic, grams.value if grams else part.mass.mass_g), 2),
     )
@@ -170,9 +174,9 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
     lines = [BoughtLine(title=device.hardware.camera.name, count=1, note="the camera")]
     for key in sorted(counted, key=lambda key: (order.index(key[0]), key[1])):
         same = [each for each in zip(items, torques, strict=True) if (each[0].kind, item_title(each[0])) == key]
-        lines.append(
-            BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=_where(same, titles))
-        )
+        where = _where(same, titles)
+        note = f"{where}; for a hole of {device.hardware.screw.insert_hole_mm:.1f} mm" if key[0] == "insert" else where
+        lines.append(BoughtLine(title=key[1], count=counted[key], standard=standard_of(key[1]), note=note))
     tied = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
     tied += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
     if tied:
@@ -185,19 +189,14 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
             note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",
         )
     )
-    lines.append(BoughtLine(title=f"{TOOL}syringe of 5 ml", count=None, note="to lay beads of glue"))
-    if any(item.kind == "insert" for item in items):
-        lines.append(
-            BoughtLine(
-                title=f"{TOOL}soldering iron with a tip for M3 inserts", count=None, note="at about 220 °C in PLA"
-            )
-        )
+    for kind, tools in ((TOOL, tools_of(device, items)), (ALSO, also_needed(device))):
+        lines += [BoughtLine(title=kind + tool.name, count=None, note=tool.purpose) for tool in tools]
     return tuple(_priced(line, device.hardware.prices) for line in lines)
 
 
 def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
     """A line with the price of its items; of one without a number, such as glue, that of a pack."""
-    price = None if line.title.startswith(TOOL) else prices.of_item(line.title)
+    price = None if line.title.startswith((TOOL, ALSO)) else prices.of_item(line.title)
     return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +14,17 @@ import pytest
 from ezdxf.filemanagement import readfile
 from manifold3d import Manifold
 from markdown_it import MarkdownIt
+from shapely import Polygon
 
 from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
+from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
-from mirrorcam.cad.documents.assembly_guide import camera_toml, write_guide
+from mirrorcam.cad.documents.assembly_guide import camera_toml, focus_of, write_guide
 from mirrorcam.cad.documents.device_pictures import EDGE_TEXT, scale_edges
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
@@ -80,7 +83,7 @@ def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Ma
 def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert "mirrorcam cad LAYOUT --camera my_camera.toml --out FOLDER" in text
-    assert "LAYOUT is the path of the `layout.json` that this guide was made for" in text
+    assert "LAYOUT is the path of the `layout.json` that this guide was made for, `source/layout.json` beside" in text
     assert " layout.json " not in "".join(re.findall(r"^mirrorcam .*$", text, re.MULTILINE))
 
 
@@ -250,3 +253,82 @@ def test_the_guide_says_what_the_nest_does(made: Made) -> None:
     assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text
     assert "calibrate again whenever the camera has been out of its clip" in text
     assert "Put a cable tie through the two slots below the camera" in text
+
+
+def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture(made: Made, tmp_path: Path) -> None:
+    """A layout with a best focus states that, others their camera's; it is told before any picture is taken."""
+    best = made.device.layout.replaced(metrics={"best_focus_mm": Metric(value=436.05, unit="mm")})
+    assert focus_of(best) == 436.05
+    assert focus_of(made.device.layout.replaced(metrics={})) == made.device.layout.camera.focus_mm
+    write_guide(tmp_path, replace(made.device, layout=best), made.parts, made.pieces)
+    step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 7")[2].partition("## Step 8")[0]
+    set_at, board, pictures = (
+        step.index(words) for words in ("**Set the focus now**, at 436 mm", "Print it at 100 %", "Take the pictures")
+    )
+    assert set_at < board < pictures
+    assert "`square_mm` of `board.toml`, write there what you measured" in step
+
+
+def test_the_guide_says_which_screw_goes_where(made: Made) -> None:
+    """Of the bought screws in the clip, the one behind the back stands along the lens axis; the other at the corner."""
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    screws = [item for item in bought_items(made.device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+    upright = {abs(item.rig_from_item[2, 2]) > 0.99: f"M3 x {item.length_mm:g} screw" for item in screws}
+    assert len(upright) == 2
+    assert upright[True] != upright[False]
+    assert f"the {upright[False]} at the far corner, the {upright[True]} behind the back" in text
+
+
+def test_the_guide_and_the_parts_list_have_the_same_tools(made: Made) -> None:
+    guide, bill = ((made.folder / name).read_text(encoding="utf-8") for name in ("guide.md", "bom.md"))
+    opening = guide.partition("## Step 1")[0]
+    for tool in tools_of(made.device, bought_items(made.device)):
+        assert tool.name in opening
+        assert f"| - | Tool: {tool.name} |  | {tool.purpose} | - |" in bill
+    for other in also_needed(made.device):
+        assert other.name in opening
+        assert f"| - | Also needed: {other.name} |  | {other.purpose} | - |" in bill
+    for word in ("kitchen scale", "ruler", "blade", "dental floss", "hex key of 2 mm", "hex key of 2.5 mm", "gloves"):
+        assert word in opening
+
+
+def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
+    """What stands in the file to copy is asked for or explained in the same step."""
+    step = (made.folder / "guide.md").read_text(encoding="utf-8").partition("## Step 2")[0]
+    told, _, file = step.partition("```toml")
+    spoken = {"width_mm": "width", "height_mm": "height", "depth_mm": "depth", "mass_g": "mass without cable"}
+    spoken |= {"lens_ring_mm": "lens ring", "lens_protrusion_mm": "above the front", "pupil_behind_front_mm": "pupil"}
+    fields = set(re.findall(r"^(\w+_(?:mm|g)) =", file, re.MULTILINE))
+    assert {"hinge_mm", "foot_mm", "lip_mm", "end_radius_mm"} < fields
+    assert [field for field in fields if spoken.get(field, f"`{field}`") not in told] == []
+    assert "the mass: if yours is heavier by more than a tenth" in told
+
+
+def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Path) -> None:
+    """Nothing carries the device before the step of its back: the picture is looked at after it, then the cover."""
+    cover = made.parts[-1].replaced(name="dust_cover", number="MC-07")
+    write_guide(tmp_path, made.device, (*made.parts, cover), made.pieces)
+    text = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    places = [text.index(words) for words in ("Screw the desk foot", "(pictures/live_view.png)", "Put the dust cover")]
+    assert places == sorted(places)
+    assert "equal margins" not in text
+    assert "\n\n## Step 9" in text
+
+
+def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
+    """The widest mirror's glue is as far from the gap as the largest circle in it is wide; at 2 to 3 mm a day."""
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    far, least, most = map(int, re.findall(r"is (\d+) mm from its edge, which takes (\d+) to (\d+) days", text)[0])
+    widest = max(Polygon(mirror.outline_in_plane_mm).minimum_clearance for mirror in made.device.layout.mirrors)
+    assert far == pytest.approx(widest / 2.0, abs=3.0)
+    assert (least, most) == (math.ceil(far / 3), math.ceil(far / 2))
+    assert "overnight" not in text
+
+
+def test_the_mirror_for_the_coupon_is_cut_before_the_others(made: Made) -> None:
+    step = (made.folder / "guide.md").read_text(encoding="utf-8").partition("## Step 2")[2].partition("## Step 3")[0]
+    assert (
+        "cut a mirror of 20 x 15 mm as step 3 says, in a corner of the sheet that the cutting files leave free" in step
+    )
+    assert "a rectangle of 20.2 x 15.2 mm" in step
+    assert "for the insert, step 4 says how to use the iron" in step

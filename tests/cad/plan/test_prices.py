@@ -85,6 +85,6 @@ def test_a_device_is_summed_up_in_a_line() -> None:
         "device.price": Metric(value=117.6, unit="EUR"),
         "device.print_minutes": Metric(value=150.8, unit="min"),
     }
-    assert summary_of(figures) == "392 g, about 118 EUR, 2:30 h of printing"
+    assert summary_of(figures) == "392 g, about 118 EUR, 2:31 h of printing"
     assert summary_of({}) == ""
     assert (hours_text(None), hours_text(65.0)) == ("-", "1:05 h")

@@ -28,10 +28,17 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 5.7 heat-set insert", 4),
         ("Cable tie, at most 4 mm wide", 2),
         ("Glue for acrylic that does not craze it (neutral silicone)", None),
-        ("Tool: syringe of 5 ml", None),
+        *((f"Tool: {tool}", None) for tool in ("calipers", "kitchen scale", "steel ruler", "blade")),
         ("Tool: soldering iron with a tip for M3 inserts", None),
+        *(
+            (f"Tool: {tool}", None)
+            for tool in ("syringe of 5 ml", "cotton gloves", "hex key of 2.5 mm", "dental floss")
+        ),
+        ("Also needed: calibration board, printed on paper", None),
+        ("Also needed: flat stiff plate of its size, of glass or aluminium", None),
     ]
     assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
+    assert bom.bought[3].note == "mirror holder; for a hole of 4.0 mm"
     assert bom.bought[2].note == "adapter cap, mirror holder, mount: at most 0.097 N m"
 
 
@@ -66,7 +73,9 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
     assert prices["M3 x 8 screw"] == 0.6
     assert prices["M3 x 5.7 heat-set insert"] == 0.6
     assert prices["Logitech C920"] == 70.0
-    assert {title for title, price in prices.items() if price is None} == {t for t in prices if t.startswith("Tool: ")}
+    assert {title for title, price in prices.items() if price is None} == {
+        t for t in prices if t.startswith(("Tool: ", "Also needed: "))
+    }
     area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors) / 100.0
     assert bom.mirrors[0].price == pytest.approx(area * 0.06, abs=0.006)
     lines = [*(line.price for line in bom.printed), *(line.price for line in bom.mirrors), *prices.values()]
@@ -75,7 +84,7 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
     assert f"About {bom.price:.0f} EUR, as of 2026-11 (typical retail prices" in bom.estimate
     assert bom_metrics(bom) == {
         "device.price": Metric(value=bom.price, unit="EUR"),
-        "device.print_minutes": Metric(value=150.8, unit="min"),
+        "device.print_minutes": Metric(value=150.0, unit="min"),
     }
     assert list(bom_metrics(bill_of(device, [built_block], ()))) == ["device.price"]
 
