@@ -11,8 +11,9 @@ from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
-from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of, write_picture
+from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of
 from mirrorcam.cad.documents.live_view import write_live_view
+from mirrorcam.cad.documents.picture_views import write_picture
 from mirrorcam.cad.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg

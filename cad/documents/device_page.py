@@ -14,7 +14,8 @@ from markupsafe import Markup
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import APART, COUPON
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
-from mirrorcam.cad.documents.device_pictures import DevicePicture, middle_ray
+from mirrorcam.cad.documents.device_pictures import middle_ray
+from mirrorcam.cad.documents.picture_views import DevicePicture
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.cad.write.threemf import part_numbers

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -14,27 +14,20 @@ from mirrorcam.cad.assembly.build_steps import CLIP
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.documents.assembly_steps import Stages, home_of, joins_of
-from mirrorcam.cad.documents.labels import Label, annotate
-from mirrorcam.cad.documents.shading import Rgb, Screen, ShadedBody, render
+from mirrorcam.cad.documents.clip_picture import FIRST_END, end_point, notes_of, screw_label, tilted, viewers
+from mirrorcam.cad.documents.picture_views import GUIDE_RGB, DevicePicture, Item
+from mirrorcam.cad.documents.shading import Rgb, ShadedBody
 from mirrorcam.cad.parts.mount_openings import longest_mark_mm
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-PICTURE_PX = (1400, 1050)
-# Margin for the names at both sides.
-MARGINS_PX = (275, 50)
-BARE_MARGINS_PX = (60, 50)
 # Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
 IN_FRONT = (0.95, 0.12, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
-BESIDE = (1.0, -0.80, 0.25)
 LEVEL = (1.0, -0.45, 0.45)
-LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
-GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
 PALE = 0.55
 RAY_BEYOND_MIRROR = 1.1
 BED_GAP_MM = 14.0
@@ -43,58 +36,24 @@ STEP_SHARE = 0.8
 # The head of an arrow, from what is put in towards where it goes: its length, its radius, and how far before it.
 ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
+COUNT_CAPTION = "From behind; the number after a name is how many go into the part"
 # Bars that show which edge is read on a scale.
 BAR_MM = 1.4
+# How far mirrors are drawn before their seats, from how far below their normal they are seen, where a seat's name is.
+MIRROR_LIFT_MM, SEATS_FROM_BELOW, SEAT_NAME_MM = 30.0, 0.3, 2.0
 EDGE_TEXT = "This edge at the longest mark"
 
 
-@dataclass(frozen=True)
-class Item:
-    """A body of a picture, in rig, its label ("" for none), and a line to where it belongs."""
-
-    body: ShadedBody
-    label: str
-    line: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class DevicePicture:
-    """A picture before it is drawn: file stem, title, the viewer's axes (3, 3) in rig, bodies, rays."""
-
-    name: str
-    title: str
-    axes: FloatArray
-    items: tuple[Item, ...]
-    rays: tuple[FloatArray, ...] = ()
-
-    @property
-    def path(self) -> str:
-        """Path below a device's folder."""
-        return f"pictures/{self.name}.png"
-
-
+NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
 PICTURES = 11
 """Number of pictures of a device."""
-
-
-def write_picture(folder: Path, picture: DevicePicture) -> None:
-    """Draw a picture and write it below a device's folder."""
-    bodies = [item.body for item in picture.items]
-    labelled = [Label(index, item.label) for index, item in enumerate(picture.items) if item.label]
-    points = np.concatenate([*(body.triangles.reshape(-1, 3) for body in bodies), *picture.rays])
-    screen = Screen.around(points, picture.axes, PICTURE_PX, MARGINS_PX if labelled else BARE_MARGINS_PX)
-    lines: list[tuple[FloatArray, Rgb, float]] = [
-        (item.line, GUIDE_RGB, 1.5) for item in picture.items if item.line is not None
-    ]
-    lines += [(ray, LIGHT_RGB, 2.0) for ray in picture.rays]
-    write_image(folder / picture.path, annotate(render(bodies, screen, lines), labelled))
 
 
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
     """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
     layout = device.layout
-    viewers = (IN_FRONT, BESIDE, LEVEL, BELOW, BEHIND)
-    front, beside, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
+    viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
+    front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
     whole = tuple(_item(piece, _big_label(piece)) for piece in pieces)
     bare = tuple(_item(piece) for piece in pieces)
     rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
@@ -106,16 +65,16 @@ def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Pie
         DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
         DevicePicture("behind", "The device from behind", behind, bare),
         DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
-        DevicePicture("inserts", "Where inserts and nuts go", behind, _threads(stages)),
-        DevicePicture("mirrors", "Which mirror goes where", below, _seating(stages)),
+        _inserts(layout, stages, behind, below),
+        _mirrors(layout, stages),
         DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
-        DevicePicture("camera", "Camera and clip", beside, _camera_in_clip(stages)),
+        _camera(device, stages),
         DevicePicture("clip", "Clip and mount", level, _clip_on_mount(device, stages)),
         DevicePicture("adapter", "What carries the device", front, _adapter_on_mount(stages)),
     )
 
 
-def view_axes(layout: Layout, viewer_in_view: Sequence[float]) -> FloatArray:
+def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> FloatArray:
     """Rows right, up and towards the viewer (3, 3) in rig; up is the scene's."""
     towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
     towards /= np.linalg.norm(towards)
@@ -138,18 +97,51 @@ def middle_ray(layout: Layout, index: int) -> FloatArray:
     return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
 
 
-def _threads(stages: Stages) -> tuple[Item, ...]:
+def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
+    """As `view_axes`, of a direction (3,) in rig."""
+    return view_axes(layout, layout.view_from_rig @ viewer_in_rig)
+
+
+def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
+    """The parts with what is put into them from behind and from the front; those that carry mirrors by themselves."""
+    title = "Where inserts and nuts go"
+    carriers = stages.carriers
+    items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
+    third = None
+    if carriers:
+        ways = [np.diff(_places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
+        axes = axes_towards(layout, _mean([way / np.linalg.norm(way) for way in ways]))
+        third = DevicePicture(
+            "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
+        )
+    front = DevicePicture("inserts", title, below, items, caption="The same parts from the front", below=third)
+    return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, below=front)
+
+
+def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
     """Parts away from each other, their inserts and nuts at the beginning of their ways in, with arrows."""
-    parts = [part for part in stages.of_kind("part") if stages.threads_in([part])]
+    parts = [part for part in among if stages.threads_in([part])]
     carriers = {piece.name for piece in stages.carriers}
+    threads = stages.threads_in(parts)
+    homes = [home_of(thread, joins_of(thread)[-1], parts) for thread in threads]
+    counts = Counter(home.name for home in homes if home)
     items = [
-        _moved(part, part.explode_mm, part.number if part.name in carriers else _big_label(part), pale=True)
+        _moved(
+            part,
+            part.explode_mm,
+            _label_with_count(part, part.name in carriers, counts[part.name]),
+            pale=True,
+        )
         for part in parts
     ]
-    for thread in stages.threads:
-        home = home_of(thread, joins_of(thread)[-1], parts)
+    for thread, home in zip(threads, homes, strict=True):
         items += _put_in(thread, home.explode_mm if home else np.zeros(3))
     return tuple(items)
+
+
+def _label_with_count(part: Piece, short: bool, count: int) -> str:
+    """The name of a part in the picture of its inserts or nuts, and how many it takes."""
+    return f"{part.number if short else _big_label(part)}: {count}"
 
 
 def _put_in(thread: Piece, seat: FloatArray) -> tuple[Item, Item]:
@@ -176,14 +168,40 @@ def _arrow_head(at: FloatArray, way: FloatArray) -> ShadedBody:
     return ShadedBody(np.asarray(cone.triangles, dtype=np.float64) + at, ARROW_RGB)
 
 
-def _seating(stages: Stages) -> tuple[Item, ...]:
-    """The mirrors before their seats, or with their carriers before the holder."""
-    lifted = [_lifted(piece, stages.holder) for piece in (*stages.mirrors, *stages.carriers)]
+def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
+    """The mirrors before their seats, seen along their normals, and in the same view the seats by name."""
+    title = "Which mirror goes where"
+    normal = _mean([mirror.normal_in_rig for mirror in layout.mirrors])
+    normal = normal / np.linalg.norm(normal)
+    axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
+    holder = tuple(_item(piece, pale=True) for piece in stages.holder)
     fasteners = [
         _moved(piece, piece.explode_mm - _mean([p.explode_mm for p in stages.holder]))
         for piece in stages.carrier_screws
     ]
-    return (*(_item(piece, pale=True) for piece in stages.holder), *lifted, *fasteners)
+    lifted = [_lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
+    lines = [
+        Item(NO_BODY, "", np.array([corner, corner + MIRROR_LIFT_MM * normal]))
+        for mirror in layout.mirrors
+        for corner in mirror.outline_in_rig_mm
+    ]
+    names = tuple(
+        (f"seat {name}", mirror.outline_in_rig_mm.mean(axis=0) + SEAT_NAME_MM * mirror.normal_in_rig)
+        for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
+    )
+    seats = DevicePicture(
+        "mirrors",
+        title,
+        axes,
+        holder,
+        notes=names,
+        inside=True,
+        caption="The seats without the mirrors, from the same side",
+    )
+    caption = "Seen from the front, from the scene: each mirror before its seat"
+    return DevicePicture(
+        "mirrors", title, axes, (*holder, *lifted, *fasteners, *lines), caption=caption, inside=True, below=seats
+    )
 
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
@@ -191,9 +209,33 @@ def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
     return _joined(rest, stages.mount, stages.holder_screws, stages.holder)
 
 
-def _camera_in_clip(stages: Stages) -> tuple[Item, ...]:
+def _camera(device: Device, stages: Stages) -> DevicePicture:
+    """The camera before its clip from above the lens and from behind, with what of the clip the guide speaks of."""
+    clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
-    return _joined(rest, stages.camera, stages.camera_screws, stages.clip)
+    plain = _joined(rest, [], stages.camera_screws, stages.clip)
+    plain = tuple(
+        replace(item, label=screw_label(clip, screw)) if screw else item
+        for item, screw in zip(plain, [*(None for _ in rest), *stages.camera_screws], strict=True)
+    )
+    away = STEP_SHARE * (stages.camera[0].explode_mm - _mean([piece.explode_mm for piece in stages.clip]))
+    new = []
+    for camera in stages.camera:
+        body = _moved(camera, away, _big_label(camera)).body
+        new.append(Item(replace(body, triangles=tilted(clip, body.triangles)), _big_label(camera)))
+        if clip.nest is not None:
+            end = end_point(clip.nest, body.triangles)
+            seat = end_point(clip.nest, _triangles(camera))
+            way = (seat - end) / np.linalg.norm(seat - end)
+            head = _arrow_head((end + seat) / 2.0, way)
+            new.append(Item(head, FIRST_END, np.array([end, seat])))
+    first, second = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
+    notes, title = notes_of(clip), "Camera and clip"
+    # The camera hides nothing of the clip in the lower view.
+    lower = DevicePicture("camera", title, second, plain, notes=notes, caption="The clip alone, from the camera's back")
+    return DevicePicture(
+        "camera", title, first, (*plain, *new), notes=notes, caption="From above the lens", below=lower
+    )
 
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
@@ -268,9 +310,13 @@ def _placed(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
     return tuple(items)
 
 
-def _lifted(piece: Piece, holder: Sequence[Piece]) -> Item:
-    away = piece.explode_mm - min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
-    return _moved(piece, away, piece.name.removeprefix("mirror_") if piece.kind == "mirror" else "")
+def _lifted(piece: Piece, holder: Sequence[Piece], normal: FloatArray) -> Item:
+    """A mirror lifted along the viewer's way, or a carrier between it and the holder."""
+    if piece.kind == "mirror":
+        return _moved(piece, MIRROR_LIFT_MM * normal, piece.name.removeprefix("mirror_"))
+    nearest = min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
+    away = float(np.linalg.norm(piece.explode_mm - nearest))
+    return _moved(piece, min(away, MIRROR_LIFT_MM / 2.0) * normal)
 
 
 def _distance(move: FloatArray, piece: Piece) -> float:

@@ -20,16 +20,20 @@ SMALLEST_TEXT_PX = 15
 ROW_OF_TEXT = 1.9
 MARGIN_PX = 26
 SHIFT = 4
+# What is nearer than a point by more than this hides it.
+HIDDEN_MM = 1.0
 # Of the font, regular: left out, it is that of the last text that anything in this process drew.
 WEIGHT = 400
+CAPTION_PX, BOLD = 26, 700
 
 
 @dataclass(frozen=True)
 class Label:
-    """A name for a body (by its index) of a picture."""
+    """A name for a body (by its index) of a picture, or for a point (3,) in rig: of that body, or with -1 of any."""
 
     body: int
     text: str
+    at: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,30 @@ def anchor(shot: Shot, body: int) -> FloatArray | None:
     return found[0] if found else None
 
 
+def place_of(shot: Shot, label: Label) -> FloatArray | None:
+    """The pixel (column, row) that a label names, or None where it is hidden or outside of the picture.
+
+    Of a body's point it is the pixel of the body that is nearest to it.
+    """
+    if label.at is None:
+        return anchor(shot, label.body)
+    column, row, near = shot.screen.pixels(label.at)
+    if label.body >= 0:
+        rows, columns = np.nonzero(shot.bodies == label.body)
+        if not len(rows):
+            return None
+        nearest = int(np.argmin((columns - column) ** 2 + (rows - row) ** 2))
+        return np.array([columns[nearest], rows[nearest]], dtype=np.float64)
+    height, width = shot.bodies.shape
+    if not (0 <= column < width and 0 <= row < height):
+        return None
+    hidden = shot.bodies[int(row), int(column)] >= 0 and shot.nearness[int(row), int(column)] > near + HIDDEN_MM
+    return None if hidden else np.array([column, row])
+
+
 def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
     """The picture with its names in columns at its left and right sides; what is hidden gets none."""
-    found = [(label, point) for label in labels if (point := anchor(shot, label.body)) is not None]
+    found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
     # Halved by where they are, lines to the left and to the right never meet.
@@ -94,6 +119,31 @@ def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
             cv2.rectangle(image, *ground, (255, 255, 255), -1)
             cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size, WEIGHT)
     return image
+
+
+def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
+    """The picture with each name in the middle of what it names, on white; what is hidden gets none."""
+    image = shot.image.copy()
+    height, width = image.shape[:2]
+    font = cv2.FontFace("sans")
+    for label in labels:
+        if (point := place_of(shot, label)) is None:
+            continue
+        box = cv2.getTextSize((width, height), label.text, (0, 0), font, TEXT_PX, WEIGHT)
+        x, y = int(point[0] - box[2] / 2.0), int(point[1])
+        ground = ((x - 6, int(y - 0.7 * TEXT_PX)), (x + box[2] + 6, int(y + 0.7 * TEXT_PX)))
+        cv2.rectangle(image, *ground, (255, 255, 255), -1)
+        cv2.putText(image, label.text, (x, int(y + 0.36 * TEXT_PX)), INK, font, TEXT_PX, WEIGHT)
+    return image
+
+
+def captioned(image: Pixels, caption: str) -> Pixels:
+    """The picture with a caption at its upper left; "" leaves it as it is."""
+    if not caption:
+        return image
+    drawn = image.copy()
+    cv2.putText(drawn, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, cv2.FontFace("sans"), CAPTION_PX, BOLD)
+    return drawn
 
 
 def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:

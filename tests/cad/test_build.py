@@ -15,7 +15,7 @@ import pytest
 import mirrorcam.cad.build
 import mirrorcam.cad.elasticity.elasticity_report
 from mirrorcam.cad.build import build_parts
-from mirrorcam.cad.documents.device_pictures import DevicePicture
+from mirrorcam.cad.documents.picture_views import DevicePicture
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan

@@ -16,7 +16,8 @@ from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.assembly.pieces import Piece, mass_of, pieces_of
 from mirrorcam.cad.documents.assembly_guide import write_guide
 from mirrorcam.cad.documents.device_page import write_page
-from mirrorcam.cad.documents.device_pictures import DevicePicture, pictures_of
+from mirrorcam.cad.documents.device_pictures import pictures_of
+from mirrorcam.cad.documents.picture_views import DevicePicture
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.dimension import Hole, Length
