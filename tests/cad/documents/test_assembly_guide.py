@@ -323,6 +323,7 @@ def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
     assert far == pytest.approx(widest / 2.0, abs=3.0)
     assert (least, most) == (math.ceil(far / 3), math.ceil(far / 2))
     assert "overnight" not in text
+    assert "between them the glue of the mirrors needs days" in text
 
 
 def test_the_mirror_for_the_coupon_is_cut_before_the_others(made: Made) -> None:
