@@ -39,7 +39,7 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
     inner_y = clip.slide_y_mm + clip.slide.wall_mm
     notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
     if clip.nest is None:
-        return (*notes, *(("screw of the board", point) for point in clip.board_screws[:1]))
+        return tuple(notes)
     points = clip.nest.points
     notes += [("front pad", point) for point in points[:3]]
     if is_v(clip.nest):

@@ -28,5 +28,5 @@ def test_notes_are_what_a_clip_has(name: str) -> None:
     clip = plan_clip(HARDWARE.replaced(camera=read_body(name)))
     texts = {text for text, _ in notes_of(clip)}
     assert ("V" in texts) == (clip.nest is not None and is_v(clip.nest))
-    assert ("screw of the board" in texts) == (clip.nest is None)
+    assert ("front pad" in texts) == (clip.nest is not None)
     assert "slot of the cable tie" in texts
