@@ -12,7 +12,7 @@ from pathlib import Path
 import build123d as bd
 
 THICK = 6.36
-RIGHT, FRONT, BACK, CORNER = 27.8, 56.68, -10.0, 8.0  # how far the plate reaches, and what its corners are cut by
+RIGHT, FRONT, BACK, CORNER = 27.8, 55.71, -10.0, 8.0  # how far the plate reaches, and what its corners are cut by
 SCREWS = [(x, y) for x in (-17.0, 17.0) for y in (0.0, 9.5)]
 GRIP = 5.5  # from the top of a screw's head to the mount
 SCREW_HOLE, HEAD = 3.4, 6.82  # M3, ISO 273; head of ISO 10642 and 0.1 mm

@@ -71,7 +71,10 @@ class Solid:
     def condensed(
         self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]
     ) -> CondensedSolid:
-        """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3)."""
+        """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
+
+        A set grows about its point as the solid does: what is pressed together there is of one material.
+        """
         if any(len(nodes) < 3 for nodes in screws):
             raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
         if len(np.unique(np.concatenate(screws))) < sum(len(nodes) for nodes in screws):
@@ -79,15 +82,18 @@ class Solid:
         stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
         count = stiffness.shape[0]
         held = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
-        rigid = np.zeros((count, 6 * len(screws)))
+        rigid, grown = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
         for k, (nodes, point) in enumerate(zip(screws, at, strict=True)):
-            rigid[self._dofs[nodes].ravel(), 6 * k : 6 * k + 6] = rigid_motions(self.nodes[nodes] - point)
+            dofs, arms = self._dofs[nodes].ravel(), self.nodes[nodes] - point
+            rigid[dofs, 6 * k : 6 * k + 6] = rigid_motions(arms)
+            grown[dofs, 6] = arms.ravel()
         free = np.setdiff1d(np.arange(count), held)
         inner = stiffness[free][:, free].tocsc()
         factor = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         pulled = stiffness[free] @ rigid
-        by_screws, by_loads = rigid.copy(), np.zeros((count, LOADS))
+        by_screws, by_loads = rigid.copy(), grown.copy()
         by_screws[free] = -factor.solve(pulled)
+        loads = loads - stiffness @ grown
         by_loads[free] = factor.solve(loads[free])
         own = by_screws.T @ (stiffness @ by_screws)
         told = {name: self._told(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)}

@@ -17,7 +17,7 @@ from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import InputError, Metric
 
-# Finer elements differ by up to 6 % (docs/elasticity.md).
+# Finer elements differ by up to 5 % (docs/elasticity.md).
 SIZE_MM = 6.0
 # What images may move against each other, in px: as much as a calibration's corners scatter, for gravity and for creep;
 # .1 px per K for warmth.

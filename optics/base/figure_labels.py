@@ -104,6 +104,7 @@ PRINTED_PARTS: Mapping[str, str] = {
     "floating_mm2": "largest area that starts in mid-air",
     "slices": "slicer accepts the 3MF file (1: yes)",
     "print_minutes": "printing time",
+    "price": "price",
     "print_g": "mass as sliced",
     "way_clash_mm3": "obstruction on its way off",
     "contact_n": "least force on a point of the nest",

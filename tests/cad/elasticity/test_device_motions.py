@@ -58,12 +58,12 @@ def solved(device: Device) -> DeviceMotions:
 
 @pytest.mark.slow
 def test_where_all_expands_alike_the_device_only_grows(device: Device, solved: DeviceMotions, gmsh: str) -> None:
-    """But for the screws, whose discs keep their size: mirrors move off the camera by the strain, and hardly turn."""
+    """Mirrors move off the camera by the strain, but for where it rests, and do not turn."""
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         motion = solved.of_strain(1e-3, 1e-3, 1e-3)[name]
         middle = mirror.rig_from_plane[:3, 3]
         assert np.linalg.norm(motion[:3] - 1e-3 * middle) < 0.2 * np.linalg.norm(1e-3 * middle)
-        assert np.linalg.norm(motion[3:]) < 1e-4
+        assert np.linalg.norm(motion[3:]) < 1e-9
 
 
 @pytest.mark.slow
