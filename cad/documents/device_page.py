@@ -16,9 +16,9 @@ from mirrorcam.cad.assembly.pieces import APART, COUPON
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import middle_ray
 from mirrorcam.cad.documents.picture_views import DevicePicture
+from mirrorcam.cad.documents.plate_parts import part_numbers
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
-from mirrorcam.cad.write.threemf import part_numbers
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
 from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.html.templates import FigureTable, PageFile, render

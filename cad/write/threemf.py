@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import locale
-import re
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -47,13 +45,6 @@ def body_on_bed(stl: Path, part: PartPlan, printer: Printer) -> PrintBody:
     mesh = trimesh.load_mesh(stl)
     middle = (printer.bed_mm[0] / 2.0, printer.bed_mm[1] / 2.0, 0.0)
     return PrintBody(part, lying(np.array(mesh.vertices), part, printer) + middle, np.array(mesh.faces))
-
-
-def part_numbers(path: Path) -> list[str]:
-    """The numbers of the parts in a 3MF file of `write_bodies`, in their order there."""
-    with zipfile.ZipFile(path) as archive:
-        model = archive.read("3D/3dmodel.model").decode("utf-8")
-    return re.findall(r'<object [^>]*partnumber="([^"]*)"', model)
 
 
 def write_3mf(path: Path, stl: Path, part: PartPlan, printer: Printer) -> None:
