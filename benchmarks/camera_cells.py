@@ -129,18 +129,34 @@ def cell_of(camera: str, adapter: str, checks: Mapping[str, Metric], seconds: fl
     )
 
 
-def built(camera: str, adapter: str, designs: Path) -> Cell:
-    """Build and check a device in a folder that is removed after it; whatever stops it is the cell's error."""
+def built(camera: str, adapter: str, designs: Path, devices: Path) -> Cell:
+    """Build and check a device; whatever stops it is the cell's error.
+
+    `devices` keeps the first device of each camera: the parts that another adapter leaves as they are come from there.
+    """
     start = time.perf_counter()
+    first = devices / camera
     try:
         hardware = HARDWARE.replaced(camera=read_profile(camera).body, back=back_of(adapter))
-        with TemporaryDirectory() as folder:
-            checks = build_parts(layout_for(camera, designs), Path(folder), hardware)
+        with TemporaryDirectory(dir=devices) as folder:
+            out = Path(folder) / "device"
+            checks = build_parts(layout_for(camera, designs), out, hardware, previous=first)
+            if not first.exists():
+                _keep(out, first)
     except Exception as error:  # of any kind: it is written down, and the other cells go on
         text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         seconds = round(time.perf_counter() - start, 1)
         return Cell(camera=camera, adapter=adapter, seconds=seconds, error=" ".join(text.split()) or "no reason given")
     return cell_of(camera, adapter, checks, time.perf_counter() - start)
+
+
+def _keep(device: Path, first: Path) -> None:
+    """Move a device to where the first of its camera is kept, unless another process was quicker."""
+    try:
+        device.rename(first)
+    except OSError:
+        if not first.exists():
+            raise
 
 
 def read_cells(path: Path) -> dict[Key, Cell]:
@@ -197,10 +213,12 @@ def fill(
     with closing(run_local(wanted, processes, partial(_designed, designs=designs), preload=KERNEL)) as answers:
         for _ in answers:
             pass
-    work = partial(_built, designs=designs)
     with (
+        TemporaryDirectory() as devices,
         path.open("a", encoding="utf-8") as lines,
-        closing(run_local(missing, processes, work, preload=KERNEL)) as answers,
+        closing(
+            run_local(missing, processes, partial(_built, designs=designs, devices=Path(devices)), preload=KERNEL)
+        ) as answers,
     ):
         for number, answer in answers:
             camera, adapter = missing[number]
@@ -221,5 +239,5 @@ def _designed(camera: str, *, designs: Path) -> str:
     return ""
 
 
-def _built(key: Key, *, designs: Path) -> Cell:
-    return built(*key, designs)
+def _built(key: Key, *, designs: Path, devices: Path) -> Cell:
+    return built(*key, designs, devices)

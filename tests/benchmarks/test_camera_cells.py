@@ -76,8 +76,8 @@ def test_what_stops_a_device_is_its_error_in_one_line(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(camera_cells, "layout_for", lambda *_: None)
     monkeypatch.setattr(camera_cells, "build_parts", stopped)
-    assert built("c920", "none", tmp_path).error == "ValueError: first second"
-    assert "expected one of" in built("c920", "nowhere", tmp_path).error
+    assert built("c920", "none", tmp_path, tmp_path).error == "ValueError: first second"
+    assert "expected one of" in built("c920", "nowhere", tmp_path, tmp_path).error
 
 
 def test_a_run_builds_what_the_file_lacks(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ CELLS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CAMERAS)
 def test_every_camera_of_the_library_gets_a_device_that_passes_every_check(name: str, tmp_path: Path) -> None:
-    cell = built(name, "none", tmp_path)
+    cell = built(name, "none", tmp_path, tmp_path)
     assert (cell.error, cell.failed) == ("", {})
     assert cell.clip["camera_clip.light_gap_mm"].value > 0.0
 
