@@ -65,7 +65,7 @@ def write_device(
     bent: list[Call] = [(write_elasticity, (out, device))] if elastic else []
     # The coupon is printed before all others.
     device_parts = [plan for plan in plans if plan.name != COUPON]
-    checks, plates, *others = call_all(
+    checks, (plates, plate_checks), *others = call_all(
         [
             (check_device, (device, parts, out)),
             (write_plates, (out, device_parts, device.hardware.printer)),
@@ -82,7 +82,7 @@ def write_device(
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
     checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
-    checks |= {f"plates.{name}": check for name, check in plates.items()}
+    checks |= {f"plates.{name}": check for name, check in plate_checks.items()}
     if elastic:
         checks |= others[-1]
     write_robot(out / "robot", device, pieces)
@@ -91,7 +91,7 @@ def write_device(
     write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
     write_guide(out, device, parts, pieces, bill.estimate)
-    write_page(out, device, parts, pictures, checks)
+    write_page(out, device, parts, plates, pictures, checks)
     write_metrics(out / "checks.json", checks)
     return checks
 

@@ -16,7 +16,6 @@ from mirrorcam.cad.assembly.pieces import APART, COUPON
 from mirrorcam.cad.documents.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.documents.device_pictures import middle_ray
 from mirrorcam.cad.documents.picture_views import DevicePicture
-from mirrorcam.cad.documents.plate_parts import part_numbers
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.optics.base.figure_texts import label_text, sentence_case
@@ -25,11 +24,10 @@ from mirrorcam.optics.base.html.templates import FigureTable, PageFile, render
 from mirrorcam.optics.base.values import Metric
 
 WEB = Path(__file__).parents[1] / "web"
-PLATES = "plates/*.3mf"
 PURPOSES = (
     ("assembly.step", "the assembled device, for any CAD program"),
     ("assembly.glb", "the assembled device, for viewers and game engines"),
-    (PLATES, "printed together, with print settings"),
+    ("plates/*.3mf", "printed together, with print settings"),
     ("plates/*.ini", "the print settings, for PrusaSlicer and SuperSlicer"),
     ("plates/*.json", "the print settings, for OrcaSlicer and Bambu Studio"),
     ("mirrors/*.dxf", "the mirrors, for a laser cutter"),
@@ -50,11 +48,13 @@ def write_page(
     folder: Path,
     device: Device,
     parts: Sequence[BuiltPart],
+    plates: Mapping[str, Sequence[str]],
     pictures: Sequence[DevicePicture],
     checks: Mapping[str, Metric],
 ) -> None:
     """Write index.html into `folder`, which holds assembly.glb, bom.md, guide.md and all that the page links to.
 
+    `plates` has the names of the parts on each plate, by its file's path in the folder.
     The model is embedded in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
     """
     layout = device.layout
@@ -78,7 +78,7 @@ def write_page(
         masses=masses_of(parts),
         sliced=is_sliced(parts),
         pictures=pictures,
-        others=_other_files(folder, parts),
+        others=_other_files(folder, parts, plates),
         guide=Markup(markdown.render(_text(folder / "guide.md"))),
         bom=Markup(markdown.render(_text(folder / "bom.md"))),
         failed=failed,
@@ -98,21 +98,21 @@ def _text(path: Path) -> str:
     return read_bytes(path).decode("utf-8")
 
 
-def _other_files(folder: Path, parts: Sequence[BuiltPart]) -> list[PageFile]:
+def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, Sequence[str]]) -> list[PageFile]:
     """The files of the device beside those of its parts, with what they are for; the checks are written last."""
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} | {"checks.json"}
     return [
-        PageFile(name, _on_plate(folder / name, purpose, parts) if pattern == PLATES else purpose)
+        PageFile(name, _on_plate(plates[name], purpose, parts) if name in plates else purpose)
         for pattern, purpose in PURPOSES
         for name in sorted(names)
         if fnmatch(name, pattern)
     ]
 
 
-def _on_plate(path: Path, purpose: str, parts: Sequence[BuiltPart]) -> str:
+def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) -> str:
     """The parts on a plate by number and title, then its purpose, and what is printed before it."""
-    titles = {part.number: part.title for part in parts}
-    listed = ", ".join(f"{number} {titles.get(number, '')}".strip() for number in part_numbers(path))
+    of_name = {part.name: f"{part.number} {part.title}" for part in parts}
+    listed = ", ".join(of_name[name] for name in names)
     coupon = next((part for part in parts if part.name == COUPON), None)
     first = f"; {coupon.number} {coupon.title} comes first, alone, from its own file" if coupon else ""
     return f"{listed}: {purpose}{first}"

@@ -58,23 +58,26 @@ def _hull(body: PrintBody) -> FloatArray:
     return np.asarray(shapely.get_coordinates(shapely.geometry.polygon.orient(hull))[:-1])
 
 
-def write_plates(out: Path, parts: Sequence[PartPlan], printer: Printer) -> dict[str, Metric]:
+def write_plates(
+    out: Path, parts: Sequence[PartPlan], printer: Printer
+) -> tuple[dict[str, tuple[str, ...]], dict[str, Metric]]:
     """Write `plates/plate_NUMBER.3mf` and the profiles of slicers into a device's folder, which holds `parts/`.
 
-    Returns the checks of the plates.
+    Returns the names of the parts in each file, by its path in the folder, and the checks of the plates.
     """
     plates = plan_plates(parts, out / "parts", printer)
     profile = prusa_profile(printer)
+    held: dict[str, tuple[str, ...]] = {}
     for number, plate in enumerate(plates, start=1):
         title = f"Plate {number} of {len(plates)}"
         named = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
-        path = out / FOLDER / f"plate_{number}.3mf"
-        write_bodies(
-            path, plate.bodies, title, f"{named}. Print without support.", printer, {CONFIG: embedded(profile)}
-        )
+        path = f"{FOLDER}/plate_{number}.3mf"
+        told = f"{named}. Print without support."
+        write_bodies(out / path, plate.bodies, title, told, printer, {CONFIG: embedded(profile)})
+        held[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
     write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile())
-    return check_plates(plates, printer)
+    return held, check_plates(plates, printer)
 
 
 def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]:

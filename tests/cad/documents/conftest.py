@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ class Made:
     parts: tuple[BuiltPart, ...]
     pieces: tuple[Piece, ...]
     pictures: tuple[DevicePicture, ...]
+    plates: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 CHECKS = {
@@ -87,7 +88,7 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
 
 def write_documents(made: Made, checks: dict[str, Metric] = CHECKS) -> None:
     write_guide(made.folder, made.device, made.parts, made.pieces)
-    write_page(made.folder, made.device, made.parts, made.pictures, checks)
+    write_page(made.folder, made.device, made.parts, made.plates, made.pictures, checks)
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.documents.device_page import WEB
-from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.write.threemf import body_on_bed, write_bodies
+from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.html.templates import KIT
 from mirrorcam.optics.base.values import Metric
 from tests.cad.documents.conftest import CHECKS, Made, write_documents
@@ -120,12 +118,10 @@ def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
 def test_every_plate_names_its_parts_and_what_comes_before_it(made: Made, tmp_path: Path) -> None:
     plated = tmp_path / "plated"
     shutil.copytree(made.folder, plated)
-    plans = {part.name: part for part in parts_of(made.device)}
-    for number, names in ((1, ("mirror_holder", "mount")), (2, ("camera_clip",))):
-        bodies = [body_on_bed(made.folder / "parts" / f"{name}.stl", plans[name], HARDWARE.printer) for name in names]
-        path = plated / "plates" / f"plate_{number}.3mf"
-        write_bodies(path, bodies, "Plate", "of parts", HARDWARE.printer)
-    write_documents(Made(plated, made.device, made.parts, made.pieces, made.pictures))
+    plates = {"plates/plate_1.3mf": ("mirror_holder", "mount"), "plates/plate_2.3mf": ("camera_clip",)}
+    for path in plates:
+        write_bytes(plated / path, b"")
+    write_documents(Made(plated, made.device, made.parts, made.pieces, made.pictures, plates))
     page = (plated / "index.html").read_text(encoding="utf-8")
     for listed in ("MC-01 Mirror holder, MC-02 Mount", "MC-03 Camera clip"):
         coupon = "MC-06 Fit coupon comes first, alone, from its own file"
