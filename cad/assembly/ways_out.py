@@ -38,7 +38,7 @@ def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
 def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, out by the nearer side."""
     corners, screw = corners_of(device.mount.pieces), device.hardware.screw
-    plate = float(device.mount.foot[0, 2]) + foot_plate_mm(device.hardware)
+    plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
     # The origin of a nut is at its face towards the screw.
     off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * ABOVE for seat in seats]
     sides = [beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]

@@ -8,8 +8,7 @@ from mirrorcam.cad.backs.back import ON_ITS_SIDE, RGB, Back, BackPart, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, BlocksPlan, head_cuts
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import ArcaBack
 from mirrorcam.cad.plan.hardware import Hardware
@@ -20,11 +19,11 @@ from mirrorcam.optics.base.values import InputError
 NAME = "adapter_arca"
 
 
-def plan_arca(table: ArcaBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the dovetail; raises InputError where its slope is higher than all of it."""
-    half, foot_z = mount.half_width_mm, foot_z_mm(clip, hardware)
+    half, foot_z = mount.half_width_mm, mount.foot_z_mm
     wide, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
-    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    heads = mount.foot - table.grip_mm * ABOVE
     # Under the middle of the screws.
     y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
     edge = low + table.lip_mm

@@ -9,8 +9,8 @@ import numpy as np
 from mirrorcam.cad.backs.back import Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
+from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
@@ -42,7 +42,7 @@ def plan_bracket(
     rib_x_mm: float,
     cuts: tuple[Frustum | Bore | Hexagon, ...],
     grip_mm: float,
-    clip: ClipPlan,
+    mount: MountPlan,
     hardware: Hardware,
     ends: tuple[tuple[FloatArray, FloatArray], ...] = (),
 ) -> Bracket:
@@ -53,11 +53,11 @@ def plan_bracket(
     about the middle of its back as the origin. The shelf is `grip_mm` thick: heads rest under it.
     """
     half, down, thick = sides_mm
-    foot_z, slide = foot_z_mm(clip, hardware), clip.slide_y_mm
+    foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
     front = slide - FOOT_DEPTH_MM
     back, middle_z = front - thick, foot_z - below_mm
     middle, reach = np.array([0.0, back, middle_z]), rib_x_mm + RIB_MM
-    heads = foot_screws(clip, hardware) - grip_mm * ABOVE
+    heads = mount.foot - grip_mm * ABOVE
     rib = np.array(
         [(front - 1.0, middle_z - down / 2.0), (front - 1.0, foot_z), (slide, foot_z), (slide, foot_z - grip_mm)]
     )

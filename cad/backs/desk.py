@@ -10,7 +10,6 @@ from mirrorcam.cad.backs.back import Back, Neck, Stand
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y
 from mirrorcam.cad.backs.foot_plate import BEHIND_MM, back_of_plate, foot_plate
 from mirrorcam.cad.backs.load import Load
-from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import Hardware
@@ -20,16 +19,16 @@ from mirrorcam.optics.base.values import FloatArray
 NAME = "adapter_desk"
 
 
-def plan_desk(table: DeskBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out a plate so large that the device does not fall over when tipped by `tip_deg` and `spare_deg` more."""
-    plate = foot_plate(table, clip, hardware)
+    plate = foot_plate(table, mount, hardware)
     outline = _outline(table, mount, load, plate.low_z_mm)
     left, back = outline.min(axis=0)
     corner = np.array([left, back, plate.low_z_mm])
     chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°")
     return replace(
         back_of_plate(table, NAME, "Desk foot", plate, outline, hardware, (chamfer,)),
-        necks=(_before_mount(clip.slide_y_mm, outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
+        necks=(_before_mount(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
         stand=Stand(outline, plate.low_z_mm, table.tip_deg),
     )
 

@@ -16,7 +16,6 @@ from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart,
 from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.backs.bracket import Bracket, plan_bracket, plate_neck
 from mirrorcam.cad.backs.load import Load
-from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back
@@ -38,7 +37,7 @@ EXPLODE = np.array([0.0, -60.0, -45.0])
 INNER = np.array([0.0, -110.0, -45.0])
 
 
-def plan_iso9409(table: Iso9409Back, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket of a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
     at = table.circle_mm / 2.0 / np.sqrt(2.0)
     spots = np.array([(x, z) for x in (-at, at) for z in (-at, at)])
@@ -50,7 +49,7 @@ def plan_iso9409(table: Iso9409Back, clip: ClipPlan, mount: MountPlan, load: Loa
     )
     half = table.flange_mm / 2.0 + 2.0
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, clip, hardware
+        BRACKET, table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
     face = bracket.middle
     radius, deep = centre - LOOSE_MM, table.centre_deep_mm
@@ -73,7 +72,7 @@ def plan_iso9409(table: Iso9409Back, clip: ClipPlan, mount: MountPlan, load: Loa
     )
 
 
-def plan_gen3(table: Gen3Back, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket of a Kinova Gen3, and a disc that bridges the rim round its face."""
     x, z = table.holes_mm
     spots = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
@@ -82,7 +81,7 @@ def plan_gen3(table: Gen3Back, clip: ClipPlan, mount: MountPlan, load: Load, har
     half = x + 11.0
     cuts = _holes(spots, clearance, thick)
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, 36.0, thick), half - 5.0, cuts, table.grip_mm, clip, hardware
+        BRACKET, table.below_mm, (half, 36.0, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
     face = bracket.middle - disc_thick * ALONG_Y
     holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))

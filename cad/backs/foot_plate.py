@@ -9,8 +9,8 @@ import numpy as np
 from mirrorcam.cad.backs.back import AS_IT_STANDS, RGB, Back, BackPart
 from mirrorcam.cad.backs.blocks import BlocksPlan, countersunk_hole, tripod_cuts, tripod_depth_mm, tripod_nut
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.foot import foot_stack
+from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import DeskBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length
 from mirrorcam.cad.plan.hardware import Hardware
@@ -38,11 +38,11 @@ class FootPlate:
     nut_at: FloatArray
 
 
-def foot_plate(table: DeskBack | TripodBack, clip: ClipPlan, hardware: Hardware) -> FootPlate:
+def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
     """A plate thick enough for the nut, and for the countersunk heads of the foot's screws."""
-    foot_z = foot_z_mm(clip, hardware)
+    foot_z = mount.foot_z_mm
     thick = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
-    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    heads = mount.foot - table.grip_mm * ABOVE
     return FootPlate(foot_z - thick, thick, heads, np.array([0.0, float(heads[:, 1].min()), foot_z]))
 
 

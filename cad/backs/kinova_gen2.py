@@ -16,8 +16,7 @@ from mirrorcam.cad.backs.back import FRONT_DOWN, RGB, SECOND_RGB, Back, BackJoin
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.connection import Connection
@@ -119,9 +118,9 @@ class ClampPlan:
     clamp_heads: FloatArray
 
 
-def plan_gen2(wrist: Gen2Back, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """The clamp as a back: it holds the device over the wrist, which looks where the device looks."""
-    plan = plan_clamp(wrist, clip, hardware)
+    plan = plan_clamp(wrist, mount, hardware)
     saddle, cap = plan.saddle, plan.cap
     joins = ("adapter_cap", "adapter_saddle")
     corners = saddle.corners
@@ -200,18 +199,18 @@ def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_
     return Frustum(*ends)
 
 
-def plan_clamp(wrist: Gen2Back, clip: ClipPlan, hardware: Hardware) -> ClampPlan:
+def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPlan:
     """Lay out the clamp below the foot of the mount; the same for all layouts."""
     foot, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
-    place = _place(wrist, clip, hardware)
+    place = _place(wrist, mount, hardware)
     spans, ear_at = _ears(wrist, place, hardware)
-    heads = foot_screws(clip, hardware) - wrist.grip_mm * ABOVE
+    heads = mount.foot - wrist.grip_mm * ABOVE
     clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
     (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.around_mm + 1.0
     saddle_z, cap_z = place.axis_z_mm + face, place.axis_z_mm - face
     saddle_pieces = (
         box((-half, back, place.axis_z_mm + 0.6 * place.radius_mm), (half, front, place.foot_z_mm)),
-        box((-half, clip.slide_y_mm - FOOT_DEPTH_MM, place.under_mm), (half, front, place.foot_z_mm)),
+        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, place.under_mm), (half, front, place.foot_z_mm)),
         *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
     )
     cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
@@ -249,10 +248,10 @@ def _around_mm(hardware: Hardware) -> float:
     return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
 
 
-def _place(wrist: Gen2Back, clip: ClipPlan, hardware: Hardware) -> _Place:
+def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
     """Place the clamp; raises InputError where its plate is too thin for its screws."""
     screw = hardware.screw
-    foot_z = foot_z_mm(clip, hardware)
+    foot_z = mount.foot_z_mm
     radius = wrist.diameter_mm / 2.0
     axis_z = foot_z - wrist.riser_mm - radius
     under = axis_z + radius + wrist.joint_mm
@@ -261,7 +260,7 @@ def _place(wrist: Gen2Back, clip: ClipPlan, hardware: Hardware) -> _Place:
         raise InputError(
             f"adapter's plate is {thick:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
         )
-    band = np.array([clip.slide_y_mm, clip.slide_y_mm + wrist.band_mm])
+    band = float(mount.slide[1]) + np.array([0.0, wrist.band_mm])
     return _Place(radius, axis_z, band, under, foot_z, _around_mm(hardware))
 
 

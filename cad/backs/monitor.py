@@ -8,8 +8,7 @@ from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, 
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, head_cuts
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.connection import Connection
@@ -36,19 +35,19 @@ SCREW_MM, TAB_WIDE_MM = 20.0, 15.5
 ROUND_DEG = 89.0
 
 
-def plan_monitor(table: MonitorBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out both parts for a monitor under the load; raises InputError where the jaw does not slide so far."""
     thinnest, thickest = table.range_mm
     if not thinnest <= table.thick_mm <= thickest:
         raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
-    foot_z, m4 = foot_z_mm(clip, hardware), thread_of("M4")
+    foot_z, m4 = mount.foot_z_mm, thread_of("M4")
     low_z = foot_z - table.plate_mm
     pad_z, x = low_z - PAD_MM, mount.half_width_mm + BESIDE_MM
     half = x + SIDE_MM
     screen_y = float(load.at[1]) + BEFORE_MM
     first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
     back_y = min(last - TAB_MM, float(mount.slide[1]) - mount.section.depth_mm)
-    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    heads = mount.foot - table.grip_mm * ABOVE
     hook_pieces = (
         box((-half, back_y, low_z), (half, screen_y + HOOK_MM, foot_z)),
         box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),

@@ -37,4 +37,4 @@ def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
     Raises InputError with the measure that breaks where it cannot be made.
     """
     table = hardware.back
-    return PLANNERS[table.kind](table, clip, mount, carried(mount, clip, hardware), hardware)
+    return PLANNERS[table.kind](table, mount, carried(mount, clip, hardware), hardware)

@@ -8,8 +8,7 @@ from mirrorcam.cad.backs.back import AS_IT_STANDS, RGB, Back, BackPart, Carrier,
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_hole
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_screws, foot_stack, foot_z_mm
+from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import ProfileBack
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
@@ -28,11 +27,11 @@ SHOWN_MM = 120.0
 FLARE_MM = 0.6
 
 
-def plan_profile(table: ProfileBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the plate over a profile along x, its slot under the hind screws of the mount's foot."""
-    foot_z, m5 = foot_z_mm(clip, hardware), thread_of("M5")
+    foot_z, m5 = mount.foot_z_mm, thread_of("M5")
     low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
-    heads = foot_screws(clip, hardware) - table.grip_mm * ABOVE
+    heads = mount.foot - table.grip_mm * ABOVE
     y, x = float(heads[:, 1].min()), mount.half_width_mm + BESIDE_MM
     end, back = x + BEYOND_MM, front - mount.section.depth_mm
     sink = table.plate_mm - table.grip_mm

@@ -10,7 +10,6 @@ from mirrorcam.cad.backs.back import Back, Carrier, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y
 from mirrorcam.cad.backs.foot_plate import BEHIND_MM, back_of_plate, foot_plate
 from mirrorcam.cad.backs.load import Load
-from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import TripodBack
 from mirrorcam.cad.plan.hardware import Hardware
@@ -23,9 +22,9 @@ HEAD_MM = (50.0, 20.0)
 BEFORE_MM = 1.0
 
 
-def plan_tripod(table: TripodBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out a plate under all of the mount's foot."""
-    plate = foot_plate(table, clip, hardware)
+    plate = foot_plate(table, mount, hardware)
     half, front = mount.half_width_mm, float(mount.slide[1]) + BEFORE_MM
     back = float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM
     outline = np.array([(half, back), (half, front), (-half, front), (-half, back)])

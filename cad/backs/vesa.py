@@ -8,7 +8,6 @@ from mirrorcam.cad.backs.back import BACK_DOWN, RGB, Back, BackPart, Carrier
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y
 from mirrorcam.cad.backs.bracket import plan_bracket, plate_neck
 from mirrorcam.cad.backs.load import Load
-from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import VesaBack
@@ -26,7 +25,7 @@ EXPLODE = np.array([0.0, -60.0, -45.0])
 EDGE_MM, UNDER_MM, RIB_X_MM = 8.0, 14.0, 26.0
 
 
-def plan_vesa(table: VesaBack, clip: ClipPlan, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket; its plate is open in the middle."""
     m4, at, thick = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
     spots = [(x, z) for x in (-at, at) for z in (-at, at)]
@@ -46,7 +45,7 @@ def plan_vesa(table: VesaBack, clip: ClipPlan, mount: MountPlan, load: Load, har
     )
     half = at + EDGE_MM
     bracket = plan_bracket(
-        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, clip, hardware, ends
+        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, mount, hardware, ends
     )
     middle, items = bracket.middle, []
     for x, z in spots:

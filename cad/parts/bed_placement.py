@@ -63,7 +63,12 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
                 normal = np.array([-along[1], along[0]])
                 depth = float((outer[piece] - inner[piece]) @ normal)
                 far = near + depth * (normal - np.tan(np.deg2rad(turned - upright)) * along)
-                return Lay(turned, cut, np.array([near, far]), along)
+                at, long = np.array([near, far]), _block_mm(np.array([near, far]), along, hardware)[1]
+                # No block stands out where the skins bend.
+                starts = (at - [inner[piece], outer[piece]]) @ along
+                ends = ([inner[piece + 1], outer[piece + 1]] - at) @ along
+                if min(*starts, *ends) >= long:
+                    return Lay(turned, cut, at, along)
     return None
 
 
@@ -94,13 +99,7 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
     if laid.at is None or laid.along is None:
         return []
     normal = np.array([-laid.along[1], laid.along[0]])
-    span = laid.at[1] - laid.at[0]
-    askew = float(np.abs(span @ laid.along) / np.abs(span @ normal))
-    around = clearance_round_pin_mm(hardware)
-    # 1 mm to spare, of which the depth of a pin's hole takes some.
-    reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
-    thick = 2.0 * around + 1.0 + 2.0 * reach * askew
-    long = reach + thick * askew
+    thick, long = _block_mm(laid.at, laid.along, hardware)
     blocks = []
     for point, inwards in zip(laid.at, (normal, -normal), strict=True):
         ends = np.array([point - long * laid.along, point + long * laid.along])
@@ -116,3 +115,13 @@ def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hard
             )
         )
     return blocks
+
+
+def _block_mm(at: FloatArray, along: FloatArray, hardware: Hardware) -> tuple[float, float]:
+    """How thick a block is, and how far it reaches along its skin to either side of the cut through two points."""
+    normal, span = np.array([-along[1], along[0]]), at[1] - at[0]
+    askew = float(np.abs(span @ along) / np.abs(span @ normal))
+    # 1 mm to spare, of which the depth of a pin's hole takes some.
+    reach = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
+    thick = 2.0 * clearance_round_pin_mm(hardware) + 1.0 + 2.0 * reach * askew
+    return thick, reach + thick * askew

@@ -14,16 +14,20 @@ from mirrorcam.optics.base.values import FloatArray
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
+# The foot's plate bears the whole moment of the mirrors, from the outer skin to the screws near the inner one. In a
+# mount this many times as deep as its plate is thick, the plate bends less than the truss over it.
+DEPTHS_PER_PLATE = 3.0
 
 
-def foot_z_mm(clip: ClipPlan, hardware: Hardware) -> float:
+def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
     """The foot's lower face: below the clip's lowest position there is the cable's window, then the foot's plate."""
-    return clip.bottom_mm - clip.travel_mm - 1.0 - hardware.mount.cable_window_mm[1] - foot_plate_mm(hardware)
+    plate = foot_plate_mm(depth_mm, hardware)
+    return clip.bottom_mm - clip.travel_mm - 1.0 - hardware.mount.cable_window_mm[1] - plate
 
 
-def foot_plate_mm(hardware: Hardware) -> float:
-    """Thickness of the foot's plate, which holds the back's screws."""
-    return stack(hardware.mount.skin_mm, hardware).wall_mm
+def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
+    """Thickness of the foot's plate, which holds the back's screws, in a mount of a depth."""
+    return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTHS_PER_PLATE)
 
 
 def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
@@ -38,7 +42,7 @@ def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
     return stack_into(grip_mm, (held.begins_mm, held.begins_mm + length), deepest, held.wall_mm, screw)
 
 
-def foot_screws(clip: ClipPlan, hardware: Hardware) -> FloatArray:
-    """Points (4, 3) in rig where the back's screws enter the foot's lower face."""
-    z = foot_z_mm(clip, hardware)
+def foot_screws(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> FloatArray:
+    """Points (4, 3) in rig where the back's screws enter the foot's lower face, in a mount of a depth."""
+    z = foot_z_mm(clip, depth_mm, hardware)
     return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])

@@ -17,8 +17,8 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws
-from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings
+from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings, over_drivers_mm
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
@@ -41,6 +41,8 @@ AROUND_SLOTS_MM = 5.0
 # Steps in which wider, deeper and thicker mounts are tried.
 WIDER_MM, DEEPER_MM = 8.0, 2.0
 THICKER = (1.0, 1.5, 2.0)
+# A higher bend leans a little further back.
+BENDS_TRIED = 4
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,11 @@ class MountPlan:
     half_width_mm: float
     bed_turn_deg: float
     bed_cuts_mm: tuple[float, ...]
+
+    @property
+    def foot_z_mm(self) -> float:
+        """Height in rig of the foot's lower face."""
+        return float(self.foot[0, 2])
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -123,7 +130,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         rig_from_head=holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0]),
         holes_in_head_mm=holder.holes_in_mount_mm * [1.0, -1.0],
         head=stack_into(grip, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, hardware.screw),
-        foot=foot_screws(clip, hardware),
+        foot=foot_screws(clip, section.depth_mm, hardware),
         slide=clip.slide_middle,
         path=profile.path,
         section=section,
@@ -180,17 +187,35 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
     least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + around
     least_half = max(least_half, cable_reach_mm(hardware))
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
-    plate = foot_plate_mm(hardware)
     for half_width in np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist():
-        inner = inner_path(holder, clip, half_width, around, hardware)
         for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
-            outer = offset(inner, depth)
+            plate = foot_plate_mm(depth, hardware)
+            inner, outer = _lines(holder, clip, half_width, around, depth, hardware)
             middle = (inner + outer) / 2.0
             for thicker in THICKER:
                 skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
                 volume = LineString(middle).length * section.plastic_mm2 + depth * plate * section.width_mm
                 yield Profile(section, inner, outer, to_head(middle, holder), volume)
+
+
+def _lines(
+    holder: HolderPlan, clip: ClipPlan, half_width: float, around: float, depth: float, hardware: Hardware
+) -> tuple[FloatArray, FloatArray]:
+    """The inner and the outer line (n, 2; y and z) of a mount of a width and a depth.
+
+    They bend over the slide, higher in a deep mount: the web from corner to corner lies almost along the holes for the
+    driver below it, and where it met one it would end as a blade.
+    """
+    slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
+    least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
+    for _ in range(BENDS_TRIED):
+        inner = np.vstack([foot, inner_path(holder, clip, slide_top, half_width, around, hardware)])
+        outer = offset(inner, depth)
+        if outer[1, 1] >= least:
+            break
+        slide_top += least - float(outer[1, 1]) + 0.1
+    return inner, outer
 
 
 def head_screws(holder: HolderPlan) -> FloatArray:

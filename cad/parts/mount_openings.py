@@ -39,7 +39,8 @@ def openings(
     holder: HolderPlan, clip: ClipPlan, head: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
     """All of them, for a mount whose face on the holder's back runs between two points, `head` (2, 2; y and z)."""
-    depth, half_width, plate = section.depth_mm, section.width_mm / 2.0, foot_plate_mm(hardware)
+    depth, half_width = section.depth_mm, section.width_mm / 2.0
+    plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
     driver = head_room_mm(hardware)
     cuts: list[Frustum | Bore | Hexagon] = []
@@ -57,13 +58,18 @@ def openings(
         cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
         mouth = at - clip.slide.grip_mm * SCENE
         cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
-    for spot in foot_screws(clip, hardware):
+    for spot in foot_screws(clip, depth, hardware):
         cuts += thread(spot, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
-    cuts += _for_cable(y, foot_z_mm(clip, hardware) + plate, section, hardware)
+    cuts += _for_cable(y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
     cuts += _scale(clip, half_width, hardware)
     if abs(away[0]) > 1e-6:
         cuts.append(_flush(holder, head, half_width))
     return tuple(cuts)
+
+
+def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:
+    """Height in rig of the upper side of the holes for the driver of the clip's screws."""
+    return max(clip.slide_z_mm) + clip.travel_mm + head_room_mm(hardware)
 
 
 def _for_driver(

@@ -20,10 +20,12 @@ from mirrorcam.optics.base.values import FloatArray
 
 # A screw of the head holds its skin this far to either side, about as far as its head reaches.
 SCREW_REACH_MM = 3.0
-# Finite elements of solids tilt 1.05 to 1.5 times as far about x, and .96 to 1.05 times about the other axes, as these
-# plates do, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). What plates have not: openings that act on each other,
-# and webs cut where they meet a skin. With both factors no mount of these is softer than stated.
-KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.25, 1.1
+# A screw of the foot holds the plastic on a disc of this radius, about as far as its pressure spreads in the back.
+DISC_MM = 6.0
+# Finite elements of solids tilt up to 1.28 times as far about x as these plates do, and .96 to 1.05 times about the
+# other axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). What plates have not: openings that act on each
+# other, and webs cut where they meet a skin. With both factors no mount of these is softer than stated.
+KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.18, 1.1
 
 
 def mount_compliance(
@@ -59,7 +61,7 @@ def mount_compliance(
         which is rigid beside the mount. Safely large, by the knock-downs.
     """
     webs = webs_between(inner, outer, section, hardware)
-    plate = foot_plate_mm(hardware)
+    plate = foot_plate_mm(section.depth_mm, hardware)
     # The skins leave the foot's plate at its top.
     level = float(inner[0, 1]) + plate
     feet = [np.array([line[0, 0], level]) for line in (webs.inner, webs.outer)]
@@ -90,6 +92,7 @@ def mount_compliance(
     foot_edges = np.repeat([edges.at(point) for point in footed], 2)
     head_edges = np.repeat([edges.at(row) for row in rows], 2)
     compliance = plates.compliance(
+        bed=disc_on_solid(DISC_MM, section.plastic_mpa),
         ground=(foot_edges, np.tile([-FOOT_X_MM, FOOT_X_MM], len(footed))),
         held=(head_edges, np.concatenate([screws[[0, 1, 0, 1], 0], screws[[2, 3, 2, 3], 0]])),
         at=load,
@@ -97,6 +100,17 @@ def mount_compliance(
     # Forces along y and z, and moments about x, work together: those in the plane of the profile.
     in_plane = np.sqrt(KNOCK_DOWN_ABOUT_X) ** np.array([0, 1, 1, 1, 0, 0])
     return np.asarray(KNOCK_DOWN * compliance * np.outer(in_plane, in_plane))
+
+
+def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:
+    """Stiffness (4,) of a rigid disc bonded to a half-space: along x, y and z in N/mm, about x in N mm/rad.
+
+    Its own plane is that of x and y. Johnson, Contact Mechanics (1985), sections 3.7 and 3.8 for frictionless discs.
+    """
+    shear = modulus_mpa / (2.0 * (1.0 + POISSON))
+    sideways = 8.0 * shear * radius_mm / (2.0 - POISSON)
+    down = 4.0 * shear * radius_mm / (1.0 - POISSON)
+    return np.array([sideways, sideways, down, 8.0 * shear * radius_mm**3 / (3.0 * (1.0 - POISSON))])
 
 
 class _Edges:

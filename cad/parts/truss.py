@@ -12,7 +12,7 @@ from shapely.ops import substring
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_plate_mm, foot_z_mm
+from mirrorcam.cad.parts.foot import foot_plate_mm
 from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x
@@ -22,11 +22,17 @@ from mirrorcam.optics.geometry.transforms import transform
 
 
 def inner_path(
-    holder: HolderPlan, clip: ClipPlan, half_width_mm: float, around_mm: float, hardware: Hardware
+    holder: HolderPlan,
+    clip: ClipPlan,
+    slide_top_mm: float,
+    half_width_mm: float,
+    around_mm: float,
+    hardware: Hardware,
 ) -> FloatArray:
-    """The inner line (n, 2) in y and z: from the foot up along the slide, taut round the holder, along its back.
+    """The inner line (n, 2) in y and z over the slide: from its top, taut round the holder, along its back.
 
-    It goes round the convex hull of holder and pupil, which holds all camera cones.
+    `slide_top_mm` is the height of its top in rig. It goes round the convex hull of holder and pupil, which holds all
+    camera cones.
     """
     away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     if abs(away[0]) > np.sin(np.deg2rad(5.0)):
@@ -54,17 +60,16 @@ def inner_path(
     )
     holes = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
     top = level * out + (float((holes @ up).max()) + around_mm) * up
-    y, foot, slide_top = clip.slide_y_mm, foot_z_mm(clip, hardware), clip.top_mm + clip.travel_mm + 2.0
-    hull = MultiPoint([*get_coordinates(shadow), (y, slide_top), (0.0, 0.0), top]).convex_hull
+    y = clip.slide_y_mm
+    hull = MultiPoint([*get_coordinates(shadow), (y, slide_top_mm), (0.0, 0.0), top]).convex_hull
     # Clockwise from the slide (seen with y right, z up) the boundary runs up behind the camera.
     loop = get_coordinates(orient(hull))[-2::-1]
-    first = np.abs(loop - [y, slide_top]).sum(axis=1)
+    first = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
     loop = np.roll(loop, -int(first.argmin()), axis=0)
     on_back = np.flatnonzero(np.abs(loop @ out - level) < 1e-6)
     if first.min() > 1e-9 or len(on_back) < 2:
         raise InputError("mirror holder's back does not face away from the camera's clip, expected it to for the mount")
-    chain = LineString(np.vstack([loop[: on_back[0] + 1], top])).simplify(0.2)
-    return np.vstack([(y, foot), get_coordinates(chain)])
+    return get_coordinates(LineString(np.vstack([loop[: on_back[0] + 1], top])).simplify(0.2))
 
 
 def to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
@@ -103,7 +108,7 @@ def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardwar
     part = section.skin_mm / depth
     inside, outside = inner + part / 2.0 * (outer - inner), outer + part / 2.0 * (inner - outer)
     # Over the foot's plate there is the cable's window, which no web crosses.
-    over = foot_plate_mm(hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
+    over = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
     inside[0], outside[0] = inside[0] + [0.0, over], outside[0] + [0.0, over]
     webs = [(inside[0], outside[0])]
     # The last web ends flush with the skins.
@@ -134,7 +139,7 @@ def truss(
     lines = webs_between(inner, outer, section, hardware).webs
     webs = [_web(start, end, section.web_mm, half_width) for start, end in lines]
     y, z = inner[0]
-    plate = foot_plate_mm(hardware)
+    plate = foot_plate_mm(depth, hardware)
     foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
     skins.append(along_x(foot, -half_width, half_width))
     return skins, webs

@@ -48,15 +48,18 @@ class FoldedPlates:
         ground: tuple[NDArray[np.int64], FloatArray],
         held: tuple[NDArray[np.int64], FloatArray],
         at: FloatArray,
+        bed: FloatArray | None = None,
     ) -> FloatArray:
         """How a rigid body that some points are fixed to moves, per load on it.
 
         Parameters
         ----------
         ground, held : (k,) and (k,) arrays
-            Points that do not move, and those fixed to the body: their edges and x in mm. Edges do not turn there.
+            Points that are held, and those fixed to the body: their edges and x in mm, with the turn of the edge.
         at : (3,) array
             Point in rig, mm, where forces act on the body and whose shift is told.
+        bed : (4,) array or None
+            Stiffness of what holds each point of `ground`: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
 
         Returns
         -------
@@ -65,7 +68,9 @@ class FoldedPlates:
         """
         stiffness = self._stiffness()
         ground_at, held_at = self._displacements(*ground), self._displacements(*held)
-        stiffness += ground_at.T @ ground_at * (GROUND * float(np.diagonal(stiffness).max()))
+        rigid = GROUND * float(np.diagonal(stiffness).max())
+        bedding = np.tile(np.full(EDGE, rigid) if bed is None else bed, len(ground[0]))
+        stiffness += ground_at.T @ (bedding[:, None] * ground_at)
         factor = cho_factor(stiffness, lower=True, check_finite=False)
         pliant = held_at @ cho_solve(factor, held_at.T, check_finite=False)
         body = self._rigid_body(*held, at)

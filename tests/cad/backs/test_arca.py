@@ -34,4 +34,4 @@ def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> Non
 def test_a_slope_higher_than_the_dovetail_is_refused(device: Device) -> None:
     load = carried(device.mount, device.clip, device.hardware)
     with pytest.raises(InputError, match=r"dovetail's slope ends 10\.4 mm over its lower face, expected less than"):
-        plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.clip, device.mount, load, device.hardware)
+        plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.mount, load, device.hardware)

@@ -9,12 +9,11 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.bracket import plan_bracket
 from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.parts.foot import foot_z_mm
 
 
 def test_a_bracket_reaches_from_the_foot_to_below_its_middle(device: Device) -> None:
-    bracket = plan_bracket("part", 40.0, (30.0, 20.0, 8.0), 25.0, (), 5.5, device.clip, device.hardware)
-    foot_z = foot_z_mm(device.clip, device.hardware)
+    bracket = plan_bracket("part", 40.0, (30.0, 20.0, 8.0), 25.0, (), 5.5, device.mount, device.hardware)
+    foot_z = device.mount.foot_z_mm
     assert bracket.middle[2] == pytest.approx(foot_z - 40.0)
     solid = MAKERS[type(bracket.plan)](bracket.plan)
     assert solid.is_valid

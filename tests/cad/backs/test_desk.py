@@ -10,7 +10,6 @@ from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.desk import plan_desk
 from mirrorcam.cad.backs.load import Load, carried
 from mirrorcam.cad.checks.back_checks import tips_at_deg
-from mirrorcam.cad.parts.foot import foot_screws, foot_z_mm
 from mirrorcam.cad.plan.back_table import DeskBack
 
 
@@ -20,7 +19,7 @@ def test_the_plate_reaches_as_far_as_the_device_may_be_tipped(
 ) -> None:
     load = carried(device.mount, device.clip, device.hardware) if at is None else Load(500.0, np.array(at))
     table = DeskBack(tip_deg=12.0, spare_deg=4.0)
-    back = plan_desk(table, device.clip, device.mount, load, device.hardware)
+    back = plan_desk(table, device.mount, load, device.hardware)
     assert back.stand is not None
     assert tips_at_deg(back.stand, load.at) >= 16.0 - 1e-9
     # All of the mount's foot stands on it.
@@ -35,11 +34,11 @@ def test_it_is_one_solid_under_the_mounts_foot(device: Device) -> None:
     solid = MAKERS[type(part.plan)](part.plan)
     assert solid.is_valid
     box = solid.bounding_box()
-    assert pytest.approx(foot_z_mm(device.clip, device.hardware)) == box.max.Z
+    assert pytest.approx(device.mount.foot_z_mm) == box.max.Z
     assert device.back.stand is not None
     assert pytest.approx(device.back.stand.z_mm) == box.min.Z
     heads = device.back.foot_heads + np.array([0.0, 0.0, device.back.foot.grip_mm])
-    np.testing.assert_allclose(heads, foot_screws(device.clip, device.hardware))
+    np.testing.assert_allclose(heads, device.mount.foot)
     # The nut lies under the mount's foot, which keeps it in.
     (nut,) = device.back.items
     x, y, _ = nut.rig_from_item[:3, 3]

@@ -9,7 +9,6 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.foot_plate import back_of_plate, foot_plate
 from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.parts.foot import foot_z_mm
 from mirrorcam.cad.plan.back_table import DeskBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink
 from tests.cad.backs.planned_blocks import blocks_of
@@ -17,8 +16,8 @@ from tests.cad.backs.planned_blocks import blocks_of
 
 @pytest.mark.parametrize("table", [DeskBack(), TripodBack(), TripodBack(grip_mm=9.0)])
 def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | TripodBack) -> None:
-    plate = foot_plate(table, device.clip, device.hardware)
-    foot_z = foot_z_mm(device.clip, device.hardware)
+    plate = foot_plate(table, device.mount, device.hardware)
+    foot_z = device.mount.foot_z_mm
     assert plate.low_z_mm + plate.thick_mm == pytest.approx(foot_z)
     assert plate.thick_mm >= tripod_depth_mm(table.nut)
     # Heads do not stand out below.
@@ -45,7 +44,7 @@ def test_countersinks_keep_a_wall_to_each_other_and_to_the_edges(device: Device,
 
 def test_the_outline_is_the_callers(device: Device) -> None:
     table = TripodBack()
-    plate = foot_plate(table, device.clip, device.hardware)
+    plate = foot_plate(table, device.mount, device.hardware)
     outline = np.array([(-60.0, -60.0), (60.0, -60.0), (0.0, 70.0)])
     back = back_of_plate(table, "plate", "Plate", plate, outline, device.hardware)
     np.testing.assert_allclose(blocks_of(back.parts[0]).corners[:3, :2], outline)

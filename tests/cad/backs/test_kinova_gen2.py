@@ -20,8 +20,6 @@ from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.device_checks import carriers_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.parts.clip import plan_clip
-from mirrorcam.cad.parts.foot import foot_z_mm
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -36,8 +34,8 @@ def segment_area(radius: float, distance: float) -> float:
     return float(radius**2 * np.arccos(distance / radius) - distance * np.sqrt(radius**2 - distance**2))
 
 
-def test_the_cap_is_half_a_ring_with_two_drilled_ears() -> None:
-    plan = plan_clamp(WRIST, plan_clip(HARDWARE), HARDWARE)
+def test_the_cap_is_half_a_ring_with_two_drilled_ears(device: Device) -> None:
+    plan = plan_clamp(WRIST, device.mount, HARDWARE)
     cap, wrist, screw = plan.cap, WRIST, HARDWARE.screw
     r, outer, gap = cap.radius_mm, cap.radius_mm + cap.ring_mm, wrist.gap_mm / 2.0
     ring = segment_area(outer, gap) - segment_area(r, gap)
@@ -53,9 +51,9 @@ def test_the_cap_is_half_a_ring_with_two_drilled_ears() -> None:
 
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
-def test_both_halves_are_one_valid_solid_on_the_wrists_axis(kind: str) -> None:
+def test_both_halves_are_one_valid_solid_on_the_wrists_axis(device: Device, kind: str) -> None:
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
-    plan = plan_clamp(WRIST, plan_clip(hardware), hardware)
+    plan = plan_clamp(WRIST, device.mount, hardware)
     for ring in (plan.saddle, plan.cap):
         part = make_ring(ring)
         assert part.is_valid
@@ -75,25 +73,25 @@ def test_both_halves_are_one_valid_solid_on_the_wrists_axis(kind: str) -> None:
         assert face_z == pytest.approx(ring.axis_z_mm + side * WRIST.gap_mm / 2.0)
 
 
-def test_the_saddle_reaches_up_to_the_mounts_foot_and_clears_the_clip() -> None:
-    clip = plan_clip(HARDWARE)
-    plan = plan_clamp(WRIST, clip, HARDWARE)
+def test_the_saddle_reaches_up_to_the_mounts_foot_and_clears_the_clip(device: Device) -> None:
+    clip = device.clip
+    plan = plan_clamp(WRIST, device.mount, HARDWARE)
     top = make_ring(plan.saddle).bounding_box().max.Z
-    assert top == pytest.approx(foot_z_mm(clip, HARDWARE))
+    assert top == pytest.approx(device.mount.foot_z_mm)
     assert top < clip.bottom_mm - clip.travel_mm
 
 
-def test_another_wrist_gives_another_clamp() -> None:
-    plan = plan_clamp(WRIST.replaced(diameter_mm=75.0, band_mm=11.0), plan_clip(HARDWARE), HARDWARE)
+def test_another_wrist_gives_another_clamp(device: Device) -> None:
+    plan = plan_clamp(WRIST.replaced(diameter_mm=75.0, band_mm=11.0), device.mount, HARDWARE)
     part = make_ring(plan.saddle)
     assert part.is_valid
     assert plan.saddle.radius_mm == 37.5
     assert np.ptp(plan.saddle.band_mm) == pytest.approx(11.0)
 
 
-def test_a_riser_too_thin_for_its_screws_is_refused() -> None:
+def test_a_riser_too_thin_for_its_screws_is_refused(device: Device) -> None:
     with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 5\.8 mm"):
-        plan_clamp(WRIST.replaced(riser_mm=10.0), plan_clip(HARDWARE), HARDWARE)
+        plan_clamp(WRIST.replaced(riser_mm=10.0), device.mount, HARDWARE)
 
 
 def test_the_clamp_sits_where_the_shell_is_round_and_clear_of_the_joints_ring() -> None:

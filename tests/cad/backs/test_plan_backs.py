@@ -12,7 +12,6 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.build import build_parts
-from mirrorcam.cad.parts.foot import foot_screws
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
@@ -29,9 +28,7 @@ def test_every_kind_hangs_on_the_four_screws_of_the_foot(kind: str, screws: str,
     )
     back = plan_back(device.clip, device.mount, hardware)
     assert back.kind == kind
-    np.testing.assert_allclose(
-        back.foot_heads + np.array([0.0, 0.0, back.foot.grip_mm]), foot_screws(device.clip, hardware), atol=1e-9
-    )
+    np.testing.assert_allclose(back.foot_heads + np.array([0.0, 0.0, back.foot.grip_mm]), device.mount.foot, atol=1e-9)
     assert back.necks
     names = [part.name for part in back.parts]
     assert len(set(names)) == len(names)

@@ -68,3 +68,20 @@ def test_a_cut_has_blocks_on_both_sides_at_both_ends() -> None:
     assert (200.0 - corners[:, 2].min(), corners[:, 2].max() - 200.0) > (HARDWARE.holder.pin_mm[1] / 2.0,) * 2
     assert all(volume_mm3(block) > 0.0 for block in blocks)
     assert joint_blocks(straight_laid(200.0), 2.4, 50.0, HARDWARE) == []
+
+
+def test_blocks_stay_on_the_straight_of_a_profile_that_leans() -> None:
+    """Cut level, the far side of a deep one lies by its bend: a block there once stood out of the skin."""
+    lean, depth = np.deg2rad(25.0), 60.0
+    along = np.array([-np.sin(lean), np.cos(lean)])
+    starts = np.array([(0.0, 0.0), (-depth, -depth * np.tan(lean / 2.0))])
+    inner, outer = (
+        np.array([(start[0], -60.0), start, start + 90.0 * along, start + 140.0 * along]) for start in starts
+    )
+    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(150.0, 150.0, 220.0)))
+    laid = lay(inner, outer, small)
+    assert laid is not None
+    corners = np.vstack([np.vstack([block.base, block.top])[:, 1:] for block in joint_blocks(laid, 1.6, 50.0, small)])
+    reach = (corners - starts[1]) @ along
+    assert reach.min() >= -1e-9
+    assert reach.max() <= 90.0 + depth

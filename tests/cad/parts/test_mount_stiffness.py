@@ -10,8 +10,8 @@ import pytest
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.mount import Profile, beam_tilt_deg, head_screws, profiles
 from mirrorcam.cad.parts.mount_openings import openings
-from mirrorcam.cad.parts.mount_stiffness import mount_compliance
-from mirrorcam.cad.plan.beam import Section
+from mirrorcam.cad.parts.mount_stiffness import disc_on_solid, mount_compliance
+from mirrorcam.cad.plan.beam import POISSON, Section
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.base.values import FloatArray
 
@@ -49,6 +49,16 @@ def test_it_is_softer_than_the_beam_without_openings(device: Device) -> None:
     for profile in list(profiles(device.holder, device.clip, HARDWARE))[::17]:
         matrix = compliance(device, profile)
         assert tilt_deg(matrix, mount.load_g) > beam_tilt_deg(profile, mount.load_g, mount.load_at)
+
+
+def test_a_disc_on_a_solid_is_as_stiff_as_in_closed_form() -> None:
+    """Pressed, 2 a E / (1 - nu^2) (Boussinesq); rocked, 4 a^3 E / (3 (1 - nu^2)) (Borowicka)."""
+    radius, modulus = 6.0, 2300.0
+    along_x, along_y, down, rocked = disc_on_solid(radius, modulus)
+    plane = modulus / (1.0 - POISSON**2)
+    assert down == pytest.approx(2.0 * radius * plane)
+    assert rocked == pytest.approx(4.0 / 3.0 * radius**3 * plane)
+    assert along_x == along_y < down
 
 
 def test_openings_soften_and_thickness_stiffens(device: Device, taken: Profile) -> None:

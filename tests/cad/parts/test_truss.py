@@ -11,6 +11,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.foot import foot_plate_mm
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount, profiles
+from mirrorcam.cad.parts.mount_openings import over_drivers_mm
 from mirrorcam.cad.parts.truss import truss, webs_between
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
@@ -36,6 +37,18 @@ def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
         assert profile.volume_mm3 == pytest.approx(volume, rel=0.15)
 
 
+def test_no_web_over_the_slide_runs_into_the_holes_for_its_driver(planned: Planned) -> None:
+    """In a deep mount, which leans back, the web from corner to corner once ended as a blade in the upper holes."""
+    _, holder, clip, _ = planned
+    highest = over_drivers_mm(clip, HARDWARE)
+    depths = set()
+    for profile in profiles(holder, clip, HARDWARE):
+        corners = profile.inner[1, 1], profile.outer[1, 1]
+        assert min(corners) - profile.section.web_mm / 2.0 > highest
+        depths.add(profile.section.depth_mm)
+    assert max(depths) == HARDWARE.mount.deepest_mm
+
+
 def test_webs_run_from_skin_to_skin_and_begin_over_the_cables_window(planned: Planned) -> None:
     _, holder, clip, mount = planned
     profile = next(p for p in profiles(holder, clip, HARDWARE) if p.section == mount.section)
@@ -45,5 +58,5 @@ def test_webs_run_from_skin_to_skin_and_begin_over_the_cables_window(planned: Pl
         ends = [min(skin.distance(Point(end)) for skin in skins) for end in web]
         assert max(ends) < 1e-9
         assert {int(np.argmin([skin.distance(Point(end)) for skin in skins])) for end in web} == {0, 1}
-    window = foot_plate_mm(HARDWARE) + HARDWARE.mount.cable_window_mm[1]
+    window = foot_plate_mm(profile.section.depth_mm, HARDWARE) + HARDWARE.mount.cable_window_mm[1]
     assert lines.webs[..., 1].min() - profile.inner[0, 1] == pytest.approx(window + profile.section.web_mm / 2.0)
