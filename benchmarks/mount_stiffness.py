@@ -2,7 +2,7 @@
 
     python -m benchmarks.mount_stiffness [SIZE_MM]
 
-Needs the extra `fe`. Of mounts for mirrors tangent to a parabola, 1 x 2 to 5 x 5.
+Needs the extra `fe`. Of the default design, of one cut in two for the bed, and of mirrors tangent to a parabola.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from mirrorcam.cad.parts.part_solids import make_mount
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.transforms import transform
 from tests.cad.parabolas import parabola
 
@@ -98,11 +100,15 @@ def ccx_sag_mm(mesh: Tetrahedra, nodes: FloatArray, fixed: NDArray[np.int64], to
 
 def main() -> None:
     size_mm = float(sys.argv[1]) if len(sys.argv) > 1 else 6.0
+    designed = {"designed": DesignSpec(), "designed, fold 90 deg": DesignSpec(scale_mm=140.0, fold_deg=90.0)}
+    layouts = {f"3 x 3, {spec.scale_mm:g}, {name}": design(spec) for name, spec in designed.items()}
     for rows, cols, scale_mm in DESIGNS:
-        device = plan_device(parabola(rows, cols, scale_mm=scale_mm, gap_mm=2.0), HARDWARE)
+        layouts[f"{rows} x {cols}, {scale_mm:g}"] = parabola(rows, cols, scale_mm=scale_mm, gap_mm=2.0)
+    for name, layout in layouts.items():
+        device = plan_device(layout, HARDWARE)
         section, stated, found = device.mount.section, device.mount.tilt_deg, tilt_deg(device, size_mm)
         print(
-            f"{rows} x {cols}, {scale_mm:g}: {section.depth_mm:g} x {section.width_mm:.0f} mm, "
+            f"{name}: {section.depth_mm:g} x {section.width_mm:.0f} mm, "
             f"elements {found:.4f} deg, stated {stated:.4f} deg ({100.0 * (stated / found - 1.0):+.0f} %)",
             flush=True,
         )
