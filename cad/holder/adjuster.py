@@ -28,6 +28,8 @@ TIP_MM, SUNK_MM = 0.2, 0.3
 PRESSED_MM = 1.2
 # The cone for a head is as wide as the head and this much; it leans so far from upright, and widens below the head.
 HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
+# Depth in the plate for a head and its cone, down to the wall under a spring.
+HEAD_SPACE_MM = 2.5
 # The blade of the driver, the holes in the mount through which it turns the screws, and how far these reach along the
 # mount's x from their middles: they print lying, with a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
@@ -96,7 +98,7 @@ def travel_mm(reach_mm: float, hardware: Hardware) -> float:
 def least_plate_mm(travel: float, hardware: Hardware) -> float:
     """Thickness of a holder that has space for a spring's recess and a head's cone, with a wall between them."""
     spring = hardware.holder.spring
-    return spring.free_mm - PRESSED_MM - travel + 2.5 + hardware.printer.wall_mm
+    return spring.free_mm - PRESSED_MM - travel + HEAD_SPACE_MM + hardware.printer.wall_mm
 
 
 def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:

@@ -19,6 +19,7 @@ from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
 from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.documents.assembly_guide import write_guide
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.figure_texts import TIMES
 from mirrorcam.optics.geometry.transforms import transform
@@ -140,4 +141,5 @@ def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: 
     ):
         assert words in guide
     assert "dental floss" not in guide
-    assert f"strip {made.device.holder.adjuster.gap_mm:.1f} mm thick" in guide  # type: ignore[attr-defined]
+    assert isinstance(made.device.holder, ScrewedHolderPlan)
+    assert f"strip {made.device.holder.adjuster.gap_mm:.1f} mm thick" in guide

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, head_wide_mm
+from mirrorcam.cad.holder.holder_body import body_of
 from mirrorcam.cad.holder.holder_solid import make_screwed_holder
-from mirrorcam.cad.holder.screwed_holder import plan_screwed_holder
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, head_room_mm
 from mirrorcam.cad.plan.part_plan import plain
 from mirrorcam.optics.base.values import InputError
@@ -60,13 +62,10 @@ def test_the_solid_is_one_with_all_its_holes() -> None:
     assert undrilled - part.volume == pytest.approx(6 * (recess + shank + cone) + 4 * insert, rel=0.01)
 
 
-def make_screwed_holder_without_holes(plan: object) -> float:
+def make_screwed_holder_without_holes(plan: ScrewedHolderPlan) -> float:
     """Volume of a plan's body."""
-    from mirrorcam.cad.holder.holder_body import body_of
-    from mirrorcam.cad.holder.planar_csg import PlanarCsg
-
     csg = PlanarCsg()
-    return float(csg.cut(body_of(csg, plan), plan.slots).volume())  # type: ignore[attr-defined, arg-type]
+    return float(csg.cut(body_of(csg, plan), plan.slots).volume())
 
 
 def test_a_holder_that_is_larger_than_the_bed_is_refused() -> None:

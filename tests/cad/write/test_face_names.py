@@ -29,7 +29,9 @@ def named_planes(text: str) -> dict[str, tuple[FloatArray, FloatArray]]:
     for kind, body in bodies.values():
         if kind != "ADVANCED_FACE" or body.startswith("''"):
             continue
-        name, surface, same = re.match(r"'([^']+)',\([^)]*\),\s*#(\d+),\s*\.([TF])\.", body).groups()  # type: ignore[union-attr]
+        face = re.match(r"'([^']+)',\([^)]*\),\s*#(\d+),\s*\.([TF])\.", body)
+        assert face is not None
+        name, surface, same = face.groups()
         assert bodies[int(surface)][0] == "PLANE"
         placement = int(re.findall(r"#(\d+)", bodies[int(surface)][1])[0])
         point, normal, _ = (int(each) for each in re.findall(r"#(\d+)", bodies[placement][1]))
