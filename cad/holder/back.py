@@ -225,7 +225,7 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
             )
             if near_cut or not allowed.contains(MultiPoint(centre + holes)):
                 continue
-            bosses = room_of_mount(holes, front.footprint, centre, hardware)
+            bosses = space_of_mount(holes, front.footprint, centre, hardware)
             lowest = max(front.recedes_to_mm(boss) for boss in bosses)
             over_tips = max(
                 front.recedes_to_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes
@@ -240,7 +240,7 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     return [MountFace(back, centre, holes) for back, _, holes in sorted(found, key=lambda each: each[:2])]
 
 
-def room_of_mount(
+def space_of_mount(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
 ) -> list[BaseGeometry]:
     """What the mount's holes (n, 2; about a centre) take of a back: discs with the insert's wall, slots for nuts."""

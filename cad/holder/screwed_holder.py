@@ -17,8 +17,9 @@ from mirrorcam.cad.holder.adjuster import (
     plan_adjuster,
     travel_mm,
 )
-from mirrorcam.cad.holder.back import LevelFront, MountFace, fits_bed, mount_axes, places_of_mount, room_of_mount
-from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
+from mirrorcam.cad.holder.back import LevelFront, MountFace, fits_bed, mount_axes, places_of_mount, space_of_mount
+from mirrorcam.cad.holder.carrier_areas import plan_areas
+from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_carrier
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
@@ -136,13 +137,13 @@ def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeom
 
     These and the driver's holes have roofs along x, as `DRIVER_HOLE_ENDS_MM` says; between two of them is a wall.
     """
-    rooms = room_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
-    taken = [room.buffer(head_wide_mm() / 2.0) for room in rooms]
+    spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
+    taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]
     radius, (low, high) = head_room_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
         disc, tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])
-        room = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(tip)])).convex_hull
-        beside = MultiPoint(np.vstack([get_coordinates(room.buffer(-low)), get_coordinates(room) - [high, 0.0]]))
+        roofed = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(tip)])).convex_hull
+        beside = MultiPoint(np.vstack([get_coordinates(roofed.buffer(-low)), get_coordinates(roofed) - [high, 0.0]]))
         taken.append(beside.convex_hull.buffer(hardware.printer.wall_mm))
     return unary_union(taken)
 

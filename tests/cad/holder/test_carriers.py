@@ -10,7 +10,7 @@ from shapely import Point, Polygon
 
 from mirrorcam.cad.holder.adjuster import boss_mm
 from mirrorcam.cad.holder.back import mount_axes
-from mirrorcam.cad.holder.carriers import plan_areas
+from mirrorcam.cad.holder.carrier_areas import plan_areas
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.optics.base.values import InputError
