@@ -245,15 +245,15 @@ def space_of_mount(
 ) -> list[BaseGeometry]:
     """What the mount's holes (n, 2; about a centre) take of a back: discs with the insert's wall, slots for nuts."""
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
-    room: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
+    taken: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
     if hardware.screw.kind == "nut":
         beside = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
         left, bottom, right, top = footprint.bounds
         far = right - left + top - bottom
-        room += [
+        taken += [
             LineString([centre_mm + hole, centre_mm + hole + far * slot_way(footprint, centre_mm + hole)])
             .buffer(beside, cap_style="flat")
             .intersection(footprint)
             for hole in holes_mm
         ]
-    return room
+    return taken
