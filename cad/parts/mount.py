@@ -149,6 +149,8 @@ def _lightest(
 ) -> tuple[Profile, Lay]:
     """The lightest profile that is stiff enough and fits the bed; raises InputError where none does."""
     limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
+    if not tried:
+        raise InputError("mirror holder is too low over the camera's clip for the mount's bend, expected it higher")
     # The beam has no openings: where it tilts too far, so do the plates.
     as_beams = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
     stiff: Profile | None = None
@@ -190,7 +192,10 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
     for half_width in np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist():
         for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
             plate = foot_plate_mm(depth, hardware)
-            inner, outer = _lines(holder, clip, half_width, around, depth, hardware)
+            lines = _lines(holder, clip, half_width, around, depth, hardware)
+            if lines is None:
+                continue
+            inner, outer = lines
             middle = (inner + outer) / 2.0
             for thicker in THICKER:
                 skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
@@ -201,21 +206,28 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
 
 def _lines(
     holder: HolderPlan, clip: ClipPlan, half_width: float, around: float, depth: float, hardware: Hardware
-) -> tuple[FloatArray, FloatArray]:
-    """The inner and the outer line (n, 2; y and z) of a mount of a width and a depth.
+) -> tuple[FloatArray, FloatArray] | None:
+    """The inner and the outer line (n, 2; y and z) of a mount of a width and a depth; None of one that is too deep.
 
     They bend over the slide, higher in a deep mount: the web from corner to corner lies almost along the holes for the
     driver below it, and where it met one it would end as a blade.
     """
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
     least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
-    for _ in range(BENDS_TRIED):
-        inner = np.vstack([foot, inner_path(holder, clip, slide_top, half_width, around, hardware)])
+    for bends in range(BENDS_TRIED):
+        chain = inner_path(holder, clip, slide_top, half_width, around, hardware)
+        if chain is None and bends == 0:
+            raise InputError(
+                "mirror holder's back does not face away from the camera's clip, expected it to for the mount"
+            )
+        if chain is None:
+            return None
+        inner = np.vstack([foot, chain])
         outer = offset(inner, depth)
         if outer[1, 1] >= least:
-            break
+            return inner, outer
         slide_top += least - float(outer[1, 1]) + 0.1
-    return inner, outer
+    return None
 
 
 def head_screws(holder: HolderPlan) -> FloatArray:

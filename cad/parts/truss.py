@@ -28,11 +28,11 @@ def inner_path(
     half_width_mm: float,
     around_mm: float,
     hardware: Hardware,
-) -> FloatArray:
+) -> FloatArray | None:
     """The inner line (n, 2) in y and z over the slide: from its top, taut round the holder, along its back.
 
     `slide_top_mm` is the height of its top in rig. It goes round the convex hull of holder and pupil, which holds all
-    camera cones.
+    camera cones. None where the top of the slide or the holder's back lies inside of that hull.
     """
     away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     if abs(away[0]) > np.sin(np.deg2rad(5.0)):
@@ -68,7 +68,7 @@ def inner_path(
     loop = np.roll(loop, -int(first.argmin()), axis=0)
     on_back = np.flatnonzero(np.abs(loop @ out - level) < 1e-6)
     if first.min() > 1e-9 or len(on_back) < 2:
-        raise InputError("mirror holder's back does not face away from the camera's clip, expected it to for the mount")
+        return None
     return get_coordinates(LineString(np.vstack([loop[: on_back[0] + 1], top])).simplify(0.2))
 
 

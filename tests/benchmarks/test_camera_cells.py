@@ -71,7 +71,7 @@ def test_a_layout_is_designed_once_for_a_camera(
 
 
 def test_what_stops_a_device_is_its_error_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*_: object) -> dict[str, Metric]:
+    def stopped(*_: object, **__: object) -> dict[str, Metric]:
         raise ValueError("first\nsecond")
 
     monkeypatch.setattr(camera_cells, "layout_for", lambda *_: None)
