@@ -7,8 +7,9 @@ along its back.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 from shapely import LineString, Polygon
@@ -190,9 +191,13 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
     least_half = max(least_half, cable_reach_mm(hardware))
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
     for half_width in np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist():
+        # From one top of the slide, depths have the same inner line.
+        line_from = cache(
+            partial(inner_path, holder, clip, half_width_mm=half_width, around_mm=around, hardware=hardware)
+        )
         for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
             plate = foot_plate_mm(depth, hardware)
-            lines = _lines(holder, clip, half_width, around, depth, hardware)
+            lines = _lines(line_from, clip, depth, hardware)
             if lines is None:
                 continue
             inner, outer = lines
@@ -205,9 +210,11 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
 
 
 def _lines(
-    holder: HolderPlan, clip: ClipPlan, half_width: float, around: float, depth: float, hardware: Hardware
+    line_from: Callable[[float], FloatArray | None], clip: ClipPlan, depth: float, hardware: Hardware
 ) -> tuple[FloatArray, FloatArray] | None:
-    """The inner and the outer line (n, 2; y and z) of a mount of a width and a depth; None of one that is too deep.
+    """The inner and the outer line (n, 2; y and z) of a mount of a depth; None of one that is too deep.
+
+    `line_from` gives the inner line from a height of the slide's top in rig, as `inner_path` does.
 
     They bend over the slide, higher in a deep mount: the web from corner to corner lies almost along the holes for the
     driver below it, and where it met one it would end as a blade.
@@ -215,7 +222,7 @@ def _lines(
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
     least = over_drivers_mm(clip, hardware) + max(THICKER) * hardware.mount.web_mm / 2.0
     for bends in range(BENDS_TRIED):
-        chain = inner_path(holder, clip, slide_top, half_width, around, hardware)
+        chain = line_from(slide_top)
         if chain is None and bends == 0:
             raise InputError(
                 "mirror holder's back does not face away from the camera's clip, expected it to for the mount"
