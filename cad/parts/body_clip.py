@@ -33,6 +33,8 @@ OFF_ROUND_MM = 3.0
 RESERVE_MM = 3.0
 # What the screws press with at least, and the leaf behind the back's widest and least width.
 LEAST_FORCE_N = 3.0
+# The weight, beyond the camera's own, with which no point lets go: a point just about to would not hold.
+WEIGHT_RESERVE = 1.1
 LEAF_WIDE_MM, LEAF_NARROW_MM = 20.0, 11.0
 # Share of the back's screw that the front pad away from the slide takes.
 FAR_SHARE = 0.6
@@ -190,7 +192,7 @@ def _long_enough(mouth_mm: float, screw: Fastening) -> float:
 def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
     """The nest with leaves as thick as the camera's weight needs, when the robot moves."""
     middle = tray.rig((tray.low + tray.high) / 2.0)
-    weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
+    weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g * WEIGHT_RESERVE
     forces = np.maximum(least_forces_n(nest, middle, weight), LEAST_FORCE_N)
     modulus, least = hardware.printer.plastic_mpa, hardware.printer.wall_mm
     screws = []
