@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from mirrorcam.optics.base.causes import causes
+
 if sys.platform == "win32":
     SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)  # Ctrl-Break
 else:
@@ -88,3 +90,13 @@ def check() -> None:
     """
     if _remembering and _asked:
         raise KeyboardInterrupt
+
+
+def ended(error: BaseException) -> bool:
+    """Whether an interruption ended the work that raised this error.
+
+    What a library makes of one within `remembered`, such as the ImportError of a module that was being loaded, is one.
+    """
+    return isinstance(error, KeyboardInterrupt) or (
+        asked() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
+    )

@@ -34,7 +34,7 @@ from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
 from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop, check_meshes, nearest_mm
-from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, TabletopScene, pinhole_rays
+from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Hits, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
 from mirrorcam.render_scenes.wavy_camera import as_it_is
@@ -251,11 +251,17 @@ def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tu
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)
     picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise)
-    depth = np.where(hits.object_index == NOTHING, np.nan, np.nan_to_num(hits.points) @ layout.view_from_rig[2])
+    depth = _depth_mm(hits, layout.view_from_rig, missed=np.nan)
     maps = {"mirror": rays.mirror, "thing": hits.object_index + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality
     encoded = encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
     return encoded, exr_bytes(maps, {"layout": layout.identity, "units": "mm"})
+
+
+def _depth_mm(hits: Hits, view_from_rig: FloatArray, *, missed: float) -> FloatArray:
+    """Depths of what rays meet, of their shape, in the frame of the views; `missed` for those that meet nothing."""
+    nothing = hits.object_index == NOTHING
+    return np.where(nothing, missed, np.where(nothing[..., None], 0.0, hits.points) @ view_from_rig[2])
 
 
 def _true_view(
@@ -267,7 +273,7 @@ def _true_view(
     radiance = scene.view(views, t, s, start_mm, spp=request.spp, seed=seed)
     grey = np.rint(radiance * np.float32(255.0 * request.mirror_reflectance * request.sensor.exposure))
     hits = scene.hits(*pinhole_rays(views, t, s, start_mm))
-    depth = np.where(hits.object_index == NOTHING, np.inf, np.nan_to_num(hits.points) @ views.view_from_rig[2])
+    depth = _depth_mm(hits, views.view_from_rig, missed=np.inf)
     counts = {"s": views.cols, "t": views.rows}
     disparity = {axis: views.disparity_px_from_depth(depth, axis) for axis in ("s", "t") if counts[axis] > 1}
     header = {"layout": scene.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}

@@ -52,7 +52,7 @@ from mirrorcam.commands import (
     track,
     validate,
 )
-from mirrorcam.console.refusals import causes, one_line_message, refusal
+from mirrorcam.console.refusals import one_line_message, refusal
 from mirrorcam.console.streams import make_readable, quieten_libraries
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
@@ -239,13 +239,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end(error: BaseException, arguments: Sequence[str]) -> int:
-    """Say why a command ends with an error, which is being handled, and return the exit code; raises it if it is ours.
-
-    What a library makes of an interruption, such as the ImportError of one that was being loaded, is one.
-    """
-    if isinstance(error, KeyboardInterrupt) or (
-        interruption.asked() and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
-    ):
+    """Say why a command ends with an error, which is being handled, and return the exit code; raises a bug."""
+    if interruption.ended(error):
         if interruption.asked() == signal.SIGTERM:
             return _refuse("terminated; finished files are whole", TERMINATED, arguments)
         return _refuse("interrupted; finished files are whole", INTERRUPTED, arguments)

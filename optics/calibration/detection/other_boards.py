@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
@@ -113,7 +114,7 @@ def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *
         )
     if isinstance(target, Charuco):
         for name in DICTIONARIES:
-            if _capacity(name) < target.rows * target.cols // 2:
+            if _capacity(name) < target.rows * target.cols // 2 or _same_markers(name, target.dictionary):
                 continue
             other = target.replaced(dictionary=name)
             if len(_steps(pictures, other, mirrored=mirrored)[1].highest) >= least:
@@ -124,6 +125,13 @@ def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *
 def _capacity(dictionary: str) -> int:
     """Number of markers in a dictionary."""
     return int(dictionary.rsplit("_", 1)[1])
+
+
+def _same_markers(one: str, other: str) -> bool:
+    """Whether the smaller of two dictionaries begins the larger, so that the same board is printed from either."""
+    markers = [cv2.aruco.getPredefinedDictionary(DICTIONARIES[name][0]).bytesList for name in (one, other)]
+    count = min(map(len, markers))
+    return np.array_equal(markers[0][:count], markers[1][:count])
 
 
 def _steps(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, Steps]:

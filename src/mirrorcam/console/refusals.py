@@ -10,6 +10,7 @@ import tyro
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from mirrorcam.optics.base.causes import causes
 from mirrorcam.optics.base.files import LONGEST_MESSAGE, shortened
 from mirrorcam.optics.base.values import InputError
 
@@ -43,14 +44,6 @@ def refusal(error: SystemExit, box: str, arguments: Sequence[str], commands: Com
         if isinstance(cause, InputError):
             return str(cause)
     return (_unknown(arguments, commands) if "nrecognized" in box else "") or _reason(box)
-
-
-def causes(error: BaseException) -> Iterator[BaseException]:
-    """An error, and those that it came of."""
-    cause: BaseException | None = error
-    while cause is not None:
-        yield cause
-        cause = cause.__cause__ or cause.__context__
 
 
 def option_fields(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str, FieldInfo]]:

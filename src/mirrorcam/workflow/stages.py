@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base import fingerprint
+from mirrorcam.optics.base import fingerprint, interruption
 from mirrorcam.optics.base.files import inside, write_text
 from mirrorcam.optics.base.fingerprint import Fingerprint, file_digest, file_digests, source_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -114,8 +114,8 @@ def perform(stage: Stage, output: OutputFolder, progress: Progress = no_progress
         stage.work(folder, progress)
         _write_manifest(folder, begun.replaced(files=file_digests(folder, without=MANIFEST)))
         place.adopt()
-    except KeyboardInterrupt:
-        keep = stage.resumes
+    except BaseException as error:
+        keep = stage.resumes and interruption.ended(error)
         raise
     finally:
         if not keep:

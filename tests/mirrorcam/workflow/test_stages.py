@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.progress import Progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.workflow import stages
@@ -213,6 +215,20 @@ def test_work_that_resumes_finds_what_was_left(root: Path) -> None:
     assert not staleness(stage, root)
     assert sorted(path.name for path in (root / "set").glob("*.png")) == ["0000.png", "0001.png", "0002.png"]
     assert names(root) == ["set", "source.txt"]
+
+
+def test_work_that_resumes_finds_what_was_left_where_a_library_told_the_interruption_as_an_error(root: Path) -> None:
+    def work(folder: Path, progress: Progress) -> None:
+        (folder / "0000.png").touch()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise RuntimeError("a loop ended early") from error
+
+    with interruption.remembered(), pytest.raises(RuntimeError):
+        done(Stage("set", work, parameters={"frames": 2}, resumes=True), root)
+    done(growing(2), root)
+    assert sorted(path.name for path in (root / "set").glob("*.png")) == ["0000.png", "0001.png"]
 
 
 def test_work_that_resumes_does_not_find_what_was_left_of_another_request(root: Path) -> None:

@@ -55,3 +55,17 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_what_a_library_makes_of_an_interruption_is_one() -> None:
+    def error() -> RuntimeError:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as cause:
+            raised = RuntimeError("a loop ended early")
+            raised.__cause__ = cause
+        return raised
+
+    with interruption.remembered():
+        assert not interruption.ended(ValueError("bad")) and interruption.ended(KeyboardInterrupt())
+        assert interruption.ended(error()) and not interruption.ended(ValueError("bad"))
