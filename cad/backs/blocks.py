@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.plan.back_table import TripodNut
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon, head_room_mm
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_DEG, Bore, Countersink, Hexagon, head_room_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.item_frames import along
@@ -21,11 +21,15 @@ from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.optics.base.values import FloatArray
 
-STEEP = np.radians(44.0)
+# A head's facets as printed lean a little more than its cone, and slicers leave a degree or two for rounding: a cone
+# of 44 deg got support in three plates of nine.
+STEEP = np.radians(ROOF_DEG)
 # A countersink is so much wider than the head, as facets cut off its round: less than what counts as a touch.
 HEAD_FIT_MM = 0.05
 # A countersink opens no further than this below the head: neighbours 9.5 mm apart, and edges, keep a wall.
 FLARE_MM = 0.3
+# Slots that stand upright when printed have round ends and no roofs.
+ROUND_DEG = 89.0
 # Corners of round solids.
 CORNERS = 96
 TRIPOD = "1/4-20 UNC"
@@ -68,21 +72,40 @@ def countersunk_hole(
 ) -> tuple[Bore | Countersink, ...]:
     """A hole along z for a countersunk screw, the top of its head at a point (3,), `sink_mm` over a part's lower face.
 
-    It prints without support as the part stands: the cone leans 44 deg. It opens until `flare_mm` below the head.
+    It prints without support as the part stands: the cone leans `ROOF_DEG`. It opens until `flare_mm` below the head.
     """
     thread = thread_of(size)
     half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
     flare = min(sink_mm, flare_mm) + OUTSIDE_MM
-    # A little steeper than the head, whose facets as printed must not lean more than 45 deg.
-    cone = Countersink(head - flare * ABOVE, ABOVE, wide + flare, half, (wide + flare - half) / np.tan(STEEP))
+    # A little steeper than the head, which therefore rests on its rim.
+    mouth = wide + flare * np.tan(STEEP)
+    cone = Countersink(head - flare * ABOVE, ABOVE, mouth, half, (mouth - half) / np.tan(STEEP))
     bore = Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM)
     if sink_mm <= flare_mm:
         return bore, cone
     return (
         bore,
         cone,
-        Bore(head - (sink_mm + OUTSIDE_MM) * ABOVE, ABOVE, wide + flare, sink_mm - flare + 2 * OUTSIDE_MM),
+        Bore(head - (sink_mm + OUTSIDE_MM) * ABOVE, ABOVE, mouth, sink_mm - flare + 2 * OUTSIDE_MM),
     )
+
+
+def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Frustum]:
+    """A slot along y through a part for a countersunk screw, which is level with the part's upper face, and its groove.
+
+    It is about a point (3,) of that face, on which the part is printed: the groove's sides then lean `ROOF_DEG`.
+    """
+    thread = thread_of(size)
+    half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
+    mouth, straight = top + OUTSIDE_MM * ABOVE, travel_mm + 2.0 * half
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    over = wide + OUTSIDE_MM * np.tan(STEEP)
+    base = mouth + np.column_stack([corners * [over, straight / 2.0 + over - half], np.zeros(4)])
+    # The slot's straight part is as long as the groove's floor, which would not print beside its round ends.
+    floor = top - (wide - half) / np.tan(STEEP) * ABOVE
+    groove = Frustum(base, floor + np.column_stack([corners * [half, straight / 2.0], np.zeros(4)]))
+    depth = deep_mm + 2.0 * OUTSIDE_MM
+    return Bore(mouth, -ABOVE, half, depth, ALONG_X, straight, roof_deg=ROUND_DEG, flat=True), groove
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Neck
-from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, head_cuts
+from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import foot_stack
@@ -18,21 +18,22 @@ from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = "adapter_hook", "adapter_jaw"
+# Level with the plate, so that a key reaches them under the clip of a wide camera.
+SCREW = f"M4{COUNTERSUNK}"
 # The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the
 # jaw's screws, and on to the end of the tab.
 HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
 # From the mount to the jaw's screws, and on to the side of the plate; the screen stands so far before the load.
 BESIDE_MM, SIDE_MM, BEFORE_MM = 9.0, 8.0, 12.0
 SHOWN_MM = (150.0, 80.0)
-DOWN, HOOK_OUT, JAW_OUT = -ABOVE, np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
-SCREW_MM, TAB_WIDE_MM = 20.0, 15.5
-# The slots stand upright when printed, and have round ends and no roofs.
-ROUND_DEG = 89.0
+HOOK_OUT, JAW_OUT = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
+SCREW_MM, TAB_WIDE_MM = 16.0, 15.5
 
 
 def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
@@ -53,13 +54,11 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),
         box((-half, screen_y, pad_z - table.hook_mm), (half, screen_y + HOOK_MM, low_z)),
     )
-    hook_cuts = [*head_cuts(heads, table.grip_mm, None, hardware)]
+    hook_cuts: list[Bore | Frustum] = [*head_cuts(heads, table.grip_mm, None, hardware)]
     clearance = m4.clearance_mm / 2.0
     for side in (-x, x):
-        mouth = np.array([side, (first + last) / 2.0, foot_z + OUTSIDE_MM])
-        hook_cuts.append(
-            Bore(mouth, DOWN, clearance, table.plate_mm + 1.0, ALONG_X, first - last, roof_deg=ROUND_DEG, flat=True)
-        )
+        top = np.array([side, (first + last) / 2.0, foot_z])
+        hook_cuts += countersunk_slot(top, "M4", table.plate_mm, first - last)
     screen = np.array([-half, screen_y, pad_z])
     step = np.array([-half, screen_y - thinnest + 1.0, low_z])
     hook_lengths = (
@@ -92,7 +91,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
         jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
         head, seat, way = np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + deep]), -60.0 * ABOVE
-        items.append(BoughtItem("screw", "M4", SCREW_MM, along(head, ABOVE), HOOK_OUT + 30.0 * ABOVE, (HOOK, JAW)))
+        items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_OUT + 30.0 * ABOVE, (HOOK, JAW)))
         items.append(
             BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_OUT + way / 2.0, (JAW,), way[None])
         )

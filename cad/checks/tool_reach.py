@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, common_mm3
 from mirrorcam.cad.checks.insertion import swept
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.threads import diameter_mm
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.optics.base.values import FloatArray, Metric
 
 # The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.
@@ -29,6 +29,7 @@ BLADES_MM = {2.0: (3.0, 50.0), 3.0: (4.0, 75.0), 4.0: (4.5, 75.0), 5.0: (5.0, 75
 OTHER_BLADE_MM = (6.0, 100.0)
 # Hex keys (ISO 2936): across corners, short and long arm, by the diameter of the screw.
 KEYS_MM = {2.0: (1.7, 14.0, 45.0), 3.0: (2.9, 18.0, 56.0), 4.0: (3.4, 20.0, 63.0), 5.0: (4.6, 25.0, 70.0)}
+SUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
 KEY_SWINGS_DEG = 60.0
 KEY_TURNS = 12
 ROD_MM = (2.5, 40.0)
@@ -90,12 +91,15 @@ def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
         yield _along_way(item)
         return
     diameter = diameter_mm(item.size)
-    head = _cylinder(1.9 * diameter, item.length_mm + diameter, OFF_MM)
+    sunk = item.size.endswith(COUNTERSUNK)
+    head_mm = (SUNK_HEAD * diameter, 0.0) if sunk else (1.9 * diameter, diameter)
+    head = _cylinder(head_mm[0], item.length_mm + head_mm[1], OFF_MM)
     blade, reach = BLADES_MM.get(diameter, OTHER_BLADE_MM)
-    top = OFF_MM + diameter
+    top = OFF_MM + head_mm[1]
     driver = _cylinder(blade, reach, top) + _cylinder(*HANDLE_MM, top + reach)
     yield _placed(head + driver, frame)
-    across, short, long = KEYS_MM.get(diameter, KEYS_MM[5.0])
+    keys = SUNK_KEYS_MM if sunk else KEYS_MM
+    across, short, long = keys.get(diameter, KEYS_MM[5.0])
     arm = _cylinder(across, short, top)
     swings = np.radians(np.linspace(0.0, KEY_SWINGS_DEG, 7))
     for turn in np.linspace(0.0, 2.0 * np.pi, KEY_TURNS, endpoint=False):

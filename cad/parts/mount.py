@@ -19,9 +19,9 @@ from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws, foot_z_mm
-from mirrorcam.cad.parts.mount_openings import cable_reach_mm, openings, over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import cable_reach_mm, leaves_blades, openings, over_drivers_mm
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
-from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss
+from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss, webs_between
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_room_mm, stack_into
@@ -205,6 +205,8 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
             for thicker in THICKER:
                 skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
+                if leaves_blades(holder, webs_between(inner, outer, section, hardware), section, hardware):
+                    continue
                 volume = LineString(middle).length * section.plastic_mm2 + depth * plate * section.width_mm
                 yield Profile(section, inner, outer, to_head(middle, holder), volume)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from shapely import LineString
 
 from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, DRIVER_HOLE_MM
 from mirrorcam.cad.holder.holder_body import HolderPlan
@@ -10,6 +11,7 @@ from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.truss import Webs
 from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
@@ -33,6 +35,9 @@ MARK_MM = 0.6
 LONGEST_MARK_MM = 14.0
 # Between the cable's window and the slots for its tie, on both sides.
 TIE_OFF_MM = 3.0
+# Slicers take a face for an overhang a little before the printer's limit.
+ROUNDING_DEG = 2.0
+FAR_MM = 1e3
 
 
 def openings(
@@ -65,6 +70,30 @@ def openings(
     if abs(away[0]) > 1e-6:
         cuts.append(_flush(holder, head, half_width))
     return tuple(cuts)
+
+
+def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Hardware) -> bool:
+    """Whether a hole for a driver behind the holder runs so nearly along a web that the web's end cannot be printed.
+
+    The end of a web over a hole recedes along the web, under the hole's roof: the less steeply the more it runs along
+    the hole.
+    """
+    away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
+    ways = [(screw[1:], head_room_mm(hardware)) for screw in screws]
+    if isinstance(holder, ScrewedHolderPlan):
+        ways += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in holder.heads]
+    steepest = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
+    for start, end in webs.webs:
+        along = (end - start) / np.linalg.norm(end - start)
+        sine = abs(along[0] * away[1] - along[1] * away[0])
+        if sine >= np.tan(np.deg2rad(ROOF_IN_WEBS_DEG)) * steepest:
+            continue
+        web = LineString([start, end])
+        for point, radius in ways:
+            if web.distance(LineString([point, point + FAR_MM * away])) < radius + section.web_mm / 2.0:
+                return True
+    return False
 
 
 def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:

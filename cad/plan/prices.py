@@ -33,6 +33,7 @@ EACH = {
     "M3 countersunk screw": 0.12,
     "M3 thread-forming screw": 0.12,
     "M4 screw": 0.15,
+    "M4 countersunk screw": 0.15,
     "M5 screw": 0.20,
     "M6 screw": 0.25,
     "M3 washer": 0.04,

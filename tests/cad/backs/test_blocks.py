@@ -14,6 +14,7 @@ from mirrorcam.cad.backs.blocks import (
     BlocksPlan,
     Disc,
     countersunk_hole,
+    countersunk_slot,
     faceted,
     ring,
     tripod_cuts,
@@ -30,14 +31,33 @@ from mirrorcam.cad.plan.threads import thread_of
 PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
 
 
-def test_a_countersunk_hole_is_a_cylinder_under_a_cone_of_44_degrees() -> None:
+def test_a_countersunk_hole_is_a_cylinder_under_a_cone_that_prints() -> None:
     cuts = countersunk_hole(np.array([0.0, 0.0, 0.5]), 7.5, 0.5, "M3", 0.5)
     removed = 40.0 * 40.0 * 8.0 - make_blocks(BlocksPlan("plate", (PLATE,), cuts)).volume
-    # From the face, where the cone is as much wider as it lies deep, to the hole for the screw; 44 deg print well.
-    wide, half = 2.24 * 1.5 + HEAD_FIT_MM + 0.5, 1.7
-    slope = np.tan(np.radians(44.0))
+    # From the face to the hole for the screw; 42 deg print well.
+    slope = np.tan(np.radians(42.0))
+    wide, half = 2.24 * 1.5 + HEAD_FIT_MM + 0.5 * slope, 1.7
     cone = np.pi / 3.0 * (wide**3 - half**3) / slope
     assert removed == pytest.approx(cone + np.pi * half**2 * (8.0 - (wide - half) / slope), rel=2e-3)
+
+
+def test_a_slot_for_a_countersunk_screw_takes_its_head_everywhere_and_prints_on_its_face() -> None:
+    travel = 12.0
+    slot, groove = countersunk_slot(np.array([0.0, 0.0, 8.0]), "M4", 8.0, travel)
+    plate = make_blocks(BlocksPlan("plate", (PLATE,), (slot, groove)))
+    from build123d import Align, Cone, Locations
+
+    below = (Align.CENTER, Align.CENTER, Align.MAX)
+    for y in (-travel / 2.0, 0.0, travel / 2.0):
+        with Locations((0.0, y, 8.0)):
+            # ISO 10642: 2.24 times as wide as the thread, 90 deg.
+            head = Cone(2.0, 4.48, 2.48, align=below)
+        common = plate & head
+        assert common is None or common.volume < 1e-6
+    # Nothing but the side of the groove looks at the bed, and that leans 42 deg from upright.
+    inside = [face for face in plate.faces() if face.bounding_box().max.Z < 8.0 - 1e-6 or face.center().Z > 1e-6]
+    steepest = max(face.normal_at().Z for face in inside if face.center().Z < 8.0 - 1e-6)
+    assert steepest == pytest.approx(np.sin(np.radians(42.0)), abs=1e-3)
 
 
 def test_the_nut_of_a_tripod_lies_flush_on_its_floor() -> None:

@@ -98,3 +98,11 @@ def test_washers_and_pins_need_no_tool() -> None:
     block = {"mount": cube((-9.0, -9.0, -9.0), (9.0, 9.0, 90.0))}
     assert tool_clash_mm3(placed(item("washer", "M3", 0.5), ("mount",)), block) == 0.0
     assert tool_clash_mm3(placed(item("pin", "3", 16.0), ("mount",)), block) == 0.0
+
+
+def test_a_key_for_a_countersunk_screw_needs_less_room_over_it() -> None:
+    """19 mm over an M4 screw, as under the clip of a wide camera: the key's arm is 18 mm long, with the other head 20."""
+    roof = cube((-90.0, -90.0, 19.0), (90.0, 90.0, 30.0))
+    for size, reached in (("M4 countersunk", True), ("M4", False)):
+        screw = placed(item("screw", size, 16.0), ("adapter_hook", "adapter_jaw"))
+        assert (tool_clash_mm3(screw, {"adapter_hook": roof}) == 0.0) == reached
