@@ -96,12 +96,12 @@ def test_dimensions_are_the_lengths_and_every_hole_and_round() -> None:
     plan = BlocksPlan("plate", (PLATE,), cuts, chain, (Disc(np.zeros(3), 10.0, 4.0),))
     found = [each for each in plan.dimensions if isinstance(each, Hole)]
     assert tuple(each for each in plan.dimensions if isinstance(each, Length)) == chain
-    wide = 2.24 * 3.0 + 2.0 * HEAD_FIT_MM + 0.6
+    wide = 2.24 * 3.0 + 2.0 * (HEAD_FIT_MM + 0.3 * np.tan(np.radians(42.0)))
     np.testing.assert_allclose(
-        [hole.diameter_mm for hole in found], [20.0, 6.6, 11.31, 3.4, wide, wide + 0.02], atol=0.006
+        [hole.diameter_mm for hole in found], [20.0, 6.6, 11.31, 3.4, wide, wide + 0.018], atol=0.006
     )
     assert [hole.form for hole in found] == ["round", "round", "hexagon", "round", "countersink", "round"]
-    assert found[4].text == "x 88°"
+    assert found[4].text == "x 84°"
     assert plan.corners.shape == (8 + 2 * CORNERS, 3)
 
 

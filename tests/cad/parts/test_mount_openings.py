@@ -10,11 +10,13 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.parts.mount_openings import _scale
+from mirrorcam.cad.parts.mount_openings import _scale, leaves_blades
+from mirrorcam.cad.parts.truss import Webs
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
 
@@ -61,3 +63,19 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
         longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
         assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
     assert 0.8 * longest_mm < longest <= longest_mm
+
+
+@pytest.mark.parametrize(("along_deg", "off_mm", "blade"), [(30.2, 0.0, True), (30.2, 9.0, False), (42.0, 0.0, False)])
+def test_no_web_runs_along_a_hole_for_a_driver(
+    planned: Planned, along_deg: float, off_mm: float, *, blade: bool
+) -> None:
+    """PrusaSlicer 2.5 put support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
+    _, holder, _, mount = planned
+    away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
+    beside = np.array([-away[1], away[0]])
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
+    middle = screws[np.argmax(screws @ beside)] + 10.0 * away + off_mm * beside
+    turned = np.cos(np.radians(along_deg)) * away + np.sin(np.radians(along_deg)) * beside
+    web = np.array([middle, middle + 5.0 * turned])
+    webs = Webs(np.zeros((2, 2)), np.zeros((2, 2)), web[None])
+    assert leaves_blades(holder, webs, mount.section, HARDWARE) == blade
