@@ -101,7 +101,7 @@ def test_washers_and_pins_need_no_tool() -> None:
 
 
 def test_a_key_for_a_countersunk_screw_needs_less_room_over_it() -> None:
-    """19 mm over an M4 screw, as under the clip of a wide camera: the key's arm is 18 mm long, with the other head 20."""
+    """19 mm over an M4 screw: the arm of its key is 18 mm long, and 20 mm for another head."""
     roof = cube((-90.0, -90.0, 19.0), (90.0, 90.0, 30.0))
     for size, reached in (("M4 countersunk", True), ("M4", False)):
         screw = placed(item("screw", size, 16.0), ("adapter_hook", "adapter_jaw"))
