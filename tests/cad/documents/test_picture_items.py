@@ -42,7 +42,7 @@ def test_what_rests_may_be_pale_but_for_mirrors(made: Made) -> None:
 def test_a_piece_is_moved_as_it_is_and_may_have_a_line_from_its_seat(made: Made) -> None:
     part, away, seat = one(made, "part"), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -4.0])
     item = moved(part, away, name_of(part), seat=seat)
-    np.testing.assert_allclose(item.body.triangles - triangles_of(part), np.broadcast_to(away, (1, 1, 3)), atol=1e-9)
+    np.testing.assert_allclose(item.body.triangles - triangles_of(part) - away, 0.0, atol=1e-9)
     assert item.line is not None and item.label == f"{part.number} {part.title}"
     np.testing.assert_allclose(item.line[1] - item.line[0], away - seat)
     assert moved(part, away).line is None
