@@ -90,22 +90,18 @@ def countersunk_hole(
     )
 
 
-def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Frustum]:
+def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Countersink]:
     """A slot along y through a part for a countersunk screw, which is level with the part's upper face, and its groove.
 
-    It is about a point (3,) of that face, on which the part is printed: the groove's sides then lean `ROOF_DEG`.
+    It is about a point (3,) of that face, on which the part is printed.
     """
     thread = thread_of(size)
     half, wide = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
-    mouth, straight = top + OUTSIDE_MM * ABOVE, travel_mm + 2.0 * half
-    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-    over = wide + OUTSIDE_MM * np.tan(STEEP)
-    base = mouth + np.column_stack([corners * [over, straight / 2.0 + over - half], np.zeros(4)])
-    # The slot's straight part is as long as the groove's floor, which would not print beside its round ends.
-    floor = top - (wide - half) / np.tan(STEEP) * ABOVE
-    groove = Frustum(base, floor + np.column_stack([corners * [half, straight / 2.0], np.zeros(4)]))
-    depth = deep_mm + 2.0 * OUTSIDE_MM
-    return Bore(mouth, -ABOVE, half, depth, ALONG_X, straight, roof_deg=ROUND_DEG, flat=True), groove
+    mouth, widest = top + OUTSIDE_MM * ABOVE, wide + OUTSIDE_MM * np.tan(STEEP)
+    return (
+        Bore(mouth, -ABOVE, half, deep_mm + 2.0 * OUTSIDE_MM, ALONG_X, travel_mm, roof_deg=ROUND_DEG, flat=True),
+        Countersink(mouth, -ABOVE, widest, half, (widest - half) / np.tan(STEEP), ALONG_X, travel_mm),
+    )
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:

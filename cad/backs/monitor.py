@@ -12,13 +12,12 @@ from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
@@ -54,7 +53,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),
         box((-half, screen_y, pad_z - table.hook_mm), (half, screen_y + HOOK_MM, low_z)),
     )
-    hook_cuts: list[Bore | Frustum] = [*head_cuts(heads, table.grip_mm, None, hardware)]
+    hook_cuts: list[Bore | Countersink] = [*head_cuts(heads, table.grip_mm, None, hardware)]
     clearance = m4.clearance_mm / 2.0
     for side in (-x, x):
         top = np.array([side, (first + last) / 2.0, foot_z])

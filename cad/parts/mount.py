@@ -19,7 +19,7 @@ from mirrorcam.cad.parts.bed_placement import Lay, joint_blocks, lay, turn
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, foot_screws, foot_z_mm
-from mirrorcam.cad.parts.mount_openings import cable_reach_mm, leaves_blades, openings, over_drivers_mm
+from mirrorcam.cad.parts.mount_openings import cable_reach_mm, head_end_mm, leaves_blades, openings, over_drivers_mm
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss, webs_between
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
@@ -191,23 +191,24 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
     least_half = max(least_half, cable_reach_mm(hardware))
     widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
     for half_width in np.arange(least_half, widest_half + 0.1, WIDER_MM).tolist():
-        # From one top of the slide, depths have the same inner line.
-        line_from = cache(
-            partial(inner_path, holder, clip, half_width_mm=half_width, around_mm=around, hardware=hardware)
-        )
-        for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
-            plate = foot_plate_mm(depth, hardware)
-            lines = _lines(line_from, clip, depth, hardware)
-            if lines is None:
-                continue
-            inner, outer = lines
-            middle = (inner + outer) / 2.0
-            for thicker in THICKER:
-                skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
+        for thicker in THICKER:
+            skin, web = thicker * mount.skin_mm, thicker * mount.web_mm
+            end = head_end_mm(holder, half_width, web, hardware)
+            # From one top of the slide, depths have the same inner line.
+            line_from = cache(
+                partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
+            )
+            for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEEPER_MM).tolist():
+                lines = _lines(line_from, clip, depth, hardware)
+                if lines is None:
+                    continue
+                inner, outer = lines
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
                 if leaves_blades(holder, webs_between(inner, outer, section, hardware), section, hardware):
                     continue
-                volume = LineString(middle).length * section.plastic_mm2 + depth * plate * section.width_mm
+                middle = (inner + outer) / 2.0
+                foot = depth * foot_plate_mm(depth, hardware) * section.width_mm
+                volume = LineString(middle).length * section.plastic_mm2 + foot
                 yield Profile(section, inner, outer, to_head(middle, holder), volume)
 
 

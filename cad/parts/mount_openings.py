@@ -78,11 +78,8 @@ def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Ha
     The end of a web over a hole recedes along the web, under the hole's roof: the less steeply the more it runs along
     the hole.
     """
-    away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
-    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
-    ways = [(screw[1:], head_room_mm(hardware)) for screw in screws]
-    if isinstance(holder, ScrewedHolderPlan):
-        ways += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in holder.heads]
+    away = _away(holder)
+    ways = _ways_of_drivers(holder, section.width_mm / 2.0, hardware)
     steepest = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
     for start, end in webs.webs:
         along = (end - start) / np.linalg.norm(end - start)
@@ -94,6 +91,44 @@ def leaves_blades(holder: HolderPlan, webs: Webs, section: Section, hardware: Ha
             if web.distance(LineString([point, point + FAR_MM * away])) < radius + section.web_mm / 2.0:
                 return True
     return False
+
+
+def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardware: Hardware) -> float:
+    """Where a mount of half a width ends on the holder's back, from the rig's origin up along the back.
+
+    It is over the holder's screws, and where the last web clears all holes for drivers: it runs along them.
+    """
+    away = _away(holder)
+    up = np.array([away[1], -away[0]])
+    ways = sorted((float(point @ up), radius) for point, radius in _ways_of_drivers(holder, half_width_mm, hardware))
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
+    end = float((screws @ up).max()) + head_room_mm(hardware) + hardware.screw.insert_wall_mm
+    for at, radius in ways:
+        if at - radius < end and end - web_mm < at + radius:
+            end = at + radius + web_mm
+    return end
+
+
+def _away(holder: HolderPlan) -> FloatArray:
+    """Where the holder's back faces (2,; y and z)."""
+    away = holder.rig_from_mount[1:3, 2]
+    return np.asarray(away / np.linalg.norm(away))
+
+
+def _ways_of_drivers(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
+    """Points (2,; y and z) on the axes of the holes for drivers behind the holder, and the holes' radii."""
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
+    ways = [(screw[1:], head_room_mm(hardware)) for screw in screws]
+    if isinstance(holder, ScrewedHolderPlan):
+        heads = [head for head in holder.heads if _crosses(head, half_width_mm)]
+        ways += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in heads]
+    return ways
+
+
+def _crosses(head: FloatArray, half_width_mm: float) -> bool:
+    """Whether the hole for the driver of a carrier's screw meets a mount of half a width."""
+    low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
+    return high >= -half_width_mm and low <= half_width_mm
 
 
 def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:
@@ -111,9 +146,9 @@ def _for_driver(
     across = radius * np.cross(away, up)
     cuts: list[Bore | Frustum] = []
     for head in holder.heads:
-        low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
-        if high < -half_width_mm or low > half_width_mm:
+        if not _crosses(head, half_width_mm):
             continue
+        low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
         cuts.append(Bore(head - away, away, radius, deep_mm, up, roof_deg=ROOF_IN_WEBS_DEG))
         beyond = [1.0] if high + wall > half_width_mm else [-1.0] if low - wall < -half_width_mm else []
         for end in beyond:

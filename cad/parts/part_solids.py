@@ -34,7 +34,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import FloatArray, InputError
 
 Cut = Frustum | Bore | Countersink | Hexagon
 
@@ -74,6 +74,26 @@ def _outline(r: float, half: float, steep: float, roof: float) -> None:
         Line(tuple(mirrored * start), tuple(start))
 
 
+def countersink_solid(cut: Countersink) -> Solid:
+    """The solid that a countersink removes: a cone, or a groove with one at either end."""
+
+    def cone(middle: FloatArray) -> Solid:
+        plane = Plane(origin=tuple(middle), z_dir=tuple(cut.axis))
+        return Solid.make_cone(cut.radius_mm, cut.end_radius_mm, cut.depth_mm, plane)
+
+    if cut.up is None or not cut.travel_mm:
+        return cone(cut.mouth)
+    along, back = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
+    mouth, end = (
+        middle + np.array([-radius * back - along, radius * back - along, radius * back + along, along - radius * back])
+        for middle, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
+    )
+    with BuildPart() as groove:
+        for solid in (cone(cut.mouth - along), cone(cut.mouth + along), solid_of(Frustum(mouth, end))):
+            insert(solid)
+    return groove.solids()[0]
+
+
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """The solid that a nut's pocket removes."""
     radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
@@ -96,8 +116,7 @@ def cut_solid(cut: Cut) -> Solid:
     if isinstance(cut, Bore):
         return bore_solid(cut)
     if isinstance(cut, Countersink):
-        plane = Plane(origin=tuple(cut.mouth), z_dir=tuple(cut.axis))
-        return Solid.make_cone(cut.radius_mm, cut.end_radius_mm, cut.depth_mm, plane)
+        return countersink_solid(cut)
     return hexagon_solid(cut) if isinstance(cut, Hexagon) else solid_of(cut)
 
 

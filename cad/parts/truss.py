@@ -18,7 +18,6 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.geometry.transforms import transform
 
 
 def inner_path(
@@ -26,13 +25,14 @@ def inner_path(
     clip: ClipPlan,
     slide_top_mm: float,
     half_width_mm: float,
-    around_mm: float,
+    head_end_mm: float,
     hardware: Hardware,
 ) -> FloatArray | None:
     """The inner line (n, 2) in y and z over the slide: from its top, taut round the holder, along its back.
 
-    `slide_top_mm` is the height of its top in rig. It goes round the convex hull of holder and pupil, which holds all
-    camera cones. None where the top of the slide or the holder's back lies inside of that hull.
+    `slide_top_mm` is the height of its top in rig, `head_end_mm` where it ends, up along the back from the rig's
+    origin. It goes round the convex hull of holder and pupil, which holds all camera cones. None where the top of the
+    slide or the holder's back lies inside of that hull.
     """
     away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     if abs(away[0]) > np.sin(np.deg2rad(5.0)):
@@ -58,8 +58,7 @@ def inner_path(
     shadow = (
         MultiPoint(corners).convex_hull.buffer(hardware.mount.clearance_mm, join_style="mitre").intersection(behind)
     )
-    holes = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
-    top = level * out + (float((holes @ up).max()) + around_mm) * up
+    top = level * out + head_end_mm * up
     y = clip.slide_y_mm
     hull = MultiPoint([*get_coordinates(shadow), (y, slide_top_mm), (0.0, 0.0), top]).convex_hull
     # Clockwise from the slide (seen with y right, z up) the boundary runs up behind the camera.

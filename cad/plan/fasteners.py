@@ -52,7 +52,8 @@ class Bore:
 class Countersink:
     """A cone from the middle of its mouth (3,) along an axis (3,), in rig, mm, to its smaller end.
 
-    The room of a countersunk head: it prints without support with its mouth on the bed, where it leans 45 deg.
+    The room of a countersunk head: it prints without support with its mouth on the bed. `travel_mm` makes it the groove
+    of such a slot as a `Bore`'s, along `up` (3,) x axis.
     """
 
     mouth: FloatArray
@@ -60,6 +61,8 @@ class Countersink:
     radius_mm: float
     end_radius_mm: float
     depth_mm: float
+    up: FloatArray | None = None
+    travel_mm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,7 @@ def called_out(sheet: DrawingSheet) -> Counter[str]:
     for words in sheet.words:
         if match := re.fullmatch(r"(?:(\d+)x )?(Ø[\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text):
             found[match[2]] += int(match[1] or 1)
-        elif match := re.fullmatch(r"(?:(\d+)x )?countersink Ø[\d.]+ x 88°.*", words.text):
+        elif match := re.fullmatch(r"(?:(\d+)x )?countersink Ø[\d.]+ x 84°.*", words.text):
             found["countersink"] += int(match[1] or 1)
     return found
 

@@ -6,17 +6,20 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_MM
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.parts.mount_openings import _scale, leaves_blades
+from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_blades
 from mirrorcam.cad.parts.truss import Webs
-from mirrorcam.cad.plan.fasteners import Bore
+from mirrorcam.cad.plan.fasteners import Bore, head_room_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
+from tests.cad.holder.screwed import planned as planned_on_screws
+from tests.cad.holder.screwed import with_screws
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
 
@@ -79,3 +82,20 @@ def test_no_web_runs_along_a_hole_for_a_driver(
     web = np.array([middle, middle + 5.0 * turned])
     webs = Webs(np.zeros((2, 2)), np.zeros((2, 2)), web[None])
     assert leaves_blades(holder, webs, mount.section, HARDWARE) == blade
+
+
+def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> None:
+    """Where a mount ended in the middle of such a hole, PrusaSlicer 2.5 put support under what was left of the web."""
+    holder, hardware = planned_on_screws(), with_screws()
+    web, half_width = 1.2, 25.8
+    away = holder.rig_from_mount[1:3, 2] / np.linalg.norm(holder.rig_from_mount[1:3, 2])
+    up = np.array([away[1], -away[0]])
+    end = head_end_mm(holder, half_width, web, hardware)
+    screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:] @ up
+    head = max(float(head[1:] @ up) for head in holder.heads if abs(head[0]) < half_width)
+    assert screws.max() < head <= end - web - DRIVER_HOLE_MM / 2.0 + 1e-9
+    over = screws.max() + head_room_mm(hardware) + hardware.screw.insert_wall_mm
+    assert over - web < head + DRIVER_HOLE_MM / 2.0
+    assert head_end_mm(holder, 0.5, web, hardware) == pytest.approx(over)
+    # A thick web meets the holes behind the holder's own screws.
+    assert head_end_mm(holder, 0.5, 2.4, hardware) == pytest.approx(screws.max() + head_room_mm(hardware) + 2.4)

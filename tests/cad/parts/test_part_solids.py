@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.parts.part_solids import bore_solid, cut_solid, hexagon_solid
-from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.prisms import box
 
 DOWN, UP = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
@@ -35,6 +35,15 @@ def test_a_flat_slot_is_two_half_circles_and_a_rectangle() -> None:
     assert slot.volume > (math.pi * 4.0 + 6.0 * 4.0) * 5.0
     assert slot.volume < 10.0 * 4.0 * 5.0
     assert pytest.approx(2.0) == slot.bounding_box().max.X
+
+
+def test_a_groove_is_the_room_of_a_countersunk_head_all_along_its_way() -> None:
+    mouth, end, deep, travel = 4.0, 2.0, 2.0, 6.0
+    cone = cut_solid(Countersink(np.zeros(3), DOWN, mouth, end, deep))
+    groove = cut_solid(Countersink(np.zeros(3), DOWN, mouth, end, deep, UP, travel))
+    assert cone.volume == pytest.approx(math.pi * deep / 3.0 * (mouth**2 + mouth * end + end**2))
+    assert groove.volume == pytest.approx(cone.volume + (mouth + end) * deep * travel)
+    assert tuple(groove.bounding_box().size) == pytest.approx((2.0 * mouth, 2.0 * mouth + travel, deep))
 
 
 def test_a_pocket_holds_its_nut_and_has_a_roof_over_it() -> None:
