@@ -1,7 +1,7 @@
-"""Build the documentation site: `python -m docs.website OUT [--toy FILE.html] [--work FOLDER]`.
+"""Build the documentation site: `python -m docs.website OUT [--toy FILE.html]`.
 
-Warnings, dead links among them, are errors. Nothing is fetched. OUT is a folder of its own, which may be an earlier site;
-`--toy` puts a snapshot of the studio onto the front page, which is made where the file is not there yet (ten minutes).
+Warnings, dead links among them, are errors. Nothing is fetched. OUT is a folder of its own, or an earlier site. `--toy`
+puts a snapshot of the studio onto the front page, which is made where the file is not there yet (ten minutes).
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def names_page() -> str:
     """The page of the public names and of what they return."""
     lines = [
         "# Public names of the library\n",
-        "Every name of `import mirrorcam`, from its docstring. [As a library](../library.md) shows how they work together, "
+        "Every name of `import mirrorcam`. [As a library](../library.md) shows how they work together, "
         "and [conventions](../conventions.md) defines frames, pixels and units. Lengths are in mm.\n",
     ]
     for title, names in GROUPS.items():
@@ -69,21 +69,13 @@ def calls_page() -> str:
     """The page of the functions of the commands."""
     lines = [
         "# Functions of the commands\n",
-        "Each command is one call of one of these functions, with its options as arguments. They are typed and documented "
-        "like the [public names](names.md), but may move between versions.\n",
+        "Each command is one call of one of these functions, with its options as arguments. They are typed and "
+        "documented like the [public names](names.md), but may move between versions.\n",
     ]
     for command, path in calls().items():
         module, _, name = path.rpartition(".")
         found = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
         lines.append(f"## mirrorcam {command}\n\n{_in_rst([_directive(f'mirrorcam.{path}', found)])}")
-    return "\n".join(lines)
-
-
-def example_page(folder: Path) -> str:
-    """The page of the example programs, each as it is."""
-    lines = ["# Example programs\n", "Run them as `python examples/NAME.py [OUT]`.\n"]
-    for path in sorted(folder.glob("*.py")):
-        lines.append(f"## {path.name}\n\n``````python\n{path.read_text(encoding='utf-8').rstrip()}\n``````\n")
     return "\n".join(lines)
 
 

@@ -18,7 +18,11 @@ RULE = re.compile(r"^\s*[-─]{8,}\s*$")
 DEFAULT = re.compile(r"\s*\(default: (.*)\)$")
 SPECIAL = re.compile(r"([\\*_<>\[\]{}$|#])")
 PAGE = re.compile(r"docs/(\w+)\.md")
-TITLES = {"positional arguments": "Arguments", "spec options": "What is designed", "common options": "Common to all designs"}
+TITLES = {
+    "positional arguments": "Arguments",
+    "spec options": "What is designed",
+    "common options": "Common to all designs",
+}
 
 
 @dataclass
@@ -91,10 +95,10 @@ def in_markdown(text: str) -> str:
 def _option_lines(option: Option) -> list[str]:
     found = DEFAULT.search(option.text)
     said, default = (option.text[: found.start()], found[1]) if found else (option.text, "")
-    lines = ["", f":::{{option}} {option.written.replace(', ', ', ')}", in_markdown(said)]
+    said = in_markdown(said[:1].upper() + said[1:]).rstrip(".") + "."
     if default not in ("", "False", "None"):
-        lines += ["", f"Default: `{default}`"]
-    return [*lines, ":::"]
+        said += f" Default: `{default}`."
+    return ["", f":::{{option}} {option.written}", said, ":::"]
 
 
 def page(command: str) -> str:
@@ -122,8 +126,8 @@ def command_pages() -> dict[str, str]:
     names = "\n".join(cli.COMMANDS)
     written[f"{FOLDER}/index"] = (
         "# Commands and their options\n\n"
-        "These pages are what `mirrorcam COMMAND --help` prints. [Commands by task](../../commands.md) shows which command "
-        "to use when, with examples. Every command also takes `--debug`, which shows the traceback of an error.\n\n"
+        "These pages are what `mirrorcam COMMAND --help` prints. [Commands by task](../../commands.md) shows which "
+        "command to use when, with examples. Every command also takes `--debug`, which shows the traceback of an error.\n\n"
         "| command | does |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )
     return written

@@ -27,6 +27,7 @@ myst_linkify_fuzzy_links = False
 
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {name: name for name in ("FloatArray", "Grey", "Samples", "ArrayLike", "Calls", "Progress")}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 maximum_signature_line_length = 80

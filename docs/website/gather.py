@@ -23,7 +23,8 @@ DOCUMENTS = {
 }
 """Markdown files outside docs/ that are pages of the site, and those that its front page stands for."""
 FENCE = re.compile(r"^( *)(`{3,}|:{3,}).*?^\1\2 *$", flags=re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"(?<=\]\()([^)\s#]+)(#[^)\s]*)?(?=\))")
+LINK = re.compile(r"(!?)\[([^\]\n]*(?:\n[^\]\n]+)?)\]\(([^)\s#]*)(#[^)\s]*)?\)")
+NAME_OF_A_PAGE = re.compile(r"`?[\w/]+\.md`?")
 LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".xml": "xml", ".cff": "yaml"}
 SHOWN = (*LANGUAGES, ".md", "")
 """Endings of the files of a folder that are shown: texts."""
@@ -71,8 +72,8 @@ class Gathered:
         self.write(page, outside_code(text, lambda part: LINK.sub(lambda link: self._turned(link, path, page), part)))
 
     def _turned(self, link: re.Match[str], path: str, page: str) -> str:
-        target, anchor = link[1], link[2] or ""
-        if ":" in target:
+        picture, text, target, anchor = link[1], link[2], link[3], link[4] or ""
+        if ":" in target or not target:
             return link[0]
         to = os.path.normpath(Path(path).parent / target)
         if not (ROOT / to).exists():
@@ -83,7 +84,9 @@ class Gathered:
             there = f"{page_of(to)}.md"
             if there.startswith("repository/"):
                 self.wanted.add(to)
-        return os.path.relpath(there, Path(page).parent) + anchor
+        if NAME_OF_A_PAGE.fullmatch(text):
+            text = ""  # Sphinx puts the title there
+        return f"{picture}[{text}]({os.path.relpath(there, Path(page).parent)}{anchor})"
 
     def add_wanted(self) -> None:
         """Add a page for every file and folder of the repository that a page links to."""
