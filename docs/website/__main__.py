@@ -28,13 +28,13 @@ def build(out: Path, toy: Path | None = None) -> int:
     with tempfile.TemporaryDirectory() as work:
         pages = Path(work, "pages")
         gather(pages, api_pages() | command_pages())
-        if toy is not None:
-            shutil.copyfile(toy, pages / "toy.html")
         tags = ["-t", "toy"] if toy is not None else []
         given = ["-b", "html", "-c", str(HERE), "-d", f"{work}/doctrees", "-W", "--keep-going", "-q", *tags]
         code: int = build_main([*given, str(pages), f"{work}/site"])
         if code:
             return code
+        if toy is not None:
+            shutil.copyfile(toy, f"{work}/site/toy.html")
         shutil.rmtree(f"{work}/site/.doctrees", ignore_errors=True)
         Path(work, "site", ".buildinfo").unlink(missing_ok=True)
         if out.exists():

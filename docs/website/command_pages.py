@@ -127,7 +127,8 @@ def command_pages() -> dict[str, str]:
     written[f"{FOLDER}/index"] = (
         "# Commands and their options\n\n"
         "These pages are what `mirrorcam COMMAND --help` prints. [Commands by task](../../commands.md) shows which "
-        "command to use when, with examples. Every command also takes `--debug`, which shows the traceback of an error.\n\n"
+        "command to use when, with examples. Every command also takes `--debug`, which shows the traceback of an "
+        "error.\n\n"
         "| command | does |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )
     return written

@@ -16,7 +16,6 @@ language = "en"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docstrings", "mathml"]
 root_doc = "index"
 exclude_patterns = ["images/**", "schemas/**"]
-suppress_warnings = ["toc.empty_glob"]  # the gallery, where it has been made
 nitpicky = True
 # Types of other packages, and those of ours that no page is about.
 nitpick_ignore_regex = [("py:.*", ".*")]
@@ -42,6 +41,7 @@ html_theme = "furo"
 html_title = "MirrorCam"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["toy.js"]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False

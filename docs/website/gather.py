@@ -69,6 +69,8 @@ class Gathered:
         """Add a Markdown file of the repository, with its links turned to where the site has their targets."""
         page = page_of(path)
         text = (ROOT / path).read_text(encoding="utf-8")
+        if page == "index" and not (ROOT / "docs/gallery.md").exists():
+            text = text.replace("\ngallery\n", "\n")  # it is made apart
         self.write(page, outside_code(text, lambda part: LINK.sub(lambda link: self._turned(link, path, page), part)))
 
     def _turned(self, link: re.Match[str], path: str, page: str) -> str:
