@@ -12,7 +12,7 @@ from mirrorcam.cli import parse
 from mirrorcam.optics.base.values import InputError
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def command_lines(text: str) -> list[str]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from sphinx.cmd.build import build_main
 
+from docs.website.accessible import mend
 from docs.website.api_pages import api_pages
 from docs.website.command_pages import command_pages
 from docs.website.gather import gather
@@ -33,13 +34,13 @@ def build(out: Path, toy: Path | None = None) -> int:
         code: int = build_main([*given, str(pages), f"{work}/site"])
         if code:
             return code
-        if toy is not None:
-            shutil.copyfile(toy, f"{work}/site/toy.html")
-        shutil.rmtree(f"{work}/site/.doctrees", ignore_errors=True)
         Path(work, "site", ".buildinfo").unlink(missing_ok=True)
+        mend(Path(work, "site"))
         if out.exists():
             shutil.rmtree(out)
         shutil.copytree(f"{work}/site", out)
+        if toy is not None:
+            shutil.copyfile(toy, out / "toy.html")
     return 0
 
 

@@ -11,6 +11,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docstrings import prepare_docstring
 
 BEFORE_NAPOLEON, AFTER_NAPOLEON = 100, 900
+ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
 ANNOTATED = re.compile(r"Annotated\[(\w+), [^\]]*\]")
 
 
@@ -43,10 +44,13 @@ def _restore(app: Sphinx, what: str, name: str, found: Any, options: Any, lines:
         _describe(app, what, name, found, options, lines)
 
 
-def _sign(app: Sphinx, what: str, name: str, found: Any, *rest: Any) -> tuple[str, None] | None:
+def _sign(
+    app: Sphinx, what: str, name: str, found: Any, options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
     if what == "class" and issubclass(found, BaseModel):
         return "(**fields)", None
-    return None
+    # Inside other types, names of types are left as Sphinx holds them.
+    return signature and ALIAS.sub(r"\1", signature), returns and ALIAS.sub(r"\1", returns)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
