@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -27,7 +28,7 @@ DOCS = Path(__file__).parent
 LAYOUT = DOCS.parent / "tests" / "data" / "default_layout.json"
 MIRROR, VIEW, RAY, COMMON, CAMERA, FAINT = "#2f5f8f", "#b3261e", "#a86b00", "#1b7837", "#222222", "#777777"
 DEPTH_MM = 400.0
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.hashsalt": "mirrorcam",
     "font.size": 11.0,
     "font.family": "DejaVu Sans",
@@ -61,7 +62,7 @@ def mirrors(axes: Axes, layout: Layout) -> None:
     axes.plot(0.0, 0.0, marker="o", color=CAMERA, markersize=7)
     axes.plot(*flat(target), marker="*", color=COMMON, markersize=12)
     centres = flat(layout.virtual_centres_in_rig_mm)
-    label = {"fontsize": 11, "ha": "center"}
+    label: dict[str, Any] = {"fontsize": 11, "ha": "center"}
     axes.annotate("pupil of the camera", (0, 0), (0, -17), color=CAMERA, va="top", **label)
     lowest = centres[:, 1].min()
     axes.text(centres[:, 0].mean(), lowest - 14, "virtual cameras", color=VIEW, va="top", **label)
@@ -80,7 +81,8 @@ def sensor(axes: Axes, layout: Layout) -> None:
         outline = layout.outline_px(index)
         axes.add_patch(Polygon(outline, closed=True, facecolor="#dce6f1", edgecolor=MIRROR, linewidth=1.2))
         axes.add_patch(Polygon(seen_px(layout, region, DEPTH_MM, index), facecolor=COMMON, alpha=0.35))
-        axes.text(*outline.mean(axis=0), name, ha="center", va="center", fontsize=11)
+        u, v = outline.mean(axis=0)
+        axes.text(u, v, name, ha="center", va="center", fontsize=11)
     width, height = layout.camera.width_px, layout.camera.height_px
     axes.add_patch(Polygon([(0, 0), (width, 0), (width, height), (0, height)], fill=False, edgecolor=CAMERA))
     axes.set(xlim=(-20, width + 20), ylim=(height + 20, -20), xlabel="u, px", ylabel="v, px", aspect="equal")

@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from sphinx.cmd.build import build_main
@@ -44,12 +45,12 @@ def build(out: Path, toy: Path | None = None) -> int:
     return 0
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Build the site, with the snapshot of the studio where it is asked for."""
     parser = argparse.ArgumentParser(prog="python -m docs.website", description=__doc__.split("\n\n")[0])
     parser.add_argument("out", type=Path, help="folder of the site")
     parser.add_argument("--toy", type=Path, metavar="FILE.html", help="snapshot of the studio for the front page")
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     out: Path = given.out
     toy: Path | None = given.toy
     if out.exists() and any(out.iterdir()) and not (out / MADE_BY_SPHINX).is_file():

@@ -127,10 +127,10 @@ def gather(folder: Path, written: dict[str, str]) -> None:
         relative = path.relative_to(ROOT).as_posix()
         if relative != "docs/README.md":
             tree.add(relative)
-    for path in ("CONTRIBUTING.md", "CHANGELOG.md", "ros2/README.md"):
-        tree.add(path)
-    for name, text in written.items():
-        tree.write(name, text)
+    for relative in ("CONTRIBUTING.md", "CHANGELOG.md", "ros2/README.md"):
+        tree.add(relative)
+    for page, text in written.items():
+        tree.write(page, text)
     tree.add_wanted()
     for name in ("images", "schemas"):
         if (docs / name).is_dir():

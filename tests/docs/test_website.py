@@ -169,6 +169,29 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built_once(tmp_path_factory, "documentation_site", build) / "site"
 
 
+def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website.__main__ import main
+
+    (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(SystemExit, match="2"):
+        main([str(tmp_path)])
+    assert "no earlier site" in capsys.readouterr().err
+    assert (tmp_path / "thesis.txt").is_file()
+
+
+def test_a_toy_that_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website import __main__ as command
+
+    ran: list[list[str]] = []
+    monkeypatch.setattr(command.subprocess, "run", lambda line, check: ran.append(line))
+    monkeypatch.setattr(command, "build", lambda out, toy: 0)
+    toy = tmp_path / "studio.html"
+    assert command.main([str(tmp_path / "site"), "--toy", str(toy)]) == 0
+    assert [line[1:] for line in ran] == [["-m", "mirrorcam", "studio", "--snapshot", str(toy)]]
+
+
 def read_pages(site: Path) -> list[str]:
     """The pages that are written to be read, not copies of files of the repository."""
     every = sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
