@@ -42,6 +42,9 @@ def build(out: Path, toy: Path | None = None) -> int:
         shutil.copytree(f"{work}/site", out)
         if toy is not None:
             shutil.copyfile(toy, out / "toy.html")
+            front = (out / "index.html").read_text(encoding="utf-8")
+            size = f"{toy.stat().st_size / 1e6:.1f} MB"
+            (out / "index.html").write_text(front.replace("TOY_SIZE", size), encoding="utf-8")
     return 0
 
 

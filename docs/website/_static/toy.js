@@ -1,4 +1,4 @@
-// The studio takes 8 MB: it is fetched when it is asked for, into the place of its picture.
+// The studio takes megabytes: it is fetched when it is asked for, into the place of its picture.
 document.addEventListener("DOMContentLoaded", () => {
   const button = document.querySelector(".toy-start");
   if (!button) return;
