@@ -218,9 +218,23 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_formulas_are_drawn_by_the_browser_and_fields_are_described(site: Path) -> None:
+    theory = (site / "theory.html").read_text(encoding="utf-8")
+    assert theory.count("<math") > 30
+    assert "$" not in re.sub(r"<(script|style).*?</\1>", "", theory, flags=re.DOTALL)
+    names = (site / "reference" / "names.html").read_text(encoding="utf-8")
+    fields = re.sub(r"<[^>]+>", "", names)
+    assert re.search(r"scale_mm \(float, default 80.0\) . height of the central mirror above the pupil", fields)
+    assert "TypeAliasForwardRef" not in names
+    assert " at 0x" not in names
+
+
+@pytest.mark.slow
 def test_the_front_page_has_the_toy(site: Path) -> None:
     assert (site / "toy.html").read_text(encoding="utf-8") == TOY
-    assert 'href="toy.html"' in (site / "index.html").read_text(encoding="utf-8")
+    front = (site / "index.html").read_text(encoding="utf-8")
+    assert 'href="toy.html"' in front
+    assert "Try it here (0.0 MB)" in front
 
 
 @pytest.fixture(scope="module")
