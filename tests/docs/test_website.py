@@ -185,7 +185,7 @@ def test_a_toy_that_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.Mon
     from docs.website import __main__ as command
 
     ran: list[list[str]] = []
-    monkeypatch.setattr(command.subprocess, "run", lambda line, check: ran.append(line))
+    monkeypatch.setattr(subprocess, "run", lambda line, check: ran.append(line))
     monkeypatch.setattr(command, "build", lambda out, toy: 0)
     toy = tmp_path / "studio.html"
     assert command.main([str(tmp_path / "site"), "--toy", str(toy)]) == 0
