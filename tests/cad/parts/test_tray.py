@@ -21,6 +21,7 @@ from mirrorcam.cad.parts.tray import PAD_MM, Tray, far_leaf
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.cad.write.slicer import find_slicer, slice_3mf
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
@@ -47,10 +48,11 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
 
 
 @pytest.mark.skipif(find_slicer() is None, reason="needs PrusaSlicer")
-@pytest.mark.parametrize("turn_deg", [0.0, 35.0, 65.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 35.0])
 def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, tmp_path: Path) -> None:
     plan = plan_clip(hardware_of("c920", "nut"))
-    mesh = tessellated(make_clip(plan))
+    write_stl(tmp_path / "clip.stl", make_clip(plan))
+    mesh = trimesh.load_mesh(tmp_path / "clip.stl")
     mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), [0.0, 0.0, 1.0]))
     mesh.apply_translation([100.0, 100.0, 0.0])
