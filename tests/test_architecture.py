@@ -63,7 +63,7 @@ LAYERS = {
         *("write", "checks", "elasticity", "documents", ""),
     ),
     "mirrorcam.render_scenes": (
-        *("", "boards", "truth", "reference", "fast", "sets", "tabletop", "preview"),
+        *("", "boards", "truth", "reference", "fast", "sets", "suites", "tabletop", "preview"),
         *("depth_scenes",),
     ),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "studio", "commands", ""),
