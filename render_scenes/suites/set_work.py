@@ -23,7 +23,7 @@ RECIPE = "mirrorcam.render_scenes.suites.recipe"
 
 @cache
 def made_with() -> dict[str, str]:
-    """Digests of the sources and versions of the distributions that decide about the bytes of a set, in this process."""
+    """Digests of sources and versions of distributions that decide about the bytes of a set, in this process."""
     return (
         source_digests("mirrorcam.optics", without=UNRELATED_OPTICS)
         | source_digests("mirrorcam.render_scenes", without=UNRELATED_SCENES)
@@ -52,7 +52,10 @@ class SetTask(Value):
 
 @dataclass(frozen=True)
 class SetAnswer:
-    """A worker's answer: why there is no set, or the files of one that it wrote into no folder; and the time taken."""
+    """A worker's answer: why there is no set, or the files of one that it wrote into no folder.
+
+    `seconds` is the processor time that it took.
+    """
 
     failure: str = ""
     files: Mapping[str, bytes] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""`mirrorcam suite`: a named list of rendered sets, with what it takes said beforehand; what is there is not rendered again."""
+"""`mirrorcam suite`: a named list of rendered sets, what it takes said beforehand; what is there is kept."""
 
 from __future__ import annotations
 
