@@ -17,7 +17,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.render_scenes.settings import SensorModel
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
-YARDSTICK_S = 0.25
+YARDSTICK_S = 0.030
 SET_S = 3.0
 """Seconds of a set besides its pictures: plan, truth and compiled kernels."""
 PLAN_S = 0.003

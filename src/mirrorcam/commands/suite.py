@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -15,7 +16,9 @@ from mirrorcam.optics.base.values import Value
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
-    from mirrorcam.workflow.suite_run import Plan
+    from mirrorcam.workflow.output_folder import OutputFolder
+    from mirrorcam.workflow.suite_run import Plan, Workers
+    from mirrorcam.workflow.suite_store import Store
 
 
 class SuiteOptions(Value):
@@ -33,6 +36,13 @@ class SuiteOptions(Value):
     )
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
         default=None, description="Dask scheduler whose workers render them instead, such as tcp://host:8786"
+    )
+    fetch: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
+        default=None,
+        description="copy sets that are there instead of rendering them: a folder, s3://bucket/prefix, ...",
+    )
+    publish: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
+        default=None, description="copy the suite there when it is rendered; sets that are there stay as they are"
     )
     out: Path = Field(
         default=Path("output/suites"),
@@ -59,27 +69,48 @@ def run(options: SuiteOptions) -> int:
     from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.render_scenes.variant import choose_variant
     from mirrorcam.workflow.output_folder import output_folder
-    from mirrorcam.workflow.suite_run import planned, render_suite, workers_here, workers_of
+    from mirrorcam.workflow.suite_run import planned, workers_here, workers_of
+    from mirrorcam.workflow.suite_store import Store
 
-    count = options.workers or cores()
-    who = count_text(count, "worker") if options.scheduler is None else f"the workers of {options.scheduler}"
-    workers = workers_here(count) if options.scheduler is None else workers_of(options.scheduler)
+    count = None if options.scheduler is not None else options.workers or cores()
+    source = None if options.fetch is None else Store(options.fetch)
+    target = None if options.publish is None else Store(options.publish)
     if options.plan:
-        plan = planned(suite, options.out, choose_variant())
+        plan = planned(suite, options.out, choose_variant(), source)
         print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(plan))
-        say("suite", plan_text(plan, None if options.scheduler else count))
+        say("suite", plan_text(plan, count))
         return 0
+    workers = workers_here(count) if count is not None else workers_of(f"{options.scheduler}")
+    who = f"the workers of {options.scheduler}" if count is None else count_text(count, "worker")
     with output_folder(options.out, "suite") as output:
-        plan = planned(suite, options.out, choose_variant())
-        say("suite", plan_text(plan, None if options.scheduler else count))
-        with (
-            long_work("design", f"{count_text(len(plan.specs), 'design')}, {who}", "designs") as designing,
-            long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets") as rendering,
-        ):
-            rendered = render_suite(plan, output, workers, designing=designing, rendering=rendering)
+        plan = planned(suite, options.out, choose_variant(), source)
+        say("suite", plan_text(plan, count))
+        return render_planned(plan, output, workers, who, source, target)
+
+
+def render_planned(
+    plan: Plan, output: OutputFolder, workers: Workers, who: str, source: Store | None, target: Store | None
+) -> int:
+    """Fetch, design and render what is missing, say what came of it, and publish it; 1 where a set is missing."""
+    from mirrorcam.workflow.suite_run import fetched, layouts_of, render_suite
+    from mirrorcam.workflow.suite_store import publish
+
+    if source is not None:
+        with long_work("fetch", source.url, "sets") as advance:
+            plan = fetched(plan, source, advance)
+    layouts = {}
+    if plan.specs:
+        with long_work("design", f"{count_text(len(plan.specs), 'design')}, {who}", "designs") as advance:
+            layouts = layouts_of(plan, output.path, workers.design, advance)
+    with long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets") as advance:
+        rendered = render_suite(plan, output, workers, layouts, advance)
     for name, failure in rendered.failures.items():
         say("suite", f"{name} is missing: {failure}")
     say("suite", f"{rendered.path} written: {count_text(len(rendered.manifest.sets), 'set')}")
+    if target is not None:
+        with long_work("publish", target.url, "sets") as advance:
+            copied = publish(rendered.manifest, output.path, target, advance)
+        say("publish", f"{count_text(copied, 'set')} copied, {len(rendered.manifest.sets) - copied} there before")
     return 1 if rendered.failures else 0
 
 
@@ -123,7 +154,9 @@ def plan_text(plan: Plan, workers: int | None) -> str:
     from mirrorcam.render_scenes.suites.costs import design_seconds, elapsed_s, slowness
 
     suite, missing = plan.suite, plan.unfinished
-    whole = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}, {len(plan.sets) - len(missing)} there"
+    states = Counter(each.state for each in plan.sets)
+    there = ", ".join(f"{states[state]} {state}" for state in ("finished", "stored") if states[state])
+    whole = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{there and f', {there}'}"
     if not missing:
         return whole
     pictures = sum(each.cost.pictures for each in missing)
@@ -134,7 +167,7 @@ def plan_text(plan: Plan, workers: int | None) -> str:
         took = f"{time_text(slow * (sum(designs) + sum(sets)))} of a core like this machine's"
     else:
         took = time_text(elapsed_s(designs, workers, slow) + elapsed_s(sets, workers, slow))
-    return f"{whole}; the others: {pictures} pictures, about {size_text(size)} and {took}"
+    return f"{whole}; to render: {pictures} pictures, about {size_text(size)} and {took}"
 
 
 def size_text(size: float) -> str:

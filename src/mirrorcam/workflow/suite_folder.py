@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import inside, read_model, write_files
+from mirrorcam.optics.base.files import TEMPORARY, inside, read_model, write_files
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.values import InputError, Value
@@ -21,7 +22,7 @@ from mirrorcam.workflow.set_check import check_set
 
 SETS, DESIGNS = "sets", "designs"
 SUFFIX = ".suite.json"
-State = Literal["finished", "begun", "missing"]
+State = Literal["finished", "begun", "missing", "stored"]
 
 
 class SuiteSet(Value):
@@ -127,13 +128,31 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
     if not dataset.complete:
         raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a whole set")
 
-    def checked(staging: Path) -> None:
-        write(staging)
-        wrong = [name for name in dataset.files if not dataset.intact(staging, name)]
+    staged = folder.with_name(f"{TEMPORARY}{folder.name}")
+    _discard(staged)  # of a run that was killed
+    staged.mkdir(parents=True)
+    try:
+        write(staged)
+        wrong = [name for name in dataset.files if not dataset.intact(staged, name)]
         if wrong:
             raise InputError(f"{folder.name}: {wrong[0]} is not as its checksum says, expected it as it was rendered")
+        begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
+        begun.added(folder, lambda place: _move(dataset, staged, place))
+    finally:
+        _discard(staged)
 
-    dataset.replaced(files={}).continued(folder, dataset.planned_names).added(folder, checked)
+
+def _move(dataset: Dataset, staged: Path, place: Path) -> None:
+    for name in dataset.files:
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (staged / name).replace(place / name)
+
+
+def _discard(staged: Path) -> None:
+    if staged.is_symlink():
+        staged.unlink()
+    elif staged.exists():
+        shutil.rmtree(staged)
 
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:

@@ -5,8 +5,8 @@ Whole sets are what workers render: their plans and truth take time, too, and no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -42,6 +42,7 @@ from mirrorcam.workflow.suite_folder import (
     put_files,
     state_of,
 )
+from mirrorcam.workflow.suite_store import Store, fetch_set, is_stored
 from mirrorcam.workflow.sweep_run import design_here, design_on_cluster
 
 SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetAnswer | Died]]]
@@ -97,7 +98,7 @@ class Plan:
     @property
     def unfinished(self) -> tuple[PlannedSet, ...]:
         """The sets that have to be rendered."""
-        return tuple(each for each in self.sets if each.state != "finished")
+        return tuple(each for each in self.sets if each.state in ("begun", "missing"))
 
     @property
     def specs(self) -> tuple[DesignSpec, ...]:
@@ -106,14 +107,30 @@ class Plan:
         return tuple(dict.fromkeys(spec for spec in specs if spec is not None))
 
 
-def planned(suite: Suite, folder: Path, variant: str) -> Plan:
-    """Look for the sets of a suite in a folder.
+def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
+    """Look for the sets of a suite in a folder, and in a store for those that it does not hold.
 
     Raises InputError where something else, or a set that was changed since it was written, is in the place of one.
     """
-    places = ((recipe, folder / SETS / folder_name(recipe, variant)) for recipe in suite.sets)
-    sets = tuple(PlannedSet(recipe, place, state_of(place), set_cost(recipe)) for recipe, place in places)
-    return Plan(suite, variant, sets)
+    sets = []
+    for recipe in suite.sets:
+        place = folder / SETS / folder_name(recipe, variant)
+        state = state_of(place)
+        if store is not None and state != "finished" and is_stored(store, place):
+            state = "stored"
+        sets.append(PlannedSet(recipe, place, state, set_cost(recipe)))
+    return Plan(suite, variant, tuple(sets))
+
+
+def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
+    """Copy the sets of a plan that a store has into the folder, and return the plan with them finished."""
+    asked = [each for each in plan.sets if each.state == "stored"]
+    for done, each in enumerate(asked):
+        progress(done, len(asked))
+        fetch_set(store, each.recipe, each.folder)
+    progress(len(asked), len(asked))
+    sets = (replace(each, state="finished") if each.state == "stored" else each for each in plan.sets)
+    return replace(plan, sets=tuple(sets))
 
 
 @dataclass(frozen=True)
@@ -126,15 +143,29 @@ class Rendered:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
+def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_progress) -> dict[DesignSpec, Layout]:
+    """The layout of each design that the unfinished sets of a plan need; those that are not in the folder are solved.
+
+    Raises InputError where a design has no solution.
+    """
+    specs = plan.specs
+    with output_folder(folder / DESIGNS, "suite") as designs:
+        outcomes = sweep(specs, designs, run, progress)
+    for outcome in outcomes:
+        if outcome.status != "solved":
+            name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
+            raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
+    return {spec: read_model(Layout, folder / DESIGNS / Results.layout_name(spec)) for spec in specs}
+
+
 def render_suite(
     plan: Plan,
     output: OutputFolder,
     workers: Workers,
-    *,
-    designing: Progress = no_progress,
-    rendering: Progress = no_progress,
+    layouts: Mapping[DesignSpec, Layout],
+    progress: Progress = no_progress,
 ) -> Rendered:
-    """Solve the designs, render the sets that are not finished, and write the manifest of the suite.
+    """Render the sets of a plan that are not finished, and write the manifest of the suite.
 
     Parameters
     ----------
@@ -143,23 +174,24 @@ def render_suite(
     output
         The folder, which the caller has locked.
     workers
-        What designs and renders.
-    designing, rendering
-        Called with the numbers of designs, and of sets, that are done and of all.
+        What renders the sets.
+    layouts
+        The layout of each design of the plan.
+    progress
+        Called with the numbers of sets that are done and of all.
 
     Raises
     ------
     InputError
-        Before any set is rendered, where a design has no solution, or a set is too large to be sent.
+        Before any set is rendered, where one is too large to be sent, or a file of others is in the manifest's place.
     """
     name = f"{plan.suite.name}{SUFFIX}"
     output.grouped(name).refuse_others(name)
     if not workers.share_the_folder:
         _refuse_large(plan)
-    layouts = _layouts(plan, output.path / DESIGNS, workers.design, designing)
     # Long ones first, so that no worker is left alone with one at the end.
     asked = sorted(plan.unfinished, key=lambda each: -each.cost.seconds)
-    failures, seconds = _rendered(asked, layouts, plan.variant, workers, rendering, len(plan.sets))
+    failures, seconds = _rendered(asked, layouts, plan.variant, workers, progress)
     manifest = _manifest(plan, failures)
     with output.grouped(name).staged() as staged:
         write_text(staged / name, manifest.text)
@@ -176,26 +208,12 @@ def _refuse_large(plan: Plan) -> None:
             )
 
 
-def _layouts(plan: Plan, folder: Path, run: Runner, progress: Progress) -> dict[DesignSpec, Layout]:
-    """The layout of each design that a set needs."""
-    if not plan.specs:
-        return {}
-    with output_folder(folder, "suite") as designs:
-        outcomes = sweep(plan.specs, designs, run, progress)
-    for outcome in outcomes:
-        if outcome.status != "solved":
-            name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
-            raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
-    return {spec: read_model(Layout, folder / Results.layout_name(spec)) for spec in plan.specs}
-
-
 def _rendered(
     asked: Sequence[PlannedSet],
-    layouts: dict[DesignSpec, Layout],
+    layouts: Mapping[DesignSpec, Layout],
     variant: str,
     workers: Workers,
     progress: Progress,
-    total: int,
 ) -> tuple[dict[str, str], dict[str, float]]:
     """Why sets could not be rendered, and how long the others took, by their names."""
     tasks = [
@@ -209,8 +227,8 @@ def _rendered(
     ]
     failures: dict[str, str] = {}
     seconds: dict[str, float] = {}
-    progress(total - len(asked), total)
-    for done, (number, got) in enumerate(workers.render(tasks), total - len(asked) + 1):
+    progress(0, len(asked))
+    for done, (number, got) in enumerate(workers.render(tasks), 1):
         each = asked[number]
         failure = got.reason if isinstance(got, Died) else got.failure
         if isinstance(got, SetAnswer) and not failure:
@@ -218,7 +236,7 @@ def _rendered(
             seconds[each.recipe.name] = got.seconds
         if failure:
             failures[each.recipe.name] = shortened(failure)
-        progress(done, total)
+        progress(done, len(asked))
     return failures, seconds
 
 
