@@ -45,8 +45,8 @@ class Suite(Value):
         if not isinstance(data, dict) or not isinstance(data.get("set"), list | tuple):
             return data
         defaults = data.get("defaults", {})
-        if not isinstance(defaults, dict) or {"name", "layout"} & defaults.keys():
-            raise ValueError("defaults: expected a table without name and layout")
+        if not isinstance(defaults, dict) or "name" in defaults:
+            raise ValueError("defaults: expected a table without a name")
         sets = [defaults | each if isinstance(each, dict) else each for each in data["set"]]
         others = {name: value for name, value in data.items() if name not in ("defaults", "set")}
         return others | {"set": with_tuples(sets)}
@@ -88,7 +88,7 @@ def read_suite(name: str) -> Suite:
 def _read(path: Path) -> Suite:
     tables = tables_of(path, read_bytes(path))
     sets = tables.get("set")
-    for each in sets if isinstance(sets, list) else ():
+    for each in (tables.get("defaults"), *(sets if isinstance(sets, list) else ())):
         if isinstance(each, dict) and isinstance(each.get("layout"), str):
             layout = read_model(Layout, inside(path.parent, each["layout"]))
             each["layout"] = json.loads(layout.model_dump_json(by_alias=True))
