@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
@@ -12,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from mirrorcam.console.progress import long_work, print_table, say
 from mirrorcam.optics.base.bounds import PICTURES, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
+from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
 
@@ -104,7 +106,8 @@ def render_planned(
     if plan.specs:
         with long_work("design", f"{count_text(len(plan.specs), 'design')}, {who}", "designs") as advance:
             layouts = layouts_of(plan, output.path, workers.design, advance)
-    with long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets") as advance:
+    doing = long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets")
+    with doing if plan.unfinished else nullcontext(no_progress) as advance:
         rendered = render_suite(plan, output, workers, layouts, advance)
     for name, failure in rendered.failures.items():
         say("suite", f"{name} is missing: {failure}")

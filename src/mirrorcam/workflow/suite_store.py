@@ -7,6 +7,7 @@ of a suite is replaced by that of its next version. Nothing is deleted.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,11 @@ LARGEST_STORED_BYTES = 2_000_000_000
 class Store:
     """A place that fsspec reaches: a bucket and a prefix, a folder, a server.
 
+    Attributes
+    ----------
+    url : str
+        Its address, without a password, for people.
+
     Raises
     ------
     InputError
@@ -43,7 +49,7 @@ class Store:
         require("remote")
         from fsspec.core import url_to_fs
 
-        self.url = url
+        self.url = re.sub(r"//[^/@]+@", "//", url)
         with self._named():
             found: tuple[AbstractFileSystem, str] = url_to_fs(url)
         self._files, self._root = found[0], found[1].rstrip("/")

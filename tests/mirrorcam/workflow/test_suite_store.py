@@ -175,6 +175,12 @@ def test_places_that_fsspec_does_not_know(url: str, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
+def test_a_password_is_not_shown() -> None:
+    with pytest.raises(InputError, match=r"^nosuch://host/place: ") as refused:
+        Store("nosuch://me:secret@host/place")
+    assert "secret" not in str(refused.value)
+
+
 def test_sets_that_are_here_are_not_looked_for_there(
     finished_suite: Path, default_layout: Layout, tmp_path: Path
 ) -> None:
