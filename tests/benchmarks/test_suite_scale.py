@@ -1,4 +1,4 @@
-"""The benchmark of suites: what its figures on paper are made of, and that its small sets are one suite at any count."""
+"""The benchmark of suites: what its figures on paper are made of, and that fewer small sets are the first of more."""
 
 from __future__ import annotations
 
