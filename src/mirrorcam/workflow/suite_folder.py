@@ -17,7 +17,8 @@ from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
-from mirrorcam.render_scenes.suites.suite import VERSION, Slug
+from mirrorcam.render_scenes.suites.recipe import Slug
+from mirrorcam.render_scenes.suites.suite import VERSION
 from mirrorcam.workflow.set_check import check_set
 
 SETS, DESIGNS = "sets", "designs"
