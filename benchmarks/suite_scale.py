@@ -43,8 +43,8 @@ SMALL: dict[str, Any] = {
 }
 """Sets of four pictures of 240 x 135 pixels through nine mirrors."""
 PAPER_SETS = 10_000
-PRICES = {
-    "as of": "November 2026, estimates of list prices of large clouds from memory: put in those of your own",
+PRICES_OF = "November 2026, estimates of list prices of large clouds from memory: put in those of your own"
+PRICES: dict[str, float] = {
     "usd_per_core_hour": 0.05,
     "usd_per_core_hour_spot": 0.02,
     "usd_per_gb_month": 0.023,
@@ -135,16 +135,15 @@ def on_paper(count: int) -> dict[str, float]:
     share = count / len(sets)
     hours = (share * sum(cost.seconds for cost in costs) + sum(design_seconds(spec) for spec in specs)) / 3600.0
     size_gb = share * sum(cost.stored_bytes for cost in costs) / 1e9
-    prices = {name: value for name, value in PRICES.items() if not isinstance(value, str)}
     return {
         "sets": count,
         "pictures": share * sum(cost.pictures for cost in costs),
         "processor_hours": hours,
         "gb": size_gb,
-        "usd_processors": hours * prices["usd_per_core_hour"],
-        "usd_processors_spot": hours * prices["usd_per_core_hour_spot"],
-        "usd_storage_a_month": size_gb * prices["usd_per_gb_month"],
-        "usd_one_download": size_gb * prices["usd_per_gb_egress"],
+        "usd_processors": hours * PRICES["usd_per_core_hour"],
+        "usd_processors_spot": hours * PRICES["usd_per_core_hour_spot"],
+        "usd_storage_a_month": size_gb * PRICES["usd_per_gb_month"],
+        "usd_one_download": size_gb * PRICES["usd_per_gb_egress"],
     }
 
 
@@ -152,10 +151,10 @@ def rates(name: str, folder: Path) -> dict[str, Any]:
     """Time and size of each set of a suite, beside what was said."""
     slow = slowness()
     done = render(read_suite(name), folder, workers_here(cores()))
-    rows = []
+    rows: list[dict[str, Any]] = []
     for each in planned(read_suite(name), folder, choose_variant()).sets:
         size = sum(path.stat().st_size for path in each.folder.rglob("*") if path.is_file())
-        row = {
+        row: dict[str, Any] = {
             "set": each.recipe.name,
             "said_s": slow * each.cost.seconds,
             "took_s": done.rendered.seconds.get(each.recipe.name, 0.0),
@@ -205,7 +204,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path, help="write all figures there")
     given = parser.parse_args()
     failed = False
-    found: dict[str, Any] = {"paper": on_paper(PAPER_SETS), "prices": PRICES}
+    found: dict[str, Any] = {"paper": on_paper(PAPER_SETS), "prices": PRICES, "prices_of": PRICES_OF}
     for name, value in found["paper"].items():
         print(f"{name:22} {value:12.1f}")
     if not given.paper:

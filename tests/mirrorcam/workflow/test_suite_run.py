@@ -16,13 +16,13 @@ import pytest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.suites.set_work import SetAnswer
+from mirrorcam.render_scenes.suites.set_work import SetAnswer, render_in_turn
 from mirrorcam.render_scenes.suites.suite import Suite
 from mirrorcam.render_scenes.variant import choose_variant
 from mirrorcam.workflow.cluster import run_cluster
 from mirrorcam.workflow.output_folder import HIDDEN
 from mirrorcam.workflow.suite_folder import state_of
-from mirrorcam.workflow.suite_run import layouts_of, planned, render_in_turn, workers_here, workers_of
+from mirrorcam.workflow.suite_run import layouts_of, planned, workers_here, workers_of
 from tests.mirrorcam.small_set import BOARD, contents
 from tests.mirrorcam.small_suite import here, rendered_into, small_suite, workers
 
