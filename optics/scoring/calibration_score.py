@@ -161,11 +161,12 @@ class _Errors:
             "median_px": (float(np.median(length)), "px"),
             "p95_px": (float(np.percentile(length, P95)), "px"),
             "max_px": (float(length.max()), "px"),
-            "rms_mm": (_rms(self.mm) if len(self.mm) else 0.0, "mm"),
             "bias_x_px": (float(bias[0]), "px"),
             "bias_y_px": (float(bias[1]), "px"),
             "shown_share": (self.shown_share, "1"),
         }
+        if len(self.mm):
+            found["rms_mm"] = (_rms(self.mm), "mm")
         return {f"{prefix}{name}": Metric(value=value, unit=unit) for name, (value, unit) in found.items()}
 
 
@@ -176,6 +177,10 @@ def _rms(values: FloatArray) -> float:
 def _pixel_figures(placed: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str, str]]:
     focal = [error for gauge in placed for error in _focal_errors(gauge).values()]
     figures = _Errors.of(placed).figures()
+    figures["worst_view_rms_px"] = max(
+        (_Errors.of([gauge], view.view).figures()["rms_px"] for gauge in placed for view in gauge.views),
+        key=lambda metric: metric.value,
+    )
     figures["focal_error_percent"] = Metric(value=float(np.mean(focal)), unit="percent")
     figures["focal_error_rms_percent"] = Metric(value=_rms(np.array(focal)), unit="percent")
     return figures, {}

@@ -91,7 +91,7 @@ class MatchedView:
         return rigid(axes @ apparent.reflection, axes @ apparent.virtual_centre_in_rig_mm)
 
     def project_in_rig(self, points_in_rig: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of the frame of points (n, 3) in the calibration's rig, or the camera's where it has no pose."""
+        """Pixels (n, 2) of the frame of points (n, 3) in the calibration's rig; without a pose, in the camera's."""
         pose = self.camera_from_rig
         return self.project(points_in_rig if pose is None else transform(pose, points_in_rig))
 

@@ -101,7 +101,7 @@ def with_slopes(
 def project_each(
     views: Sequence[MatchedView], view: NDArray[np.int64], points_in_rig: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) of the frame of points (n, 3) in a calibration's rig, each by its view, and derivatives (n, 2, 3)."""
+    """Pixels (n, 2) of points (n, 3) in a calibration's rig, each by its view, and their derivatives (n, 2, 3)."""
     pixels, slopes = np.full((len(view), 2), np.nan), np.full((len(view), 2, 3), np.nan)
     for each in views:
         at = view == each.view
