@@ -41,7 +41,7 @@ class Limits(Value):
 
     @classmethod
     def load(cls, path: Path) -> Limits:
-        """Read a TOML file; raises InputError in one line for a name that is no figure's, or a value that is no limit."""
+        """Read a TOML file; raises InputError in one line for a name of no figure, or a value that is no limit."""
         try:
             tables = tomllib.loads(read_bytes(path).decode("utf-8-sig"))
         except (ValueError, RecursionError) as error:

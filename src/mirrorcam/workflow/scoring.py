@@ -24,7 +24,7 @@ from mirrorcam.workflow.output_folder import output_folder
 
 TRUTH = "truth/layout.json"
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
-"""A score worse than the first is tried with pictures flipped otherwise, and one better by the second factor is told."""
+"""A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
 OTHERS: tuple[Pictures, ...] = ("left-right", "top-bottom", "as-is")
 
 
