@@ -19,9 +19,10 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader, for which OpenCV's matrix is a mapping."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, deep=True)
-)
+for _kind in ("matrix", "nd-matrix"):
+    _Loader.add_constructor(
+        f"tag:yaml.org,2002:opencv-{_kind}", lambda loader, node: loader.construct_mapping(node, deep=True)
+    )
 
 
 def read_yaml(path: Path) -> Any:
