@@ -67,7 +67,7 @@ class Bundle:
         for poses, numbers in ((views, others), (frames, range(len(frames)))):
             for number in numbers:
                 turn = Rotation.from_rotvec(step[at : at + 3]).as_matrix()
-                poses[number] = rigid(turn @ poses[number][:3, :3], poses[number][:3, 3] + step[at + 3 : at + 6])
+                poses[number] = rigid(turn, step[at + 3 : at + 6]) @ poses[number]
                 at += 6
         return Bundle(self.lens + step[: len(LENS)], views, frames)
 
@@ -152,13 +152,10 @@ def _normal_equations(bundle: Bundle, rows: Rows, reference: int) -> tuple[Float
     """The matrix and the right side of weighted least squares."""
     off, by_point, by_lens = _residuals(bundle, rows)
     weight = _weights(off)[:, None, None]
-    in_reference, _ = _in_views(bundle, rows)
-    turns = bundle.views[rows.view][:, :3, :3]
-    by_reference = by_point @ turns
-    from_board = in_reference - bundle.frames[rows.frame][:, :3, 3]
-    turned = np.einsum("nij,nj->ni", turns, in_reference)
-    by_view = np.concatenate([np.cross(turned[:, None], by_point), by_point], axis=2)
-    by_frame = np.concatenate([np.cross(from_board[:, None], by_reference), by_reference], axis=2)
+    in_reference, in_view = _in_views(bundle, rows)
+    by_reference = by_point @ bundle.views[rows.view][:, :3, :3]
+    by_view = np.concatenate([np.cross(in_view[:, None], by_point), by_point], axis=2)
+    by_frame = np.concatenate([np.cross(in_reference[:, None], by_reference), by_reference], axis=2)
     count, others = len(LENS), len(bundle.views) - 1
     size = count + 6 * (others + len(bundle.frames))
     normal, right = np.zeros((size, size)), np.zeros(size)

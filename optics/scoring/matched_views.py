@@ -169,7 +169,7 @@ def view_of(name: str, layout: Layout) -> int:
             return row * layout.cols + column
     elif name in layout.mirror_names:
         return layout.mirror_names.index(name)
-    elif (number := re.search(r"(\d{1,6})$", name)) and int(number[1]) < count:
+    elif not named and (number := re.search(r"(\d{1,6})$", name)) and int(number[1]) < count:
         return int(number[1])
     last = view_name(*divmod(count - 1, layout.cols))
     raise InputError(

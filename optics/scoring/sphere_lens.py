@@ -5,6 +5,8 @@ Each takes a ray (x, y, z) of length d to normalized coordinates, which a lens t
     unified (Mei and Rives, 2007)              (x, y) / (z + xi d)
     extended unified (Khomutenko, 2016)        (x, y) / (alpha sqrt(beta (x^2 + y^2) + z^2) + (1 - alpha) z)
     double sphere (Usenko, 2018)               (x, y) / (alpha sqrt(x^2 + y^2 + w^2) + (1 - alpha) w),  w = xi d + z
+
+Usenko gives for each the rays that have a picture of their own.
 """
 
 from __future__ import annotations
@@ -40,17 +42,17 @@ class SphereLens:
         d = np.sqrt(r2 + z * z)
         if self.model == "unified":
             (xi,) = self.sphere
-            below, shown = z + xi * d, z > -(xi if xi <= 1.0 else 1.0 / xi) * d
+            below, lowest = z + xi * d, -_inverted(xi) * d
         elif self.model == "extended_unified":
             alpha, beta = self.sphere
-            below = alpha * np.sqrt(beta * r2 + z * z) + (1.0 - alpha) * z
-            shown = below > 0.0
+            rho = np.sqrt(beta * r2 + z * z)
+            below, lowest = alpha * rho + (1.0 - alpha) * z, -_inverted(_as_xi(alpha)) * rho
         else:
             xi, alpha = self.sphere
-            w = xi * d + z
+            w, tilt = xi * d + z, _inverted(_as_xi(alpha))
             below = alpha * np.sqrt(r2 + w * w) + (1.0 - alpha) * w
-            shown = below > 0.0
-        below = np.where(shown & (below > 0.0), below, np.nan)
+            lowest = -(tilt + xi) / np.sqrt(2.0 * tilt * xi + xi * xi + 1.0) * d
+        below = np.where((z > lowest) & (below > 0.0), below, np.nan)
         return self.camera.pixels_from_normalized(np.stack([x / below, y / below], axis=-1))
 
     @property
@@ -67,3 +69,13 @@ class SphereLens:
         """The same model with other numbers (k,)."""
         count = len(self.sphere)
         return replace(self, sphere=intrinsics[:count], camera=self.camera.with_intrinsics(intrinsics[count:]))
+
+
+def _as_xi(alpha: float) -> float:
+    """The xi of the unified model that has the same sphere; infinite of an orthographic one."""
+    return alpha / (1.0 - alpha) if alpha < 1.0 else np.inf
+
+
+def _inverted(xi: float) -> float:
+    """Sine of the largest angle behind the camera at which a ray still has a picture of its own."""
+    return xi if xi <= 1.0 else 1.0 / xi

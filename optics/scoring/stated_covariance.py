@@ -2,9 +2,9 @@
 
 Of our own `layout.json` it is that of its parameters. For any other format it comes in a file beside it,
 `"schema": "mirrorcam.covariance/1"`, with `parameters` and their `covariance`. A parameter is "CAMERA NAME", CAMERA a
-camera's name, or `all` of what cameras share. NAME is one of the lens (`fx_px`, `fy_px`, `cx_px`, `cy_px`, `k1`, …),
-or of the pose: `rx_rad`, `ry_rad`, `rz_rad`, `tx_mm`, `ty_mm`, `tz_mm`, by which camera_from_rig is turned on the
-left (R = exp(r) R0), and shifted.
+camera's name, or `all` of what cameras share. NAME is one of the lens (`fx_px`, `fy_px`, `cx_px`, `cy_px`, `k1`, …), or
+of the pose: `rx_rad`, `ry_rad`, `rz_rad`, `tx_mm`, `ty_mm`, `tz_mm`, by which points in the camera's frame are turned
+about its origin (a rotation vector), then shifted, so that it does not matter where the rig stands.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from mirrorcam.optics.base.files import read_model
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import project
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.scoring.camera_rig import CameraRig
 from mirrorcam.optics.scoring.matched_views import MatchedView
 
@@ -118,12 +119,9 @@ def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> Floa
 def _changed(view: MatchedView, parameter: str, change: float) -> MatchedView:
     if parameter in POSE_NAMES:
         place = POSE_NAMES.index(parameter)
-        pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig.copy()
-        if place < 3:
-            pose[:3, :3] = Rotation.from_rotvec(change * np.eye(3)[place]).as_matrix() @ pose[:3, :3]
-        else:
-            pose[place - 3, 3] += change
-        return replace(view, camera_from_rig=pose)
+        pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
+        turn, shift = np.split(change * np.eye(6)[place], 2)
+        return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(turn).as_matrix(), shift) @ pose)
     lens = view.camera.lens
     values = np.array(lens.intrinsics, dtype=np.float64)  # type: ignore[attr-defined]
     values[lens_names(lens).index(parameter)] += change
