@@ -133,7 +133,9 @@ def junit(report: ScoreReport) -> str:
             title = f"{check.figure} {limit_text(check)}"
             case = SubElement(suite, "testcase", classname=classname, name=title, time="0")
             if not check.passed:
-                value = NOT_GIVEN if check.value is None else f"{check.value:.6g} {check.unit}"
+                value = (
+                    NOT_GIVEN if check.value is None else f"{check.value:.6g} {check.unit.removesuffix('1')}".rstrip()
+                )
                 said = f"{check.figure} is {value}, expected {limit_text(check)}"
                 SubElement(case, "failure", message=_xml(said), type="limit").text = _xml(check.reason or said)
     root.set("tests", str(tests))

@@ -53,7 +53,9 @@ def test_a_file_of_views_names_them(tmp_path: Path) -> None:
     assert score.views == {"view_0_0": "a", "view_0_1": "b"}  # those that it names
     assert score.figures["max_px"].value < EXACT
     path.write_text('[cameras]\nz = "view_0_0"\n')
-    with pytest.raises(InputError, match="camera 'z' of the file of views is not in the calibration, which has a, b, c"):
+    with pytest.raises(
+        InputError, match="camera 'z' of the file of views is not in the calibration, which has a, b, c"
+    ):
         device().score(rig, views=ViewsFile.load(path))
     path.write_text('[camera]\na = "view_0_0"\n')
     with pytest.raises(InputError, match="camera: not known, did you mean cameras"):
