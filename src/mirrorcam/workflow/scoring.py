@@ -8,6 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
@@ -114,22 +116,23 @@ def _score(
     try:
         found = scored(request.pictures)
     except InputError as error:
-        raise InputError(f"{calibration}: {error}") from None
-    return found if request.pictures or rig.pictures or (views and views.pictures) else _with_hint(found, scored)
+        raise InputError("; ".join([f"{calibration}: {error}", *_better_pictures(rig, scored, np.inf)])) from None
+    rms_px = found.figures["rms_px"].value
+    return replace(found, notes=(*found.notes, *_better_pictures(rig, scored, rms_px)))
 
 
-def _with_hint(found: CalibrationScore, scored: Callable[[Pictures], CalibrationScore]) -> CalibrationScore:
-    """A bad score with a note where pictures that were flipped otherwise make it a good one."""
-    best = found.figures["rms_px"].value
-    if best < SUSPECT_PX:
-        return found
-    notes = list(found.notes)
+def _better_pictures(rig: CameraRig, scored: Callable[[Pictures], CalibrationScore], rms_px: float) -> tuple[str, ...]:
+    """A line where pictures that were flipped otherwise make a bad score a good one; the file itself may say how."""
+    if rig.pictures is not None or rms_px < SUSPECT_PX:
+        return ()
+    others = {}
     for pictures in OTHERS:
         with suppress(InputError):
-            rms_px = scored(pictures).figures["rms_px"].value
-            if rms_px < FAR_BETTER * best:
-                notes.append(f"RMS would be {rms_px:.3g} px, not {best:.3g}, with --pictures {pictures}")
-    return replace(found, notes=tuple(notes))
+            others[pictures] = scored(pictures).figures["rms_px"].value
+    best = min(others, key=lambda pictures: others[pictures], default=None)
+    if best is None or others[best] > FAR_BETTER * min(rms_px, SUSPECT_PX / FAR_BETTER):
+        return ()
+    return (f"with --pictures {best} it scores {others[best]:.3g} px RMS",)
 
 
 def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
