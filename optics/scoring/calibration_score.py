@@ -94,6 +94,10 @@ def score_calibration(
     sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (truth, nominal)]
     if sizes[0] != sizes[1] or len(truth.mirrors) != len(nominal.mirrors):
         raise InputError("the true layout and the nominal one are of different devices")
+    if rig.layout is not None and (rig.layout.rows, rig.layout.cols) != (truth.rows, truth.cols):
+        raise InputError(
+            f"the calibration has {rig.layout.arrangement.text} mirrors, expected {truth.arrangement.text} as the set"
+        )
     matched = matched_views(rig, truth, nominal, views, pictures)
     numbers = [view.view for view in matched]
     points = score_points(truth, numbers, distance_mm)

@@ -67,39 +67,38 @@ def model_folder(folder: Path) -> Path | None:
 def read_colmap(folder: Path) -> CameraRig:
     """The cameras of a sparse model; raises InputError in one line where they have no poses or a lens is not known."""
     model = read_model(folder)
-    poses, names, note = _poses(model, folder)
+    views, note = _views(model, folder)
     cameras = []
-    for camera_id in sorted(poses):
+    for name, (camera_id, pose) in sorted(views.items()):
         camera = model.cameras.get(camera_id)
         if camera is None:
             raise InputError(f"{folder}: an image or a rig has camera {camera_id}, which is not in the model")
-        size = camera.width_px, camera.height_px
         lens = _projection(camera, f"{folder}: camera {camera_id}")
-        cameras.append(RigCamera(names.get(camera_id, f"camera{camera_id}"), lens, poses[camera_id], size))
+        cameras.append(RigCamera(name, lens, pose, (camera.width_px, camera.height_px)))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=None, notes=(note,))
 
 
-def _poses(model: ColmapModel, folder: Path) -> tuple[dict[int, FloatArray], dict[int, str], str]:
-    """Pose (4, 4) and name of each camera, by its number, and what they are of."""
+def _views(model: ColmapModel, folder: Path) -> tuple[dict[str, tuple[int, FloatArray]], str]:
+    """Number of the camera and pose (4, 4) of each view, by the folder of its pictures, and what poses are of."""
+    pictures: dict[str, dict[str, tuple[int, FloatArray]]] = defaultdict(dict)
     folders: dict[int, set[str]] = defaultdict(set)
-    pictures: dict[str, dict[int, FloatArray]] = defaultdict(dict)
     for image in model.images:
         path = PurePosixPath(image.name)
-        folders[image.camera_id].add(path.parent.as_posix() if len(path.parts) > 1 else path.stem)
-        pictures[path.name if len(path.parts) > 1 else ""][image.camera_id] = _matrix(image.pose)
-    names = {camera_id: found.pop() for camera_id, found in folders.items() if len(found) == 1}
+        name, picture = (path.parent.as_posix(), path.name) if len(path.parts) > 1 else (path.stem, "")
+        pictures[picture][name] = image.camera_id, _matrix(image.pose)
+        folders[image.camera_id].add(name)
     rig = max(model.rigs, key=len, default={})
     if len(rig) > 1:
-        return {camera_id: _matrix(pose) for camera_id, pose in rig.items()}, names, "poses are those of the rig"
+        unnamed = next((camera_id for camera_id in rig if len(folders[camera_id]) != 1), None)
+        if unnamed is not None:
+            raise InputError(f"{folder}: camera {unnamed} has no folder of pictures of its own, which would name it")
+        views = {min(folders[camera_id]): (camera_id, _matrix(pose)) for camera_id, pose in rig.items()}
+        return views, "poses are those of the rig"
     if not pictures:
         raise InputError(f"{folder}: no images, expected a model with poses")
-    if len(names) < len(folders):
-        raise InputError(
-            f"{folder}: a camera has pictures in several folders, expected a camera and a folder for each view"
-        )
     picture = max(sorted(pictures), key=lambda name: len(pictures[name]))
     note = f"poses are those of the picture {picture}" if picture else "poses are those of the pictures"
-    return pictures[picture], names, note
+    return pictures[picture], note
 
 
 def _matrix(pose: tuple[float, ...]) -> FloatArray:

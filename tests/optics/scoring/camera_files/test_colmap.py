@@ -9,6 +9,7 @@ import pycolmap
 import pytest
 
 from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.exports.virtual_cameras import virtual_cameras
 from mirrorcam.optics.scoring.camera_files.colmap import LENSES, model_folder, read_colmap
 from mirrorcam.optics.scoring.camera_files.registry import read_rig
 from tests.optics.scoring.rigs import EXACT, device
@@ -112,11 +113,24 @@ def test_other_lenses_are_refused_by_name(tmp_path: Path) -> None:
         read_colmap(tmp_path)
 
 
-def test_one_camera_for_all_views_is_refused(tmp_path: Path) -> None:
-    camera = pycolmap.Camera(model="PINHOLE", width=640, height=480, params=PARAMETERS["PINHOLE"], camera_id=1)
-    poses = {f"view_0_{number}/a.png": pycolmap.Rigid3d() for number in range(2)}
+def test_one_camera_may_be_that_of_all_views(tmp_path: Path) -> None:
+    """The lens behind all mirrors is one, and so COLMAP may be told."""
+    views = virtual_cameras(device().truth)
+    lens = views[0].camera
+    parameters = [lens.fx_px, lens.fy_px, lens.cx_px + 0.5, lens.cy_px + 0.5, *lens.distortion[:4]]
+    size = {"width": lens.width_px, "height": lens.height_px}
+    camera = pycolmap.Camera(model="OPENCV", **size, params=parameters, camera_id=1)
+    poses = {f"{view.name}.png": pycolmap.Rigid3d(view.camera_from_rig[:3]) for view in views}
     model_of(camera, poses).write_binary(tmp_path)
-    with pytest.raises(InputError, match="expected a camera and a folder for each view"):
+    rig = read_colmap(tmp_path)
+    assert rig.notes == ("poses are those of the pictures",)
+    assert device().score(rig).figures["max_px"].value < EXACT
+
+
+def test_cameras_of_a_rig_without_folders_of_their_own_are_refused(exported: Path, tmp_path: Path) -> None:
+    for path in (exported / "colmap" / "sparse").iterdir():
+        (tmp_path / path.name).write_text(path.read_text().replace(" 2 view_0_1/", " 1 view_0_1/"))
+    with pytest.raises(InputError, match="camera 1 has no folder of pictures of its own"):
         read_colmap(tmp_path)
 
 
