@@ -8,7 +8,6 @@ cameras which are reflections of one have fewer degrees of freedom. Writes OUT, 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +17,11 @@ import numpy as np
 from scipy.linalg import solve
 from scipy.spatial.transform import Rotation
 
+from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, mean_pose, view_from_reference, write_cameras
 from mirrorcam.optics.base.files import write_json
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
@@ -199,18 +199,5 @@ def calibrate_set(folder: Path, out: Path) -> None:
     write_json(out.parent / "covariance" / f"{out.stem}.json", stated)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", type=Path)
-    parser.add_argument("out", type=Path)
-    options = parser.parse_args()
-    try:
-        calibrate_set(options.set, options.out)
-    except InputError as error:
-        print(error)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(__doc__, calibrate_set))

@@ -7,13 +7,13 @@ over the boards that two views share. Writes OUT, a FileStorage in YAML.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, view_from_reference, write_cameras
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -83,18 +83,5 @@ def calibrate_set(folder: Path, out: Path) -> None:
     write_cameras(out, calibrate_per_view(corners), corners.size_px, corners.flip)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("set", type=Path)
-    parser.add_argument("out", type=Path)
-    options = parser.parse_args()
-    try:
-        calibrate_set(options.set, options.out)
-    except InputError as error:
-        print(error)
-        return 2
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(__doc__, calibrate_set))

@@ -16,7 +16,7 @@ MOST_VALUES = 1_000_000
 YAML_SUFFIXES = (".yaml", ".yml")
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """PyYAML's safe loader, for which OpenCV's matrix is a mapping."""
 
 

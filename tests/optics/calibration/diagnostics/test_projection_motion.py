@@ -39,11 +39,12 @@ def rig_points() -> tuple[np.ndarray, FloatArray]:
 def test_a_motion_is_found(scale: float, scaled: bool) -> None:
     view, points = rig_points()
     b_from_a = rigid(scale * Rotation.from_rotvec([0.05, -0.1, 0.2]).as_matrix(), [20.0, -10.0, 30.0])
+    a_from_b = np.asarray(np.linalg.inv(b_from_a), dtype=np.float64)
     shown, _ = project(points, CENTRES[view])
 
     def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-        pixels, slopes = project(transform(np.linalg.inv(b_from_a), points_in_b), CENTRES[view])
-        return pixels, slopes @ np.linalg.inv(b_from_a[:3, :3])
+        pixels, slopes = project(transform(a_from_b, points_in_b), CENTRES[view])
+        return pixels, slopes @ a_from_b[:3, :3]
 
     found, weights = best_motion(shown, view, points, project_in_b, np.eye(4), scaled=scaled)
     np.testing.assert_allclose(found, b_from_a, atol=1e-8)
