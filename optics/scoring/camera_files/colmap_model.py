@@ -6,8 +6,10 @@ Nothing in them is trusted: counts are checked against the size of the file befo
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.camera_rig import UNSIZED_PX
 
+Item = TypeVar("Item")
 MODELS = {
     0: ("SIMPLE_PINHOLE", 3),
     1: ("PINHOLE", 4),
@@ -72,22 +75,30 @@ class ColmapModel:
 
 def read_model(folder: Path) -> ColmapModel:
     """Read the model of a folder, binary where there are both; raises InputError in one line for what is no model."""
-    binary = (folder / "cameras.bin").is_file()
-    suffix = ".bin" if binary else ".txt"
-    parts = {}
-    for name in ("cameras", "images", "rigs"):
-        path = folder / f"{name}{suffix}"
-        if name == "rigs" and not path.is_file():
-            parts[name] = ()
-            continue
-        raw = read_bytes(path, LARGEST_BYTES)
-        try:
-            parts[name] = READERS[name, binary](raw)
-        except (struct.error, ValueError, IndexError, KeyError) as error:
-            raise InputError(f"{path}: not what COLMAP writes: {' '.join(str(error).split())[:120]}") from None
-    model = ColmapModel(dict(parts["cameras"]), tuple(parts["images"]), tuple(parts["rigs"]))
+    if (folder / "cameras.bin").is_file():
+        rigs = folder / "rigs.bin"
+        model = ColmapModel(
+            dict(_parsed(folder / "cameras.bin", _binary_cameras)),
+            tuple(_parsed(folder / "images.bin", _binary_images)),
+            tuple(_parsed(rigs, _binary_rigs) if rigs.is_file() else ()),
+        )
+    else:
+        rigs = folder / "rigs.txt"
+        model = ColmapModel(
+            dict(_parsed(folder / "cameras.txt", _text_cameras)),
+            tuple(_parsed(folder / "images.txt", _text_images)),
+            tuple(_parsed(rigs, _text_rigs) if rigs.is_file() else ()),
+        )
     _check(model, folder)
     return model
+
+
+def _parsed(path: Path, parse: Callable[[bytes], list[Item]]) -> list[Item]:
+    raw = read_bytes(path, LARGEST_BYTES)
+    try:
+        return parse(raw)
+    except (struct.error, ValueError, IndexError) as error:
+        raise InputError(f"{path}: not what COLMAP writes: {' '.join(str(error).split())[:120]}") from None
 
 
 def _check(model: ColmapModel, folder: Path) -> None:
@@ -215,13 +226,3 @@ def _binary_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
                 rig[number] = pose
         rigs.append(rig)
     return rigs
-
-
-READERS = {
-    ("cameras", False): _text_cameras,
-    ("images", False): _text_images,
-    ("rigs", False): _text_rigs,
-    ("cameras", True): _binary_cameras,
-    ("images", True): _binary_images,
-    ("rigs", True): _binary_rigs,
-}
