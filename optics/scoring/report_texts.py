@@ -87,7 +87,9 @@ def markdown(report: ScoreReport) -> str:
             parts.append(f"- no camera of {', '.join(scored.missing)}")
         if scored.notes or scored.missing:
             parts.append("")
-        rows = [(f"`{name}`", *map(markdown_text, others)) for name, *others in rows_of(scored)]
+        rows = [
+            (f"`{name}`", *map(markdown_text, others), _emphasised(result)) for name, *others, result in rows_of(scored)
+        ]
         parts.append(_table(("figure", "value", "limit", "result"), rows))
         views = [(f"`{view}`", *map(markdown_text, others)) for view, *others in view_rows(scored)]
         parts.append(_table(("view", "camera", *VIEW_COLUMNS.values()), views))
@@ -100,9 +102,13 @@ def markdown(report: ScoreReport) -> str:
             check = by_name.get(name)
             result = "" if check is None else ("passed" if check.passed else "failed")
             limit = "" if check is None else limit_text(check)
-            rows.append((f"`{name}`", value_text(mean.mean), error, str(mean.sets), limit, result))
+            rows.append((f"`{name}`", value_text(mean.mean), error, str(mean.sets), limit, _emphasised(result)))
         parts.append(_table(("figure", "mean", "standard error", "sets", "limit", "result"), rows))
     return "\n".join(parts)
+
+
+def _emphasised(result: str) -> str:
+    return f"**{result}**" if result == "failed" else result
 
 
 def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
