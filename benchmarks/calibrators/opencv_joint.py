@@ -135,8 +135,8 @@ def _residuals(bundle: Bundle, rows: Rows) -> tuple[FloatArray, FloatArray, Floa
     _, points = _in_views(bundle, rows)
     zero = np.zeros(3)
     shown, slopes = cv2.projectPoints(points, zero, zero, bundle.matrix, bundle.distortion)
-    slopes = np.reshape(slopes, (len(points), 2, -1))
-    return rows.pixels - np.reshape(shown, (-1, 2)), slopes[:, :, 3:6], slopes[:, :, 6 : 6 + len(LENS)]
+    by_all: FloatArray = np.asarray(slopes, dtype=np.float64).reshape(len(points), 2, -1)
+    return rows.pixels - np.reshape(shown, (-1, 2)), by_all[:, :, 3:6], by_all[:, :, 6 : 6 + len(LENS)]
 
 
 def _cost(bundle: Bundle, rows: Rows) -> float:
@@ -187,7 +187,7 @@ def _covariance(
     kept = len(LENS) + 6 * (len(views) - 1)
     others = [name for number, name in enumerate(views) if number != reference]
     names = [f"all {name}" for name in LENS] + [f"{view} {name}" for view in others for name in POSE]
-    return tuple(names), variance * np.linalg.inv(normal)[:kept, :kept]
+    return tuple(names), np.asarray(variance * np.linalg.inv(normal)[:kept, :kept], dtype=np.float64)
 
 
 def calibrate_set(folder: Path, out: Path) -> None:

@@ -26,7 +26,8 @@ OUTLIER = 3.0
 
 def calibrate_per_view(corners: SetCorners) -> tuple[OpencvCamera, ...]:
     """Calibrate every view alone; raises InputError for one with too few boards."""
-    poses, lenses = {}, []
+    poses: dict[tuple[int, int], FloatArray] = {}
+    lenses = []
     for view, name in enumerate(corners.names):
         seen = {frame: board for (frame, number), board in corners.seen.items() if number == view}
         if len(seen) < FEWEST_BOARDS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -213,8 +214,8 @@ def _focal_errors(gauge: Gauge) -> dict[int, float]:
         point = gauge.points.points_in_rig[[middle]]
         true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
         own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
-        own_centre = transform(np.linalg.inv(gauge.rig_from_true), centre(own_pose))
-        _, by_point = with_slopes(lambda at, view=view: view.truth.project(at, view.view), point)
+        own_centre = transform(gauge.true_from_rig, centre(own_pose))
+        _, by_point = with_slopes(partial(view.truth.project, mirror_index=view.view), point)
         sizes = [
             _picture_scale(slopes, point[0] - seen_from)
             for slopes, seen_from in ((by_point[0], true_centre), (gauge.by_point[middle], own_centre))

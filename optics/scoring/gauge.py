@@ -54,6 +54,11 @@ class Gauge:
     weights: FloatArray
 
     @property
+    def true_from_rig(self) -> FloatArray:
+        """The motion (4, 4) back to the true rig."""
+        return np.asarray(np.linalg.inv(self.rig_from_true), dtype=np.float64)
+
+    @property
     def scale(self) -> float:
         """Length in the calibration's rig, about mm where it has no scale of its own, of a true mm."""
         return float(np.cbrt(abs(np.linalg.det(self.rig_from_true[:3, :3]))))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,9 @@ class ScorePoints:
 
     def where(self, mask: NDArray[np.bool_]) -> ScorePoints:
         """The points of a boolean mask (n,)."""
-        arrays = (self.view, self.points_in_rig, self.pixels, self.by_point, self.at_distance)
-        return ScorePoints(*(array[mask] for array in arrays))
+        return ScorePoints(
+            self.view[mask], self.points_in_rig[mask], self.pixels[mask], self.by_point[mask], self.at_distance[mask]
+        )
 
 
 def score_points(truth: Layout, views: Sequence[int], distance_mm: float) -> ScorePoints:
@@ -60,11 +62,12 @@ def score_points(truth: Layout, views: Sequence[int], distance_mm: float) -> Sco
         pixels = pixels[_shown_on_sensor(truth, view, pixels)]
         for factor in VOLUME:
             points = points_at_pixels(truth, view, pixels, factor * distance_mm)
-            shown, by_point = with_slopes(lambda at, view=view: truth.project(at, view), points)
+            shown, by_point = with_slopes(partial(truth.project, mirror_index=view), points)
             count = len(points)
             parts.append((np.full(count, view), points, shown, by_point, np.full(count, factor == 1.0)))
     found = ScorePoints(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-    found = found.where(np.isfinite(found.pixels).all(axis=1) & np.isfinite(found.by_point).all(axis=(1, 2)))
+    kept = np.isfinite(found.pixels).all(axis=1) & np.isfinite(found.by_point).all(axis=(1, 2))
+    found = found.where(np.asarray(kept))
     for view in views:
         if not (found.at_distance & (found.view == view)).any():
             raise InputError(f"mirror {truth.mirror_names[view]} shows nothing {distance_mm:g} mm away")

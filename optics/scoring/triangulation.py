@@ -65,4 +65,4 @@ def triangulated(gauge: Gauge, truth: Layout) -> Triangulated | None:
         points = points + step
         if np.abs(step).max() < STEADY_MM:
             break
-    return Triangulated(true, transform(np.linalg.inv(gauge.rig_from_true), points))
+    return Triangulated(true, transform(gauge.true_from_rig, points))
