@@ -25,6 +25,7 @@ ONE_VIEW = "the calibration has one view"
 NO_COVARIANCE = "the calibration has no covariance"
 NO_SCALE = "its poses have no scale"
 NOT_SEEN = "no point is in all views"
+NOT_AT_DISTANCE = "the calibration shows nothing at the working distance"
 P95 = 95.0
 
 
@@ -109,8 +110,7 @@ def score_calibration(
         figures |= part[0]
         not_given |= part[1]
     if joint is None:
-        reason = ONE_VIEW if rig.posed else NO_POSES
-        not_given = dict.fromkeys(not_given, reason)
+        not_given |= dict.fromkeys((*GEOMETRY, *TRIANGULATION), ONE_VIEW if rig.posed else NO_POSES)
     found = nees(placed, rig)
     if found is None:
         not_given["nees"] = NO_COVARIANCE if rig.uncertainty is None else "its covariance predicts no error"
@@ -148,9 +148,9 @@ class _Errors:
         for gauge in placed:
             points = gauge.points
             error = gauge.pixels - points.pixels
-            finite = np.isfinite(error).all(axis=1)
+            finite = np.asarray(np.isfinite(error).all(axis=1))
             chosen = np.ones(len(error), dtype=bool) if view is None else points.view == view
-            across = np.linalg.pinv(points.by_point)
+            across: FloatArray = np.linalg.pinv(points.by_point).astype(np.float64)
             shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, np.where(finite[:, None], error, 0.0)), axis=1)
             errors.append(error[chosen & finite])
             mm.append(shifts[chosen & finite & points.at_distance])
@@ -188,11 +188,11 @@ def _pixel_figures(placed: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str
     )
     figures["focal_error_percent"] = Metric(value=float(np.mean(focal)), unit="percent")
     figures["focal_error_rms_percent"] = Metric(value=_rms(np.array(focal)), unit="percent")
-    return figures, {}
+    return figures, {} if "rms_mm" in figures else {"rms_mm": NOT_AT_DISTANCE}
 
 
 def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
-    figures = {}
+    figures: dict[str, Metric] = {}
     for gauge in placed:
         focal = _focal_errors(gauge)
         for view in gauge.views:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Projection(Protocol):
         """Pixels (n, 2) of points (n, 3) in the frame of the camera; NaN where it does not show them."""
 
 
+@runtime_checkable
 class ParametricProjection(Projection, Protocol):
     """A lens with parameters that a covariance can be of."""
 
@@ -64,11 +65,6 @@ class RigCamera:
     lens: Projection
     camera_from_rig: FloatArray | None
     size_px: tuple[int, int] | None
-
-    @property
-    def focal_px(self) -> float | None:
-        """Mean focal length; None of a lens that has none that compares with a pinhole's."""
-        return (self.lens.fx_px + self.lens.fy_px) / 2.0 if isinstance(self.lens, Camera) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,13 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import project
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.scoring.camera_rig import CameraRig
+from mirrorcam.optics.scoring.camera_rig import CameraRig, ParametricProjection
 from mirrorcam.optics.scoring.matched_views import MatchedView
 
 SCHEMA = "mirrorcam.covariance/1"
 SHARED = "all"
 POSE_NAMES = ("rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm")
-RELATIVE_STEP, SMALLEST_STEP = 1e-6, 1e-7
+RELATIVE_STEP, SMALLEST_STEP, POSE_STEP_MM = 1e-6, 1e-7, 1e-4
 ASYMMETRY = 1e-6
 
 
@@ -72,7 +72,7 @@ def checked_root(uncertainty: Uncertainty) -> FloatArray:
 
 def lens_names(lens: object) -> tuple[str, ...]:
     """Names of a lens's parameters."""
-    return tuple(getattr(lens, "intrinsic_names", ()))
+    return lens.intrinsic_names if isinstance(lens, ParametricProjection) else ()
 
 
 def by_parameters(
@@ -104,25 +104,24 @@ def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig
 
 def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
     """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences; zero of one it has not."""
-    names = lens_names(view.camera.lens)
+    lens = view.camera.lens
     if parameter in POSE_NAMES:
-        step = SMALLEST_STEP if parameter.endswith("rad") else 1e-4
-    elif parameter in names:
-        value = abs(float(view.camera.lens.intrinsics[names.index(parameter)]))  # type: ignore[attr-defined]
-        step = max(RELATIVE_STEP * value, SMALLEST_STEP)
+        step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
+        ahead, behind = (_moved(view, parameter, sign * step) for sign in (1.0, -1.0))
+    elif isinstance(lens, ParametricProjection) and parameter in lens.intrinsic_names:
+        place = lens.intrinsic_names.index(parameter)
+        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[place])), SMALLEST_STEP)
+        ahead, behind = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[place]) for sign in (1, -1))
     else:
         return np.zeros((len(points_in_rig), 2))
-    ahead, behind = (_changed(view, parameter, sign * step).project_in_rig(points_in_rig) for sign in (1.0, -1.0))
-    return (ahead - behind) / (2.0 * step)
+    return (ahead.project_in_rig(points_in_rig) - behind.project_in_rig(points_in_rig)) / (2.0 * step)
 
 
-def _changed(view: MatchedView, parameter: str, change: float) -> MatchedView:
-    if parameter in POSE_NAMES:
-        place = POSE_NAMES.index(parameter)
-        pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
-        turn, shift = np.split(change * np.eye(6)[place], 2)
-        return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(turn).as_matrix(), shift) @ pose)
-    lens = view.camera.lens
-    values = np.array(lens.intrinsics, dtype=np.float64)  # type: ignore[attr-defined]
-    values[lens_names(lens).index(parameter)] += change
-    return replace(view, camera=replace(view.camera, lens=lens.with_intrinsics(values)))  # type: ignore[attr-defined]
+def _moved(view: MatchedView, parameter: str, change: float) -> MatchedView:
+    pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
+    turn, shift = np.split(change * np.eye(6)[POSE_NAMES.index(parameter)], 2)
+    return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(turn).as_matrix(), shift) @ pose)
+
+
+def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray) -> MatchedView:
+    return replace(view, camera=replace(view.camera, lens=lens.with_intrinsics(lens.intrinsics + change)))

@@ -16,7 +16,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from mirrorcam.optics.scoring.camera_files.registry import read_rig
 from mirrorcam.optics.scoring.stated_covariance import with_covariance
 from mirrorcam.render_scenes.sets.render_set import render_set
@@ -38,7 +38,7 @@ def corners(noise_px: float = 0.0) -> SetCorners:
         turn = Rotation.from_rotvec(random.uniform(-0.5, 0.5, 3)).as_matrix()
         place = random.uniform([-40.0, -40.0, 320.0], [40.0, 40.0, 480.0])
         in_view = (BOARD.corners_in_board_mm - middle) @ turn.T + place
-        in_rig = transform(np.linalg.inv(views[4].camera_from_rig), in_view)
+        in_rig = transform(inverse(views[4].camera_from_rig), in_view)
         for number, view in enumerate(views):
             pixels = view.project(in_rig)
             pixels = pixels + noise_px * random.normal(size=pixels.shape)

@@ -16,7 +16,7 @@ from mirrorcam.optics.base.values import Value
 if TYPE_CHECKING:
     from mirrorcam.optics.scoring.score_report import ScoredSet, ScoreReport
 
-AUTO = "auto"
+AUTO: Literal["auto"] = "auto"
 LEFT_OUT = ("median_px", "bias_x_px", "bias_y_px")
 """Figures of views that a terminal is too narrow for; the files of the report have them."""
 FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")

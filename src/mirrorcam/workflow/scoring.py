@@ -182,13 +182,13 @@ def _names(given: Sequence[str], folders: Sequence[Path]) -> tuple[str, ...]:
 
 def write_report(report: ScoreReport, files: ScoreFiles, *, force: bool = False) -> None:
     """Write the files of a report, each atomically."""
-    texts = {files.json: report.text, files.markdown: lambda: markdown(report), files.junit: lambda: junit(report)}
-    for path, text in texts.items():
+    texts = ((files.json, report.text()), (files.markdown, markdown(report)), (files.junit, junit(report)))
+    for path, text in texts:
         if path is not None:
             with output_folder(path.parent, "score", force=force) as output:
                 output.refuse_others(glob.escape(path.name))
                 with output.staged(complete=False) as folder:
-                    (folder / path.name).write_text(text(), encoding="utf-8")
+                    (folder / path.name).write_text(text, encoding="utf-8")
 
 
 def refuse_files(files: ScoreFiles, *, force: bool = False) -> None:

@@ -73,8 +73,8 @@ def test_sets_of_one_name_are_told_apart(exports: Path, tmp_path: Path) -> None:
 
 
 def test_a_covariance_beside_a_calibration_gives_nees(one: Path, exports: Path, tmp_path: Path) -> None:
-    stated = {"schema": "mirrorcam.covariance/1", "parameters": ["all fx_px", "all k1"]}
-    stated |= {"covariance": np.diag([0.01, 1e-6]).tolist()}
+    covariance = np.diag([0.01, 1e-6]).tolist()
+    stated = {"schema": "mirrorcam.covariance/1", "parameters": ["all fx_px", "all k1"], "covariance": covariance}
     (tmp_path / "c.json").write_text(json.dumps(stated))
     request = ScoreRequest(sets=(one,), calibrations=(exports / "opencv.yaml",), covariances=(tmp_path / "c.json",))
     scored = score(request).sets[0]

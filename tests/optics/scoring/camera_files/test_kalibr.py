@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.scoring.camera_files.kalibr import is_kalibr, read_kalibr
 from tests.optics.scoring.rigs import EXACT, device, pose_of
 
-CAMERA = {
+CAMERA: dict[str, Any] = {
     "camera_model": "pinhole",
     "distortion_coeffs": [0.0, 0.0, 0.0, 0.0],
     "distortion_model": "radtan",
@@ -64,7 +65,7 @@ def test_models_are_kalibrs(model: str, distortion: str, tmp_path: Path) -> None
     """Its projections, restated; `distort` of each distortion is on the plane that they project to."""
     sphere = {"omni": [0.9], "eucm": [0.6, 1.1], "ds": [-0.2, 0.55]}[model]
     coefficients = [] if distortion == "none" else [0.05, -0.02, 0.001, -0.002]
-    changes = {"camera_model": model, "intrinsics": [*sphere, *CAMERA["intrinsics"]]}  # type: ignore[misc]
+    changes = {"camera_model": model, "intrinsics": [*sphere, *CAMERA["intrinsics"]]}
     path = written(
         tmp_path, cam0=CAMERA | changes | {"distortion_model": distortion, "distortion_coeffs": coefficients}
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def test_without_poses_each_camera_is_judged_alone(exported: Path, tmp_path: Pat
 
 def test_poses_of_static_transforms(exported: Path, tmp_path: Path) -> None:
     shutil.copytree(exported / "ros", tmp_path / "ros")
-    transforms = []
+    transforms: list[dict[str, Any]] = []
     for view in virtual_cameras(device().truth):
         pose = inverse(view.camera_from_rig)
         x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
