@@ -21,7 +21,7 @@ from tests.optics.scoring.rigs import Device, device, lens_of, moved, pose_of, t
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1")
 SIGMAS = (0.2, 0.2, 0.3, 0.3, 1e-3)
-DRAWS = 12
+DRAWS = 6
 
 
 def covariance() -> tuple[tuple[str, ...], FloatArray]:
@@ -71,11 +71,11 @@ def test_nees_of_drawn_calibrations_is_one(draws: list[CameraRig]) -> None:
     assert found.freedom == DRAWS * (len(LENS) + 6 * 6 - 6)
     low, high = chi2.ppf([1e-4, 1.0 - 1e-4], found.freedom) / found.freedom
     assert low < found.mean < high
-    assert found.mean == pytest.approx(1.0, abs=0.2)
+    assert found.mean == pytest.approx(1.0, abs=0.25)
 
 
 def test_nees_is_in_proportion_to_how_small_the_covariance_is(draws: list[CameraRig]) -> None:
-    once, quarter = found_in(draws[:3], 1.0), found_in(draws[:3], 0.25)
+    once, quarter = found_in(draws[:2], 1.0), found_in(draws[:2], 0.25)
     assert quarter.mean == pytest.approx(4.0 * once.mean, rel=1e-6)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from xml.etree import ElementTree
 
 import pytest
 
+from mirrorcam.optics.scoring.calibration_score import CalibrationScore
 from mirrorcam.optics.scoring.figure_limits import Limits
 from mirrorcam.optics.scoring.report_texts import junit, markdown, value_text
 from mirrorcam.optics.scoring.score_report import ScoreReport, report_of, scored_set
@@ -16,9 +18,15 @@ from tests.optics.scoring.rigs import device, true_rig, with_random_poses
 LIMITS = Limits(each={"rms_px": 1e-6, "shown_share": 1.0, "nees": 2.0}, over_sets={"rms_mm": 1e-6})
 
 
-def report(*names: str, limits: Limits = LIMITS) -> ScoreReport:
+@cache
+def scored() -> CalibrationScore:
+    """A calibration without its first view, and a note that is no markup."""
     rig = with_random_poses(true_rig(device().truth), 1.0)
-    score = replace(device().score(replace(rig, cameras=rig.cameras[1:])), notes=("a <note> | of `it`",))
+    return replace(device().score(replace(rig, cameras=rig.cameras[1:])), notes=("a <note> | of `it`",))
+
+
+def report(*names: str, limits: Limits = LIMITS) -> ScoreReport:
+    score = scored()
     sets = [
         scored_set(score, name=name, calibration=f"{name}.yaml", format="opencv", layout="0" * 16, limits=limits)
         for name in names

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from tests.optics.scoring.rigs import device, moved, true_rig, with_random_poses
 ROOT = Path(__file__).parents[3]
 
 
+@cache
 def score_of(scale: float = 1.0, nees: Nees | None = None) -> CalibrationScore:
     score = device().score(moved(true_rig(device().truth), np.diag([scale, scale, scale, 1.0])))
     return replace(score, nees=nees)
