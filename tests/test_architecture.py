@@ -20,7 +20,7 @@ FOLDERS = {
     "mirrorcam.render_scenes": ROOT / "render_scenes",
     "mirrorcam": ROOT / "src" / "mirrorcam",
 }
-OPTICS = {"numpy", "scipy", "cv2", "numba", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
+OPTICS = {"numpy", "scipy", "cv2", "numba", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely", "yaml"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
 # `render_scenes` import comes with the extras of these names, distributed with `cluster`, fsspec with `remote`, pyarrow
 # with `parquet`, rosbags and its backports.zstd with `robot`, rerun with `view`;
@@ -49,6 +49,8 @@ LAYERS = {
         *("calibration.solver", "calibration.detection", "calibration.diagnostics", "calibration.direct"),
         *(
             "calibration",
+            "scoring",
+            "scoring.camera_files",
             "light_field",
             "light_field.temporal",
             "light_field.depth",
@@ -77,6 +79,8 @@ APART = {
             ("calibration", "light_field"),
             ("calibration", "exports"),
             ("light_field", "exports"),
+            ("light_field", "scoring"),
+            ("design", "scoring"),
         ),
     ),
     "mirrorcam.cad": (("holder", "mirrors"), ("parts", "mirrors"), ("checks", "documents"), ("write", "documents")),

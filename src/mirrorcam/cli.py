@@ -47,6 +47,7 @@ from mirrorcam.commands import (
     render,
     run,
     scene,
+    score,
     studio,
     suite,
     sweep,
@@ -91,6 +92,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     track.TrackOptions: track.run,
     export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
+    score.ScoreOptions: score.run,
 }
 COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
 """The options of each command by its name."""
@@ -127,6 +129,7 @@ class Command:
         | Annotated[track.TrackOptions, subcommand("track")]
         | Annotated[export.ExportOptions, subcommand("export")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
+        | Annotated[score.ScoreOptions, subcommand("score")]
     ]
     debug: bool = False
     """show the traceback of an error"""

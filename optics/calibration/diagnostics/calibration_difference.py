@@ -17,6 +17,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.calibration.diagnostics.projection_motion import (
+    ROUNDING_PX,
+    best_motion,
+    by_motion,
+    without_motion,
+)
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     Projection,
     grid_px,
@@ -31,11 +37,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.optics.geometry.working_distance import VOLUME
 
-UNLIKE = 3.0
-"""Views that differ by more than this many times the median view hardly count in the motion."""
 NOISE_RATIO = 2.5
 """Ratio of difference and sigma in the worst view that noise alone exceeds in one comparison of a hundred, or fewer."""
-MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -168,9 +171,9 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     points, weights = points.where(kept), weights[kept]
     moved = transform(b_from_a, points.in_a)
     shown_a, shown_b = project(a, points.view, points.in_a), project(b, points.view, moved)
-    by_motion = _by_motion(shown_b.by_point, moved, range_mm)
+    motion_columns = by_motion(shown_b.by_point, moved, range_mm)
     covariance = sum(
-        (_predicted(layout, shown, by_motion, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
+        (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
         start=np.zeros((len(moved), 2, 2)),
     )
     rows = [(view, points.on_map & (points.view == view)) for view in _views(a)]
@@ -187,11 +190,11 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     )
 
 
-def _predicted(layout: Layout, shown: Projection, by_motion: FloatArray, weights: FloatArray) -> FloatArray:
+def _predicted(layout: Layout, shown: Projection, columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Covariances (n, 2, 2) of differences due to one layout's, where the motion follows; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
-    left = _without_motion(shown.by_parameter, by_motion, weights)
+    left = without_motion(shown.by_parameter, columns, weights)
     return propagated(left, layout.uncertainty.covariance)
 
 
@@ -294,30 +297,15 @@ def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray
 def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, FloatArray]:
     """The motion b_from_a (4, 4) that makes projections agree best, and the weights (n,) of the points in it.
 
-    A weighted least squares of pixels, by Gauss and Newton from the motion that takes the points of A nearest to those
-    of B. Weights are Geman and McClure's of the views' root mean squares, so that one mirror that moved shows
-    in its own view alone.
+    It starts from the motion that takes the points of A nearest to those of B.
     """
+
+    def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
+        found = project(b, points.view, points_in_b)
+        return found.pixels, found.by_point
+
     shown = project(a, points.view, points.in_a).pixels
-    b_from_a = _nearest_motion(points)
-    weights = np.ones(len(shown))
-    lever_mm = float(np.linalg.norm(points.in_a - points.in_a.mean(axis=0), axis=1).max())
-    for _ in range(MOST_STEPS):
-        moved = transform(b_from_a, points.in_a)
-        found = project(b, points.view, moved)
-        off = found.pixels - shown
-        kept = np.isfinite(off).all(axis=1)  # some may be behind a mirror on the way
-        off[~kept], found.by_point[~kept] = 0.0, 0.0
-        weights = _view_weights(off, points.view)
-        root = np.sqrt(weights)[:, None]
-        by_motion = _by_motion(found.by_point, moved, lever_mm)
-        system = (root[:, :, None] * by_motion).reshape(-1, 6)
-        step = np.linalg.lstsq(system, -(root * off).ravel(), rcond=None)[0]
-        turn, middle = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
-        b_from_a = rigid(turn, middle + step[3:] - turn @ middle) @ b_from_a
-        if np.abs(step).max() < STEADY_MM:
-            break
-    return b_from_a, weights
+    return best_motion(shown, points.view, points.in_a, project_in_b, _nearest_motion(points))
 
 
 def _nearest_motion(points: _Points) -> FloatArray:
@@ -325,29 +313,3 @@ def _nearest_motion(points: _Points) -> FloatArray:
     middle_a, middle_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
     turn = Rotation.align_vectors(points.in_b - middle_b, points.in_a - middle_a)[0].as_matrix()
     return rigid(turn, middle_b - turn @ middle_a)
-
-
-def _view_weights(off_px: FloatArray, view: IntArray) -> FloatArray:
-    """Weights (n,) of points with differences (n, 2), one for each view."""
-    views, place = np.unique(view, return_inverse=True)
-    rms = np.array([np.sqrt(np.mean(off_px[view == each] ** 2)) for each in views])
-    usual = UNLIKE * max(float(np.median(rms)), ROUNDING_PX)
-    return np.asarray((1.0 / (1.0 + (rms / usual) ** 2) ** 2)[place])
-
-
-def _by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float) -> FloatArray:
-    """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm.
-
-    The first three are of a rotation about the points' middle, in mm at the lever, the others of a shift.
-    """
-    from_middle = (points - points.mean(axis=0)) / lever_mm
-    by_turn = np.cross(from_middle[:, None, :], by_point)  # J (w x p) = w . (p x J)
-    return np.concatenate([by_turn, by_point], axis=2)
-
-
-def _without_motion(by_parameter: FloatArray, by_motion: FloatArray, weights: FloatArray) -> FloatArray:
-    """Derivatives (n, 2, g) of differences by parameters, where the motion (n, 2, 6) follows the parameters."""
-    root = np.repeat(np.sqrt(weights), 2)[:, None]
-    columns = by_parameter.reshape(-1, by_parameter.shape[-1])
-    follows = np.linalg.lstsq(root * by_motion.reshape(-1, 6), root * columns, rcond=None)[0]
-    return by_parameter - by_motion @ follows

@@ -1,0 +1,1 @@
+"""Scores of anyone's calibration of a device whose true layout is known."""

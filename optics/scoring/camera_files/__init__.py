@@ -1,0 +1,1 @@
+"""Readers of calibrations in the files of other tools, each as a `CameraRig`."""

@@ -1,0 +1,133 @@
+"""Which format a calibration is in, and the reader of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from mirrorcam.optics.base.files import is_inside
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.scoring.camera_files import colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
+from mirrorcam.optics.scoring.camera_files.file_text import YAML_SUFFIXES, read_yaml
+from mirrorcam.optics.scoring.camera_rig import CameraRig
+
+FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"]
+FORMATS: tuple[FormatName, ...] = get_args(FormatName)
+UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none": None}
+"""What `--unit` may say: `none` of poses that have no scale."""
+SUBFOLDERS = {"ros": "ros", "colmap": "colmap"}
+"""Where `mirrorcam cameras` puts files of several."""
+MOST_FILES = 1000
+"""Files of a folder that are looked at."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration of a format: its files, or its folder."""
+
+    format: FormatName
+    paths: tuple[Path, ...]
+
+
+READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
+    "kalibr": lambda paths: kalibr.read_kalibr(paths[0]),
+    "opencv": opencv.read_opencv,
+    "ros": ros.read_ros,
+    "colmap": lambda paths: colmap.read_colmap(paths[0]),
+    "mrcal": mrcal.read_mrcal,
+    "mirrorcam": lambda paths: mirrorcam_layout.read_layout(paths[0]),
+}
+
+
+def read_rig(path: Path, format: FormatName | None = None, unit: str | None = None) -> CameraRig:
+    """Read a calibration.
+
+    Parameters
+    ----------
+    path
+        Its file, or the folder that holds nothing else in a format of these.
+    format
+        Which format; None: as the content says.
+    unit
+        Unit of poses, one of `UNITS_MM`; None: that of the format or the file.
+
+    Raises
+    ------
+    InputError
+        In one line where nothing of a known format is there, or several are.
+    """
+    found = _in_folder(path) if path.is_dir() else _of_file(path)
+    if format is not None:
+        found = [each for each in found if each.format == format] or _in_subfolder(path, format)
+    if not found:
+        expected = " or ".join(FORMATS) if format is None else format
+        raise InputError(f"{path}: no calibration in a known format, expected {expected}")
+    if len(found) > 1:
+        names = ", ".join(each.format for each in found)
+        raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
+    rig = READERS[found[0].format](found[0].paths)
+    return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit], notes=rig.notes)
+
+
+def _in_subfolder(path: Path, format: FormatName) -> list[Found]:
+    name = SUBFOLDERS.get(format)
+    inner = None if name is None or not is_inside(path, name) else path / name
+    if inner is None or not inner.is_dir():
+        return []
+    return [each for each in _in_folder(inner) if each.format == format]
+
+
+def _kind(path: Path) -> FormatName | None:
+    """The format of one file; None of what is in none of them."""
+    suffix = path.suffix.lower()
+    if suffix == mrcal.SUFFIX:
+        return "mrcal"
+    if suffix == ".json":
+        return _kind_of(opencv.read_value(path))
+    return _kind_of(read_yaml(path)) if suffix in YAML_SUFFIXES else None
+
+
+def _kind_of(value: Any) -> FormatName | None:
+    if mirrorcam_layout.is_layout(value):
+        return "mirrorcam"
+    if kalibr.is_kalibr(value):
+        return "kalibr"
+    if ros.is_ros(value):
+        return "ros"
+    return "opencv" if opencv.is_opencv(value) else None
+
+
+def _of_file(path: Path) -> list[Found]:
+    if path.suffix.lower() == ".xml":
+        opencv.read_value(path)  # refuses it
+    if path.name.startswith("cameras.") and colmap.model_folder(path.parent) == path.parent / ".":
+        return [Found("colmap", (path.parent,))]
+    kind = _kind(path)
+    return [] if kind is None else [Found(kind, (path,))]
+
+
+def _in_folder(folder: Path) -> list[Found]:
+    """What a folder holds: a format a time, those of several files as one calibration."""
+    files: dict[FormatName, list[Path]] = {}
+    names = sorted(path for path in folder.iterdir() if path.is_file())
+    for path in names[:MOST_FILES]:
+        kind = _kind(path)
+        if kind is not None:
+            files.setdefault(kind, []).append(path)
+    if "opencv" in files and (stereo := _extrinsics(names)) is not None and stereo not in files["opencv"]:
+        files["opencv"].append(stereo)
+    single: tuple[FormatName, ...] = ("kalibr", "mirrorcam")
+    for kind in single:
+        if len(files.get(kind, ())) > 1:
+            listed = ", ".join(path.name for path in files[kind][:5])
+            raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")
+    found = [Found(kind, tuple(paths)) for kind, paths in files.items()]
+    model = colmap.model_folder(folder)
+    return found if model is None else [*found, Found("colmap", (model,))]
+
+
+def _extrinsics(names: list[Path]) -> Path | None:
+    """The extrinsics of `stereo_calib`, which name no camera."""
+    return next((path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES), None)
