@@ -22,8 +22,8 @@ FOLDERS = {
 }
 OPTICS = {"numpy", "scipy", "cv2", "numba", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
-# `render_scenes` import comes with the extras of these names, distributed and pyarrow with `cluster` and `parquet`,
-# rosbags and its backports.zstd with `robot`, rerun with `view`;
+# `render_scenes` import comes with the extras of these names, distributed with `cluster`, fsspec with `remote`, pyarrow
+# with `parquet`, rosbags and its backports.zstd with `robot`, rerun with `view`;
 # everything else is in the base installation.
 MAY_IMPORT = {
     # Videos and animations are read and written, and streams of light fields, where these are made; all imported late.
@@ -37,7 +37,7 @@ MAY_IMPORT = {
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it", "tomli_w"},
     "mirrorcam.render_scenes": OPTICS | {"mirrorcam.optics", "mitsuba", "drjit", "OpenEXR", "av"},
     "mirrorcam": OPTICS
-    | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun"}
+    | {*FOLDERS, "matplotlib", "rich", "tyro", "distributed", "pyarrow", "markupsafe", "filelock", "rerun", "fsspec"}
     # The studio's server, and what writes design.toml.
     | {"starlette", "uvicorn", "tomli_w"},
 }
@@ -63,7 +63,7 @@ LAYERS = {
         *("write", "checks", "elasticity", "documents", ""),
     ),
     "mirrorcam.render_scenes": (
-        *("", "boards", "truth", "reference", "fast", "sets", "tabletop", "preview"),
+        *("", "boards", "truth", "reference", "fast", "sets", "suites", "tabletop", "preview"),
         *("depth_scenes",),
     ),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "studio", "commands", ""),
@@ -85,7 +85,7 @@ APART = {
 LATE_FOR_THE_COMMAND = (
     *("casadi", "build123d", "OCP", "mitsuba", "drjit", "matplotlib", "scipy", "cv2", "shapely"),
     *("dask", "distributed", "pyarrow", "OpenEXR", "av", "zarr", "numcodecs", "PIL", "h5py", "jinja2"),
-    *("rosbags", "rerun", "numba", "starlette", "uvicorn"),
+    *("rosbags", "rerun", "numba", "starlette", "uvicorn", "fsspec"),
 )
 
 KERNELS = {"build123d", "OCP", "manifold3d", "trimesh", "ezdxf", "lib3mf"}

@@ -8,11 +8,12 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cache
-from importlib import metadata
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 from pydantic import Field
@@ -72,6 +73,12 @@ def source_digest(module: str) -> str:
     files = (path for path in sorted(origin.parent.rglob("*")) if path.is_file() and "__pycache__" not in path.parts)
     lines = (f"{path.relative_to(origin.parent).as_posix()} {file_digest(path)}\n".encode() for path in files)
     return digest(*lines)
+
+
+def source_digests(package: str, *, without: Collection[str] = ()) -> dict[str, str]:
+    """Return the `source_digest` of each module and package directly in a package, but those of the names `without`."""
+    names = sorted(module.name for module in iter_modules(import_module(package).__path__))
+    return {f"{package}.{name}": source_digest(f"{package}.{name}") for name in names if name not in without}
 
 
 @cache

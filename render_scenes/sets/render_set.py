@@ -35,7 +35,14 @@ from mirrorcam.render_scenes.wavy_camera import as_it_is
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
 
-def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progress: Progress = no_progress) -> Dataset:
+def render_set(
+    request: SetRequest,
+    out: Path,
+    *,
+    run: Run | None = None,
+    variant: str | None = None,
+    progress: Progress = no_progress,
+) -> Dataset:
     """Render pictures of a board through an as-built copy of a layout, and by its bare camera.
 
     Parameters
@@ -47,6 +54,8 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
         its own folder. Finished pictures of an interrupted run with the same request are kept.
     run
         Renders pictures of their tasks and yields their numbers and files in any order; by default this process does.
+    variant
+        Mitsuba's variant, on which the bytes depend; by default the fastest of this machine.
     progress
         Called with the numbers of pictures done and of all, at the start and after each; those of a video count twice.
 
@@ -64,7 +73,7 @@ def render_set(request: SetRequest, out: Path, *, run: Run | None = None, progre
     check_video(request.settings, request.layout.camera, request.rate_hz)
     if request.parts is not None and request.settings.renderer == "fast":
         raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")
-    variant = use_variant()
+    variant = use_variant(variant)
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, request.random(Stream.AS_BUILT))
     pupil = settings.sensor.pupil

@@ -49,6 +49,7 @@ from mirrorcam.commands import (
     scene,
     score,
     studio,
+    suite,
     sweep,
     track,
     validate,
@@ -73,6 +74,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     camera.CameraOptions: camera.run,
     board.BoardOptions: board.run,
     render.RenderOptions: render.run,
+    suite.SuiteOptions: suite.run,
     scene.SceneOptions: scene.run,
     picture.PictureOptions: picture.run,
     calibrate.CalibrateOptions: calibrate.run,
@@ -109,6 +111,7 @@ class Command:
         | Annotated[camera.CameraOptions, subcommand("camera")]
         | Annotated[board.BoardOptions, subcommand("board")]
         | Annotated[render.RenderOptions, subcommand("render")]
+        | Annotated[suite.SuiteOptions, subcommand("suite")]
         | Annotated[scene.SceneOptions, subcommand("scene")]
         | Annotated[picture.PictureOptions, subcommand("picture")]
         | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]

@@ -20,6 +20,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from tests.mirrorcam.small_set import small_set_request
+from tests.mirrorcam.small_suite import rendered_into, small_suite
 from tests.shared import built_once
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +57,13 @@ def set_request(default_layout: Layout) -> SetRequest:
 def finished_set(set_request: SetRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That set, made in one go by one process, to be read."""
     return built_once(tmp_path_factory, "small_set", lambda out: render_set(set_request, out))
+
+
+@pytest.fixture(scope="session")
+def finished_suite(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small suite, made in one go by one process, to be read."""
+    suite = small_suite(default_layout)
+    return built_once(tmp_path_factory, "small_suite", lambda out: rendered_into(out, suite))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ MODULES = {
     "render": ("mitsuba", "drjit", "OpenEXR"),
     "fe": ("skfem",),
     "cluster": ("dask", "distributed"),
+    "remote": ("fsspec",),
     "parquet": ("pyarrow",),
     "robot": ("rosbags",),
     "view": ("rerun",),

@@ -7,13 +7,11 @@ import time
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam import optics
-from mirrorcam.optics.base.fingerprint import digest, source_digest, versions
+from mirrorcam.optics.base.fingerprint import digest, source_digests, versions
 from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.design.spec_grid import Outcome, solve
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -46,9 +44,7 @@ class Answer:
 @cache
 def made_with() -> dict[str, str]:
     """Digests of the sources and versions of the distributions that decide about a design, in this process."""
-    sources = sorted(module.name for module in iter_modules(optics.__path__) if module.name not in UNRELATED)
-    modules = [f"mirrorcam.optics.{name}" for name in sources]
-    return {module: source_digest(module) for module in modules} | versions()
+    return source_digests("mirrorcam.optics", without=UNRELATED) | versions()
 
 
 def file_text(value: Value) -> str:

@@ -16,6 +16,7 @@ from mirrorcam.optics.base.fingerprint import (
     file_digest,
     file_digests,
     source_digest,
+    source_digests,
     value_digest,
     versions,
 )
@@ -73,6 +74,14 @@ def test_compiled_files_do_not_count_as_sources(package: Path) -> None:
 def test_a_module_that_is_not_there_has_no_digest() -> None:
     with pytest.raises(ModuleNotFoundError, match=r"no module 'mirrorcam\.nonsense'"):
         source_digest("mirrorcam.nonsense")
+
+
+def test_the_digests_of_a_package_are_those_of_what_is_directly_in_it(package: Path) -> None:
+    (package / "other.py").write_text("x = 3")
+    found = source_digests(package.name, without=("inner",))
+    assert found == {f"{package.name}.other": source_digest(f"{package.name}.other")}
+    (package / "inner" / "__init__.py").write_text("")
+    assert set(source_digests(package.name)) == {f"{package.name}.other", f"{package.name}.inner"}
 
 
 def test_distributions_are_those_of_the_metadata_and_their_compiled_ones() -> None:

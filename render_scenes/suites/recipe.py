@@ -1,0 +1,196 @@
+"""Recipes of rendered sets: the little that a suite states of each, and the request that follows from it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from mirrorcam.optics.base.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, Bounds
+from mirrorcam.optics.base.files import one_line
+from mirrorcam.optics.base.names import Line
+from mirrorcam.optics.base.values import FloatArray, Shaped, Value, with_tuples
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS, DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.targets import Target, default_board
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.sets.poses import plan_frames
+from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream
+from mirrorcam.render_scenes.settings import (
+    RATE_HZ,
+    SENSORS,
+    RendererName,
+    RenderSettings,
+    SensorModel,
+    SurfaceFinish,
+)
+
+Slug = Annotated[str, Field(max_length=48, pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
+"""A name in small letters, digits and hyphens, which is also the name of a folder."""
+COPIES = PICTURES.cut(least=1)
+BINNED = Bounds(0.05, 1.0)
+
+
+def _design(data: object) -> object:
+    """A design as a suite writes it: its pattern may be a name, such as hex7."""
+    if isinstance(data, dict) and isinstance(name := data.get("pattern"), str):
+        pattern = Pattern.named(name)
+        if pattern is None:
+            raise ValueError(f"pattern {name[:40]!r}: expected hexN, ringN or a table of positions")
+        data = data | {"pattern": pattern.model_dump()}
+    return with_tuples(data)
+
+
+def _sensor(data: object) -> object:
+    """A sensor as a suite writes it: the name of a preset, or a table of what differs from the one it is `like`."""
+    name = data.get("like") if isinstance(data, dict) else data
+    if isinstance(name, str):
+        presets = {str(preset): model for preset, model in SENSORS.items()}
+        if name not in presets:
+            raise ValueError(f"sensor {name[:40]!r}: expected one of {', '.join(presets)}")
+        given = {key: value for key, value in data.items() if key != "like"} if isinstance(data, dict) else {}
+        return presets[name].model_dump() | given
+    return data
+
+
+def _tolerances(data: object) -> object:
+    return Tolerances.none().model_dump() if data == "none" else with_tuples(data)
+
+
+class SetRecipe(Value):
+    """What a suite states of a set; everything that it leaves out has its default.
+
+    Parameters
+    ----------
+    name
+        Name of the set in its suite.
+    why
+        What the set is for.
+    copies
+        Number of sets that differ in nothing but their seeds, which count up from `seed`.
+    design
+        Design of the camera; its camera is a name of the library, its pattern one such as hex7, or a table.
+    layout
+        A layout instead of a design.
+    binned
+        Fraction of the camera's pixels along an axis that are left when they are binned.
+    lens_model, distortion
+        The camera's lens instead of that of the library.
+    tolerances
+        How far the rendered camera may be from its layout, or "none".
+    sensor
+        The name of a preset, a table of what differs from the preset that it is `like`, or a whole table.
+    board, frames, base_frames, seed, rate_hz
+        As of a `SetRequest`.
+    depths_mm
+        Depths that the boards are at and around, instead of those of the design.
+    renderer, spp, maps, finish
+        As of `RenderSettings`.
+    """
+
+    name: Slug
+    why: Line = ""
+    copies: int = COPIES.field(1)
+    design: Annotated[DesignSpec, BeforeValidator(_design)] = Field(default_factory=DesignSpec)
+    layout: Layout | None = None
+    binned: float = BINNED.field(1.0)
+    lens_model: LensName | None = None
+    distortion: Annotated[FloatArray, Shaped((None,))] | None = None
+    tolerances: Annotated[Tolerances, BeforeValidator(_tolerances)] = Tolerances()
+    sensor: Annotated[SensorModel, BeforeValidator(_sensor)] = SENSORS["c920"]
+    board: Target = Field(default_factory=default_board)
+    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] = Field(default=(), max_length=MOST_DEPTHS)
+    frames: int = PICTURES.cut(least=1).field(20)
+    base_frames: int = PICTURES.field(10)
+    seed: int = SEED.field(0)
+    rate_hz: float | None = RATE_HZ.field(None)
+    renderer: RendererName = "fast"
+    spp: int = SAMPLES_PER_PIXEL.field(16)
+    maps: bool = False
+    finish: SurfaceFinish = SurfaceFinish()
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.layout is not None and self.design != DesignSpec():
+            raise ValueError("layout and design: expected one of the two")
+        if (self.lens_model is None) != (self.distortion is None):
+            raise ValueError("lens_model and distortion: expected both or none")
+        if self.depths_mm and self.layout is not None and self.layout.spec is None:
+            raise ValueError("depths_mm: the layout has no specification, expected one that `mirrorcam design` wrote")
+        if self.seed + self.copies - 1 > SEED.most:
+            raise ValueError(f"seed: of the last copy is {self.seed + self.copies - 1}, expected {SEED}")
+        try:
+            _ = self.settings, self.camera
+        except ValidationError as error:  # before any set is rendered
+            raise ValueError(one_line(error)) from None
+        return self
+
+    @property
+    def settings(self) -> RenderSettings:
+        """How its pictures are rendered."""
+        return RenderSettings(
+            renderer=self.renderer, spp=self.spp, sensor=self.sensor, finish=self.finish, maps=self.maps
+        )
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the layout or the design: with the lens that is stated, and binned."""
+        camera = self.design.camera if self.layout is None else self.layout.camera
+        if self.lens_model is not None:
+            camera = camera.replaced(lens_model=self.lens_model, lens_grid=None, distortion=self.distortion)
+        return camera if self.binned == 1.0 else camera.binned(self.binned)
+
+    @property
+    def spec(self) -> DesignSpec | None:
+        """The design that has to be solved; None where there is a layout."""
+        return self.design.replaced(camera=self.camera) if self.layout is None else None
+
+    @property
+    def mirrors(self) -> int:
+        """Number of mirrors."""
+        return len(self.design.arrangement.steps) if self.layout is None else len(self.layout.mirrors)
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures."""
+        return self.frames + self.base_frames
+
+    def expanded(self) -> tuple[Self, ...]:
+        """Each copy as a recipe of its own; their names end in their numbers."""
+        if self.copies == 1:
+            return (self,)
+        return tuple(
+            self.replaced(name=f"{self.name}-{number:04d}", seed=self.seed + number, copies=1)
+            for number in range(self.copies)
+        )
+
+    def stated(self) -> dict[str, Any]:
+        """All that the bytes of the set follow from, as JSON: the camera in numbers, not by its name in the library."""
+        stated = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
+        return stated | {"camera": self.camera.model_dump(mode="json")}
+
+    def request(self, designed: Layout | None) -> SetRequest:
+        """The request for the set, with the layout that `spec` led to.
+
+        Raises InputError where the board cannot be seen at the depths that are stated.
+        """
+        layout = designed if self.layout is None else self.layout.replaced(camera=self.camera)
+        assert layout is not None, "a recipe without a layout needs the one of its design"
+        asked = SetRequest(
+            layout=layout,
+            target=self.board,
+            frames=self.frames,
+            base_frames=self.base_frames,
+            seed=self.seed,
+            tolerances=self.tolerances,
+            settings=self.settings,
+            rate_hz=self.rate_hz,
+        )
+        if not self.depths_mm or layout.spec is None:
+            return asked
+        there = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
+        plan = plan_frames(there, self.board, self.frames, asked.random(Stream.POSES))
+        return asked.replaced(poses=plan.poses.tolist())

@@ -1,0 +1,113 @@
+"""One set of a suite, as a worker renders it: from a task as text to a folder, or to its files as bytes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mirrorcam.optics.base.fingerprint import source_digest, source_digests, value_digest, versions
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.suites.recipe import SetRecipe
+
+# Packages and modules that no set depends on.
+UNRELATED_OPTICS = ("alignment", "calibration", "drift", "exports", "light_field")
+UNRELATED_SCENES = ("depth_scenes", "preview", "suites", "tabletop")
+RECIPE = "mirrorcam.render_scenes.suites.recipe"
+
+
+@cache
+def made_with() -> dict[str, str]:
+    """Digests of sources and versions of distributions that decide about the bytes of a set, in this process."""
+    return (
+        source_digests("mirrorcam.optics", without=UNRELATED_OPTICS)
+        | source_digests("mirrorcam.render_scenes", without=UNRELATED_SCENES)
+        | {RECIPE: source_digest(RECIPE)}
+        | versions("render")
+    )
+
+
+def folder_name(recipe: SetRecipe, variant: str) -> str:
+    """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
+    asked = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
+    return f"{recipe.name}-{value_digest(asked)[:16]}"
+
+
+class SetTask(Value):
+    """One set: its recipe, the layout of its design, and Mitsuba's variant.
+
+    With a folder, its files are written there, and an interrupted set is continued; without, they are the answer.
+    """
+
+    recipe: SetRecipe
+    designed: Layout | None = None
+    variant: str
+    folder: Path | None = None
+
+
+@dataclass(frozen=True)
+class SetAnswer:
+    """A worker's answer: why there is no set, or the files of one that it wrote into no folder.
+
+    `seconds` is the processor time that it took.
+    """
+
+    failure: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    made_with: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = field(default=0.0, compare=False)
+
+
+def render_on_one_core(task_json: str) -> SetAnswer:
+    """Render a set in one of as many processes as there are cores; any error is its failure, and stops no suite."""
+    started = time.process_time()
+    task = SetTask.model_validate_json(task_json)
+    files: Mapping[str, bytes] = {}
+    failure = ""
+    try:
+        if task.folder is not None:
+            _render(task, task.folder)
+        else:
+            files = _rendered(task)
+    except InputError as error:
+        failure = str(error)
+    except Exception as error:
+        failure = f"{type(error).__name__}: {error}"
+    return SetAnswer(" ".join(failure.split()), files, made_with(), time.process_time() - started)
+
+
+def render_in_turn(task_json: str) -> SetAnswer:
+    """`render_on_one_core` in a process with several threads, one after the other."""
+    return _turn().submit(render_on_one_core, task_json).result()
+
+
+@cache
+def _turn() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1)
+
+
+def _render(task: SetTask, folder: Path) -> None:
+    import cv2
+
+    from mirrorcam.render_scenes.sets.render_set import render_set
+    from mirrorcam.render_scenes.variant import use_variant
+
+    use_variant(task.variant)
+    import drjit
+
+    drjit.set_thread_count(1)
+    cv2.setNumThreads(1)
+    render_set(task.recipe.request(task.designed), folder, variant=task.variant)
+
+
+def _rendered(task: SetTask) -> dict[str, bytes]:
+    with TemporaryDirectory(prefix="mirrorcam-") as name:
+        folder = Path(name)
+        _render(task, folder)
+        paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
