@@ -32,7 +32,8 @@ code=0
     --timeout-s "${TIMEOUT_S:-600}" --force \
     ${LIMITS:+--limits "$LIMITS"} ${BASELINE:+--baseline "$BASELINE"} ${WORSE_BY:+--worse-by "$WORSE_BY"} \
     ${SETTINGS:-} || code=$?
-if [ -n "$summary" ] && [ -f "$out/summary.md" ] && [ "$code" -lt 2 ]; then
-    cat "$out/summary.md" >> "$summary"
+if [ -n "$summary" ] && [ "$code" -lt 2 ]; then
+    # A summary of a job shows no files of the job: the pictures are beside summary.md.
+    grep -v '^!\[' "$out/summary.md" >> "$summary"
 fi
 exit "$code"

@@ -103,9 +103,9 @@ def run(options: EvaluateOptions) -> int:
 
 
 def _print(evaluation: Evaluation) -> None:
-    from mirrorcam.workflow.evaluation_summary import failed_lines, set_rows
+    from mirrorcam.workflow.evaluation_summary import SHORT_COLUMNS, failed_lines, set_rows
 
-    heads, *rows = set_rows(evaluation)
+    heads, *rows = set_rows(evaluation, SHORT_COLUMNS)
     print_table(heads, rows)
     for line in failed_lines(evaluation):
-        say("evaluate", line.replace("**", "").replace("`", ""))
+        say("evaluate", line)

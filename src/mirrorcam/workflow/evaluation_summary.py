@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
 
 from mirrorcam.optics.base.names import markdown_text
@@ -20,62 +21,57 @@ COLUMNS = {
     "triangulation_rms_mm": "triangulation mm",
     "nees": "NEES",
 }
-"""Columns of the table of sets."""
+"""Columns of the table of sets in the summary."""
+SHORT_COLUMNS = {name: COLUMNS[name] for name in ("rms_px", "worst_view_rms_px", "rms_mm", "nees")}
+"""Those of a terminal."""
 PICTURES = "pictures"
 
 
 def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> str:
-    """The summary: what failed first, a row a set, changes, and details that open.
+    """The summary as Markdown: what failed first, a row for each set, and details that open.
 
     `pictures` are the names of sets that have one in the folder `pictures`, which a reader of the folder sees.
     """
-    verdict = "passed" if evaluation.passed else "failed"
-    scored, count = evaluation.scored, len(evaluation.tried)
+    verdict, count = "passed" if evaluation.passed else "failed", len(evaluation.tried)
+    heads, *rows = set_rows(evaluation, COLUMNS)
+    named = [[f"`{name}`", *cells] for name, *cells in rows]
     parts = [
         f"# Calibration on the suite {evaluation.suite}, version {evaluation.version}: {verdict}\n",
-        f"{len(scored)} of {count} sets scored, by `{evaluation.command.replace('`', '_')}`.\n",
+        f"{len(evaluation.scored)} of {count} sets scored, by `{evaluation.command.replace('`', '_')}`.\n",
+        *(f"- {markdown_text(line)}" for line in failed_lines(evaluation)),
+        "",
+        "\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *named]) + "\n",
+        _chart(evaluation),
+        *(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n" for name in pictures),
     ]
-    parts += [f"- {line}" for line in failed_lines(evaluation)]
-    parts.append("")
-    heads, *rows = set_rows(evaluation)
-    named = [[f"`{name}`", *cells] for name, *cells in rows]
-    parts.append("\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *named]) + "\n")
-    parts.append(_chart(evaluation))
-    for name in pictures:
-        parts.append(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n")
     if evaluation.scores is not None:
         parts.append(f"<details><summary>All figures</summary>\n\n{markdown(evaluation.scores)}\n</details>\n")
     return "\n".join(parts)
 
 
-def set_rows(evaluation: Evaluation) -> list[list[str]]:
-    """Heads of a table, and a row of texts for each set: its name first, then figures, time, change."""
-    scored, factors = (
-        evaluation.scored,
-        {each.set: f"{each.factor:.2f} \N{MULTIPLICATION SIGN}" for each in evaluation.changes},
-    )
-    rows = [["set", *COLUMNS.values(), "time s", *(["RMS against the baseline"] if factors else [])]]
+def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[str]]:
+    """Heads of a table, and a row of texts for each set: its name first, then figures, time, and change."""
+    scored = evaluation.scored
+    factors = {each.set: f"{each.factor:.2f} \N{MULTIPLICATION SIGN}" for each in evaluation.changes}
+    rows = [["set", *columns.values(), "time s", *(["RMS / baseline"] if factors else [])]]
     for tried in evaluation.tried:
         figures = scored[tried.name].figures if tried.name in scored else {}
         change = [factors.get(tried.name, "")] if factors else []
-        rows.append([tried.name, *(_cell(figures.get(name)) for name in COLUMNS), f"{tried.seconds:.1f}", *change])
+        rows.append([tried.name, *(_cell(figures.get(name)) for name in columns), f"{tried.seconds:.1f}", *change])
     return rows
 
 
 def failed_lines(evaluation: Evaluation) -> list[str]:
-    """A line of Markdown for each set without a score, and for each limit that is not kept."""
-    lines = [f"**{name}** has no score: {markdown_text(why)}" for name, why in evaluation.failures.items()]
-    for name, scored in evaluation.scored.items():
-        for check in scored.checks:
+    """A line for each set without a score, and for each limit that is not kept."""
+    lines = [f"{name} has no score: {why}" for name, why in evaluation.failures.items()]
+    over = () if evaluation.scores is None else evaluation.scores.checks_over_sets
+    checked = [(name, scored.checks) for name, scored in evaluation.scored.items()]
+    for name, checks in (*checked, ("over all sets", over)):
+        for check in checks:
             if not check.passed:
                 value = NOT_GIVEN if check.value is None else f"{value_text(check.value)} {check.unit}".rstrip()
-                lines.append(f"**{name}**: `{check.figure}` is {value}, expected {limit_text(check)}")
-    for check in () if evaluation.scores is None else evaluation.scores.checks_over_sets:
-        if not check.passed:
-            value = NOT_GIVEN if check.value is None else value_text(check.value)
-            lines.append(f"over all sets: `{check.figure}` is {value}, expected {limit_text(check)}")
-    lines += [f"**{change.set}**: {_worse(change)}" for change in evaluation.changes if not change.passed]
-    return lines
+                lines.append(f"{name}: {check.figure} is {value}, expected {limit_text(check)}")
+    return lines + [f"{change.set}: {_worse(change)}" for change in evaluation.changes if not change.passed]
 
 
 def _worse(change: Change) -> str:
