@@ -62,6 +62,13 @@ class Suite(Value):
             raise ValueError(f"set: the name {twice} is there twice")
         return self
 
+    def times(self, copies: int) -> Self:
+        """The suite with so many copies of each set, which differ in their seeds alone; one is the suite itself."""
+        if copies == 1:
+            return self
+        recipes = tuple(recipe.replaced(copies=recipe.copies * copies) for recipe in self.recipes)
+        return self.replaced(name=f"{self.name}-x{copies}", recipes=recipes)
+
     @property
     def sets(self) -> tuple[SetRecipe, ...]:
         """A recipe for each set."""

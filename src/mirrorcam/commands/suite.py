@@ -7,18 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from mirrorcam.console.progress import long_work, print_table, say
-from mirrorcam.optics.base.bounds import WORKERS
+from mirrorcam.optics.base.bounds import PICTURES, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
+    from mirrorcam.render_scenes.suites.suite import Suite
     from mirrorcam.workflow.output_folder import OutputFolder
     from mirrorcam.workflow.suite_run import Plan, Workers
     from mirrorcam.workflow.suite_store import Store
+
+COPIES = PICTURES.cut(least=1)
 
 
 class SuiteOptions(Value):
@@ -30,6 +33,7 @@ class SuiteOptions(Value):
     name: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[NAME|FILE]", help_behavior_hint="")] = (
         Field(default=None, description="smoke, standard, large, or a TOML file like theirs")
     )
+    copies: int = COPIES.field(1, "render so many of each set, which differ in their seeds alone")
     plan: bool = Field(default=False, description="render nothing; list the sets, what is there, and what they take")
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
         None, "number of sets rendered at the same time on this machine"
@@ -60,11 +64,9 @@ class SuiteOptions(Value):
 
 def run(options: SuiteOptions) -> int:
     """Plan the suite and render what is missing; 1 where a set could not be rendered."""
-    from mirrorcam.render_scenes.suites.suite import read_suite
-
     if options.name is None:
         return show_suites()
-    suite = read_suite(options.name)
+    suite = suite_of(options.name, options.copies)
     require("render", *(["cluster"] if options.scheduler is not None else []))
     from mirrorcam.optics.base.worker_pool import cores
     from mirrorcam.render_scenes.variant import choose_variant
@@ -112,6 +114,18 @@ def render_planned(
             copied = publish(rendered.manifest, output.path, target, advance)
         say("publish", f"{count_text(copied, 'set')} copied, {len(rendered.manifest.sets) - copied} there before")
     return 1 if rendered.failures else 0
+
+
+def suite_of(name: str, copies: int) -> Suite:
+    """The suite of a name or file with so many copies of each set; InputError where that is too many."""
+    from mirrorcam.optics.base.files import one_line
+    from mirrorcam.render_scenes.suites.suite import read_suite
+
+    suite = read_suite(name)
+    try:
+        return suite.times(copies)
+    except ValidationError as error:
+        raise InputError(f"--copies {copies}: {one_line(error)}") from None
 
 
 def show_suites() -> int:

@@ -1,0 +1,227 @@
+"""How suites scale, measured and on paper: `python -m benchmarks.suite_scale [--sets 200] [--json FILE]`.
+
+- weak scaling: one worker renders so many small sets, two render twice as many, up to the cores there are. Efficiency
+  is the time of one worker divided by that of all, in elapsed time, which other work on the machine lengthens, and in
+  the processor time that a set takes;
+- a cluster: a Dask scheduler with a worker per core renders small sets, and one worker is killed in the middle. All
+  sets must be there, with the same bytes as those that a single worker rendered;
+- on paper: what 10,000 sets like those of the suite `standard` cost, from the rates of `render_scenes/suites/costs.py`
+  and prices that are stated here.
+
+`python -m benchmarks.suite_scale --rates SUITE` renders a suite instead, and compares time and size of each set with
+what was said beforehand. Exits with 1 where a set is missing, or differs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mirrorcam.optics.base.files import write_json
+from mirrorcam.optics.base.worker_pool import Died, cores
+from mirrorcam.render_scenes.suites.costs import design_seconds, set_cost, slowness
+from mirrorcam.render_scenes.suites.set_work import SetAnswer
+from mirrorcam.render_scenes.suites.suite import Suite, read_suite
+from mirrorcam.render_scenes.variant import choose_variant
+from mirrorcam.workflow.output_folder import output_folder
+from mirrorcam.workflow.suite_run import Rendered, Workers, layouts_of, planned, render_suite, workers_here, workers_of
+
+SMALL: dict[str, Any] = {
+    "name": "small",
+    "binned": 0.125,
+    "board": {"kind": "charuco", "cols": 8, "rows": 6, "square_mm": 30.0, "marker_mm": 22.5},
+    "frames": 3,
+    "base_frames": 1,
+}
+"""Sets of four pictures of 240 x 135 pixels through nine mirrors."""
+PAPER_SETS = 10_000
+PRICES = {
+    "as of": "November 2026, estimates of list prices of large clouds from memory: put in those of your own",
+    "usd_per_core_hour": 0.05,
+    "usd_per_core_hour_spot": 0.02,
+    "usd_per_gb_month": 0.023,
+    "usd_per_gb_egress": 0.09,
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """A suite that was rendered: elapsed seconds without designs, and what came of it."""
+
+    elapsed_s: float
+    rendered: Rendered
+
+    @property
+    def processor_s(self) -> float:
+        """Mean processor seconds of a set."""
+        return sum(self.rendered.seconds.values()) / max(len(self.rendered.seconds), 1)
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """What `dataset.json`, and so every file, of each set is."""
+        return {each.name: each.dataset_sha256 for each in self.rendered.manifest.sets}
+
+
+def small_sets(count: int) -> Suite:
+    """A suite of so many small sets, which differ in their seeds."""
+    return Suite.model_validate({"name": "small", "version": 1, "set": [SMALL]}).times(count)
+
+
+def render(suite: Suite, folder: Path, workers: Workers) -> Run:
+    """Render what a folder lacks of a suite."""
+    with output_folder(folder, "suite") as output:
+        plan = planned(suite, folder, choose_variant())
+        layouts = layouts_of(plan, folder, workers.design)
+        started = time.perf_counter()
+        rendered = render_suite(plan, output, workers, layouts)
+    return Run(time.perf_counter() - started, rendered)
+
+
+def weak_scaling(folder: Path, per_worker: int) -> list[dict[str, float]]:
+    """Rows of workers, sets, elapsed and processor seconds a set, and efficiency."""
+    rows: list[dict[str, float]] = []
+    for count in range(1, cores() + 1):
+        done = render(small_sets(count * per_worker), folder / f"weak-{count}", workers_here(count))
+        row = {"workers": count, "sets": count * per_worker, "elapsed_s": done.elapsed_s, "set_s": done.processor_s}
+        first = rows[0] if rows else row
+        row["efficiency_elapsed"] = first["elapsed_s"] / row["elapsed_s"]
+        row["efficiency_processor"] = first["set_s"] / row["set_s"]
+        rows.append(row)
+        print(
+            f"{count} workers, {row['sets']:.0f} sets: {row['elapsed_s']:.1f} s, {row['set_s']:.2f} processor s a set, "
+            f"efficiency {row['efficiency_elapsed']:.2f} elapsed, {row['efficiency_processor']:.2f} in processor time",
+            flush=True,
+        )
+    return rows
+
+
+def on_cluster(suite: Suite, folder: Path) -> tuple[Run, int]:
+    """Render a suite on a Dask cluster of this machine, and kill a worker in the middle; also how many were killed."""
+    from distributed import Client, LocalCluster
+
+    killed = 0
+    with (
+        LocalCluster(n_workers=cores(), threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        workers = workers_of(cluster.scheduler_address)
+
+        def with_a_kill(tasks: Sequence[str]) -> Iterator[tuple[int, SetAnswer | Died]]:
+            nonlocal killed
+            for done, answer in enumerate(workers.render(tasks)):
+                if done == len(tasks) // 2:
+                    first = min(client.run(os.getpid).values())
+                    os.kill(first, signal.SIGKILL)
+                    killed += 1
+                    print(f"killed worker {first} after {done} of {len(tasks)} sets", flush=True)
+                yield answer
+
+        return render(suite, folder, replace(workers, render=with_a_kill)), killed
+
+
+def on_paper(count: int) -> dict[str, float]:
+    """What so many sets like those of the suite `standard` cost, on one kind of core."""
+    sets = read_suite("standard").sets
+    costs = [set_cost(each) for each in sets]
+    specs = {spec for each in sets if (spec := each.spec) is not None}
+    share = count / len(sets)
+    hours = (share * sum(cost.seconds for cost in costs) + sum(design_seconds(spec) for spec in specs)) / 3600.0
+    size_gb = share * sum(cost.stored_bytes for cost in costs) / 1e9
+    prices = {name: value for name, value in PRICES.items() if not isinstance(value, str)}
+    return {
+        "sets": count,
+        "pictures": share * sum(cost.pictures for cost in costs),
+        "processor_hours": hours,
+        "gb": size_gb,
+        "usd_processors": hours * prices["usd_per_core_hour"],
+        "usd_processors_spot": hours * prices["usd_per_core_hour_spot"],
+        "usd_storage_a_month": size_gb * prices["usd_per_gb_month"],
+        "usd_one_download": size_gb * prices["usd_per_gb_egress"],
+    }
+
+
+def rates(name: str, folder: Path) -> dict[str, Any]:
+    """Time and size of each set of a suite, beside what was said."""
+    slow = slowness()
+    done = render(read_suite(name), folder, workers_here(cores()))
+    rows = []
+    for each in planned(read_suite(name), folder, choose_variant()).sets:
+        size = sum(path.stat().st_size for path in each.folder.rglob("*") if path.is_file())
+        row = {
+            "set": each.recipe.name,
+            "said_s": slow * each.cost.seconds,
+            "took_s": done.rendered.seconds.get(each.recipe.name, 0.0),
+            "said_mb": each.cost.stored_bytes / 1e6,
+            "is_mb": size / 1e6,
+        }
+        rows.append(row)
+        print("{set:22} said {said_s:6.1f} took {took_s:6.1f} s, said {said_mb:6.1f} is {is_mb:6.1f} MB".format(**row))
+    total = {key: sum(float(row[key]) for row in rows) for key in ("said_s", "took_s", "said_mb", "is_mb")}
+    print("all: said {said_s:.0f} took {took_s:.0f} s, said {said_mb:.0f} is {is_mb:.0f} MB".format(**total))
+    print(f"elapsed {done.elapsed_s:.0f} s with {cores()} workers, load {os.getloadavg()[0]:.1f}")
+    missing = done.rendered.failures
+    return {"slowness": slow, "sets": rows, "all": total, "elapsed_s": done.elapsed_s, "missing": missing}
+
+
+def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
+    """All figures but the rates."""
+    found: dict[str, Any] = {"cores": cores(), "weak_scaling": weak_scaling(folder, per_worker)}
+    suite = small_sets(sets)
+    clustered, killed = on_cluster(suite, folder / "cluster")
+    alone = render(suite, folder / "alone", workers_here(1))
+    same = [name for name, sha256 in alone.digests.items() if clustered.digests.get(name) == sha256]
+    found["cluster"] = {
+        "sets": sets,
+        "workers": cores(),
+        "killed": killed,
+        "there": len(clustered.digests),
+        "same_bytes": len(same),
+        "elapsed_s": clustered.elapsed_s,
+        "alone_s": alone.elapsed_s,
+        "missing": clustered.rendered.failures,
+    }
+    print(
+        "cluster: {there} of {sets} sets there, {same_bytes} as a single worker rendered them, ".format(
+            **found["cluster"]
+        )
+    )
+    print("  {killed} killed, {elapsed_s:.0f} s, alone {alone_s:.0f} s".format(**found["cluster"]), flush=True)
+    found["load_at_end"] = os.getloadavg()[0]
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sets", type=int, default=200, help="sets of the cluster")
+    parser.add_argument("--per-worker", type=int, default=20, help="sets of a worker in weak scaling")
+    parser.add_argument("--rates", metavar="SUITE", help="compare what a suite takes with what was said")
+    parser.add_argument("--paper", action="store_true", help="the costs on paper alone")
+    parser.add_argument("--json", type=Path, help="write all figures there")
+    given = parser.parse_args()
+    failed = False
+    found: dict[str, Any] = {"paper": on_paper(PAPER_SETS), "prices": PRICES}
+    for name, value in found["paper"].items():
+        print(f"{name:22} {value:12.1f}")
+    if not given.paper:
+        with TemporaryDirectory() as folder:
+            if given.rates is not None:
+                found["rates"] = rates(given.rates, Path(folder))
+                failed = bool(found["rates"]["missing"])
+            else:
+                found |= scale(Path(folder), given.sets, given.per_worker)
+                failed = found["cluster"]["same_bytes"] < given.sets or not found["cluster"]["killed"]
+    if given.json is not None:
+        write_json(given.json, found)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
