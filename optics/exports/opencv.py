@@ -20,6 +20,7 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
     file.write("unit", "mm")
     if views[0].camera.lens_model == "fisheye":
         file.writeComment("distortion_coefficients are those of cv2.fisheye.projectPoints")
+        file.write("distortion_model", "fisheye")
     file.startWriteStruct("views", cv2.FILE_NODE_SEQ)
     for view in views:
         cut = view.sub_image

@@ -12,6 +12,7 @@ from mirrorcam.optics.base.values import InputError
 
 LARGEST_BYTES = 5_000_000
 """Of a calibration as text; that of a hundred cameras takes 0.1 MB."""
+MOST_VALUES = 1_000_000
 YAML_SUFFIXES = (".yaml", ".yml")
 
 
@@ -19,9 +20,10 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader, for which OpenCV's matrix is a mapping."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, deep=True)
-)
+for _kind in ("matrix", "nd-matrix"):
+    _Loader.add_constructor(
+        f"tag:yaml.org,2002:opencv-{_kind}", lambda loader, node: loader.construct_mapping(node, deep=True)
+    )
 
 
 def read_yaml(path: Path) -> Any:
@@ -30,10 +32,23 @@ def read_yaml(path: Path) -> Any:
     if text.startswith("%YAML:1.0"):  # OpenCV's head, which is none of YAML
         text = text.partition("\n")[2]
     try:
-        return yaml.load(text, Loader=_Loader)
+        value = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split()) or "nested too deep"
         raise InputError(shortened(f"{path}: not valid YAML: {reason}", 250)) from None
+    _refuse_many(value, path)
+    return value
+
+
+def _refuse_many(value: Any, path: Path) -> None:
+    """Raise InputError for more values than such files hold, which aliases of aliases can stand for in a few lines."""
+    left, count = [value], 0
+    while left:
+        each = left.pop()
+        count += 1
+        if count > MOST_VALUES:
+            raise InputError(f"{path}: holds more than {MOST_VALUES} values, expected a calibration")
+        left += list(each.values()) if isinstance(each, dict) else each if isinstance(each, list) else []
 
 
 def read_text(path: Path) -> str:

@@ -157,8 +157,10 @@ def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: t
 def matrix_of(value: Any, where: str) -> FloatArray:
     """A matrix of FileStorage, or nested lists."""
     if isinstance(value, dict):
-        rows, cols = (int(number_of(entry(value, key, where), where)) for key in ("rows", "cols"))
         data = numbers_of(entry(value, "data", where), where)
+        if "sizes" in value:  # of an array with one axis, as OpenCV 5 writes it
+            return np.array(data)
+        rows, cols = (int(number_of(entry(value, key, where), where)) for key in ("rows", "cols"))
         if rows < 0 or cols < 0 or rows * cols != len(data):
             raise InputError(f"{where}: {len(data)} numbers in {rows} x {cols}")
         return np.array(data).reshape(rows, cols)

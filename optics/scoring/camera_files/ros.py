@@ -52,9 +52,7 @@ def read_ros(paths: Sequence[Path]) -> CameraRig:
             lost.append(name)
         cameras.append(RigCamera(name, _lens(path, values, size), None if pose is None else inverse(pose), size))
     if frames and len(lost) not in (0, len(cameras)):
-        raise InputError(
-            f"{paths[0].parent}: no frame of camera {lost[0]} in the URDF or transforms, expected all cameras'"
-        )
+        raise InputError(f"{paths[0].parent}: the URDF or the transforms lack a frame of camera {lost[0]}")
     note = "no pose in it, and no URDF or tf_static beside it: each camera is judged alone"
     return CameraRig(FORMAT, tuple(cameras), unit_mm=1000.0, notes=(note,) if lost else ())
 

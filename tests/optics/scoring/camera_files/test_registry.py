@@ -1,0 +1,95 @@
+"""Formats are recognised by what files hold, and what is in doubt is refused in one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.scoring.camera_files.registry import FORMATS, READERS, read_rig
+from tests.optics.scoring.rigs import device
+
+
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [
+        ("opencv.yaml", "opencv"),
+        ("kalibr_camchain.yaml", "kalibr"),
+        ("ros", "ros"),
+        ("ros/view_0_1.yaml", "ros"),
+        ("colmap", "colmap"),
+        ("colmap/sparse", "colmap"),
+        ("colmap/sparse/cameras.txt", "colmap"),
+    ],
+)
+def test_formats_are_recognised(name: str, format: str, exported: Path) -> None:
+    assert read_rig(exported / name).format == format
+
+
+def test_a_layout_is_recognised_in_a_file_and_a_folder(tmp_path: Path) -> None:
+    device().truth.save(tmp_path / "layout.json")
+    (tmp_path / "metrics.json").write_text(json.dumps({"a": {"value": 1.0, "unit": "px"}}))
+    for path in (tmp_path / "layout.json", tmp_path):
+        rig = read_rig(path)
+        assert rig.format == "mirrorcam"
+        assert device().score(rig).figures["max_px"].value < 1e-9
+
+
+def test_every_format_has_a_reader() -> None:
+    assert set(READERS) == set(FORMATS)
+
+
+def test_a_folder_of_several_formats_needs_one_to_be_named(exported: Path) -> None:
+    with pytest.raises(InputError, match="calibrations as kalibr, opencv, expected --format"):
+        read_rig(exported)
+    assert read_rig(exported, "kalibr").format == "kalibr"
+    assert read_rig(exported, "colmap").format == "colmap"
+
+
+def test_two_camchains_are_refused(exported: Path, tmp_path: Path) -> None:
+    for name in ("a.yaml", "b.yaml"):
+        shutil.copy(exported / "kalibr_camchain.yaml", tmp_path / name)
+    with pytest.raises(InputError, match=r"several calibrations as kalibr \(a.yaml, b.yaml\)"):
+        read_rig(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("a.yaml", "a: [1", "not valid YAML"),
+        ("a.yaml", "!!python/object/apply:os.system ['touch hacked']", "not valid YAML"),
+        ("a.yaml", "[" * 5000, "not valid YAML"),
+        ("a.yaml", "a: 1", "no calibration in a known format"),
+        ("a.json", "{", "not valid JSON"),
+        ("a.xml", "<opencv_storage/>", "a FileStorage as XML, expected YAML or JSON"),
+        ("a.txt", "hello", "no calibration in a known format"),
+    ],
+)
+def test_what_is_no_calibration_is_refused_in_one_line(name: str, content: str, complaint: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError) as caught:
+        read_rig(tmp_path / name)
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_what_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read_rig(tmp_path / "a.yaml")
+    with pytest.raises(InputError, match="no calibration in a known format, expected kalibr or opencv"):
+        read_rig(tmp_path)
+
+
+def test_aliases_of_yaml_do_not_multiply(tmp_path: Path) -> None:
+    """A billion laughs: nine levels of nine references each."""
+    lines = ["a0: &a0 [1, 1]"] + [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 12)]
+    (tmp_path / "a.yaml").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="holds more than 1000000 values"):
+        read_rig(tmp_path / "a.yaml")
+    (tmp_path / "a.yaml").write_text("a: &a [1, *a]")
+    with pytest.raises(InputError, match="holds more than 1000000 values"):
+        read_rig(tmp_path / "a.yaml")
