@@ -40,7 +40,8 @@ def evaluated(suite: FinishedSuite, folder: Path, command: str = NOMINAL, **stat
 
 
 def test_the_true_layout_has_no_error_and_the_design_that_of_its_assembly(suite: FinishedSuite, tmp_path: Path) -> None:
-    truths = {each.name: place / "truth" / "layout.json" for each, place in zip(suite.manifest.sets, suite.folders)}
+    sets = zip(suite.manifest.sets, suite.folders, strict=True)
+    truths = {each.name: place / "truth" / "layout.json" for each, place in sets}
     folder = tmp_path / "truths"
     folder.mkdir()
     for name, path in truths.items():
@@ -104,12 +105,10 @@ def test_a_baseline_decides_where_a_factor_is_given(suite: FinishedSuite, tmp_pa
     path.write_text(before.text(), encoding="utf-8")
     assert read_baseline(path) == before
     assert before.scores is not None
-    halved = [
-        each.replaced(
-            figures=each.figures | {"rms_px": each.figures["rms_px"].replaced(value=each.figures["rms_px"].value / 2)}
-        )
-        for each in before.scores.sets
-    ]
+    halved = []
+    for each in before.scores.sets:
+        rms = each.figures["rms_px"]
+        halved.append(each.replaced(figures=each.figures | {"rms_px": rms.replaced(value=rms.value / 2.0)}))
     better = before.replaced(scores=before.scores.replaced(sets=halved))
     same = evaluated(suite, tmp_path / "same", baseline=before, worse_by=1.1)
     worse = evaluated(suite, tmp_path / "worse", baseline=better, worse_by=1.5)
@@ -131,5 +130,5 @@ def test_a_change_from_nothing_is_endless(tmp_path: Path) -> None:
     assert nothing.replaced(now=1.0).factor == float("inf")
     path = tmp_path / "evaluation.json"
     path.write_text("{}", encoding="utf-8")
-    with pytest.raises(InputError, match="evaluation.json"):
+    with pytest.raises(InputError, match=r"evaluation\.json"):
         read_baseline(path)
