@@ -51,6 +51,8 @@ class CalibrationScore:
         The working distance.
     notes
         What was assumed of the calibration.
+    placed
+        The views where the best motion has them, with the points that were compared.
     """
 
     figures: dict[str, Metric]
@@ -62,6 +64,7 @@ class CalibrationScore:
     nees: Nees | None
     distance_mm: float
     notes: tuple[str, ...]
+    placed: tuple[Gauge, ...]
 
 
 def score_calibration(
@@ -130,6 +133,7 @@ def score_calibration(
         nees=found,
         distance_mm=distance_mm,
         notes=rig.notes,
+        placed=tuple(placed),
     )
 
 

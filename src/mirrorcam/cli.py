@@ -38,6 +38,7 @@ from mirrorcam.commands import (
     design,
     drift,
     epi,
+    evaluate,
     export,
     features,
     filter,
@@ -92,6 +93,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     track.TrackOptions: track.run,
     export.ExportOptions: export.run,
     validate.ValidateOptions: validate.run,
+    evaluate.EvaluateOptions: evaluate.run,
     score.ScoreOptions: score.run,
 }
 COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
@@ -129,6 +131,7 @@ class Command:
         | Annotated[track.TrackOptions, subcommand("track")]
         | Annotated[export.ExportOptions, subcommand("export")]
         | Annotated[validate.ValidateOptions, subcommand("validate")]
+        | Annotated[evaluate.EvaluateOptions, subcommand("evaluate")]
         | Annotated[score.ScoreOptions, subcommand("score")]
     ]
     debug: bool = False

@@ -45,17 +45,17 @@ def difference_figure(difference: CalibrationDifference, layout: Layout, path: P
     direct = [view for view in difference.views if view.view == DIRECT]
     rows = [(unit, views) for unit in ("px", "mm") for views in (mirrors, direct) if views]
     columns = 2 if any(difference.predicted) else 1
-    sizes = [np.diff(_extent(layout, views), axis=0)[0] for _, views in rows]
+    sizes = [np.diff(panel_extent(layout, views), axis=0)[0] for _, views in rows]
     heights_in = [PANEL_IN * float(np.clip(high / wide, *SLIMMEST)) + ROW_IN for wide, high in sizes]
     figure = Figure(figsize=(columns * PANEL_IN + BAR_IN, sum(heights_in) + HEAD_IN), layout="constrained")
     panels = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights_in)
     for (unit, views), axes in zip(rows, panels, strict=True):
         highest = max(float(np.max(_values(view, unit, what))) for view in difference.views for what in KINDS)
-        shown = _map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
-        longest_px = _arrows(axes[0], views)
+        shown = draw_map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
+        longest_px = draw_arrows(axes[0], views)
         axes[0].set_title(f"difference, {unit} (RMS of each view; longest arrow: {longest_px:.2g} px)")
         if columns == 2:
-            _map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
+            draw_map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
             axes[1].set_title(f"predicted {SIGMA}{_of_whom(difference)}, {unit} (RMS of each view)")
         figure.colorbar(shown, ax=axes, label=unit, fraction=0.03, pad=0.01)
     turn, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
@@ -72,7 +72,7 @@ def _values(view: ViewDifference, unit: str, kind: str) -> FloatArray:
     return view.length_px if kind == "difference" else view.sigma_px
 
 
-def _extent(layout: Layout, views: list[ViewDifference]) -> FloatArray:
+def panel_extent(layout: Layout, views: list[ViewDifference]) -> FloatArray:
     """Least and greatest pixel (2, 2) of a panel with some views, with a margin."""
     outlines = np.concatenate([outline_px(layout, view.view) for view in views])
     low, high = outlines.min(axis=0), outlines.max(axis=0)
@@ -92,11 +92,11 @@ def _cell_px(view: ViewDifference) -> tuple[float, float]:
     return width, height
 
 
-def _map(
+def draw_map(
     axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], highest: float
 ) -> PatchCollection:
     """Draw the cells of some views, cut by their outlines, with name and rms; returns those of one, for the scale."""
-    (left, top), (right, bottom) = _extent(layout, views)
+    (left, top), (right, bottom) = panel_extent(layout, views)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set(xlabel="x px", ylabel="y px", facecolor="0.93")
     for view, value in zip(views, values, strict=True):
@@ -132,7 +132,7 @@ def _label_place(outline: FloatArray) -> tuple[float, float]:
     return middle, max(polygon.intersection(column).bounds[1] for column in columns)
 
 
-def _arrows(axes: Axes, views: list[ViewDifference]) -> float:
+def draw_arrows(axes: Axes, views: list[ViewDifference]) -> float:
     """Draw the difference in every cell, of one magnification over all views; returns the longest in px."""
     pixels, arrows = (np.concatenate([getattr(view, name) for view in views]) for name in ("pixels", "difference_px"))
     longest = float(np.linalg.norm(arrows, axis=1).max())

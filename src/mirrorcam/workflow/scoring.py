@@ -20,7 +20,7 @@ from mirrorcam.optics.scoring.camera_rig import CameraRig, Pictures
 from mirrorcam.optics.scoring.figure_limits import Limits
 from mirrorcam.optics.scoring.matched_views import ViewsFile
 from mirrorcam.optics.scoring.report_texts import junit, markdown
-from mirrorcam.optics.scoring.score_report import NO_LIMITS, ScoreReport, report_of, scored_set
+from mirrorcam.optics.scoring.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of, scored_set
 from mirrorcam.optics.scoring.stated_covariance import with_covariance
 from mirrorcam.workflow.output_folder import output_folder
 
@@ -81,25 +81,47 @@ def score(request: ScoreRequest) -> ScoreReport:
     names = _names(request.names, folders)
     views = None if request.views is None else ViewsFile.load(request.views)
     limits = NO_LIMITS if request.limits is None else Limits.load(request.limits)
-    sets, scores = [], []
-    for place, (folder, calibration) in enumerate(zip(folders, calibrations, strict=True)):
-        rig = read_rig(calibration, request.format, request.unit)
-        if covariances:
-            rig = with_covariance(rig, covariances[place])
-        truth = Layout.load(folder / TRUTH)
-        found = _score(folder, calibration, rig, truth, views, request)
-        scores.append(found)
-        sets.append(
-            scored_set(
-                found,
-                name=names[place],
-                calibration=calibration.name[:LONGEST],
-                format=rig.format,
-                layout=truth.identity,
-                limits=limits,
-            )
+    scored = [
+        score_set(
+            folder,
+            calibration,
+            request,
+            name=names[place],
+            covariance=covariances[place] if covariances else None,
+            views=views,
+            limits=limits,
         )
+        for place, (folder, calibration) in enumerate(zip(folders, calibrations, strict=True))
+    ]
+    sets, scores = zip(*scored, strict=True)
     return report_of(sets, scores, limits)
+
+
+def score_set(
+    folder: Path,
+    calibration: Path,
+    request: ScoreRequest,
+    *,
+    name: str,
+    covariance: Path | None,
+    views: ViewsFile | None,
+    limits: Limits,
+) -> tuple[ScoredSet, CalibrationScore]:
+    """Score one set, read as a request says; raises InputError in one line where it cannot be."""
+    rig = read_rig(calibration, request.format, request.unit)
+    if covariance is not None:
+        rig = with_covariance(rig, covariance)
+    truth = Layout.load(folder / TRUTH)
+    found = _score(folder, calibration, rig, truth, views, request)
+    scored = scored_set(
+        found,
+        name=name,
+        calibration=calibration.name[:LONGEST],
+        format=rig.format,
+        layout=truth.identity,
+        limits=limits,
+    )
+    return scored, found
 
 
 def _score(

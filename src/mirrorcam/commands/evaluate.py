@@ -1,0 +1,111 @@
+"""`mirrorcam evaluate`: anyone's calibrator tried on the sets of a suite, and what it found compared with the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import tyro
+from pydantic import Field, model_validator
+
+from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.console.progress import long_work, print_table, say
+from mirrorcam.optics.base.bounds import Bounds
+from mirrorcam.optics.base.values import Value
+
+if TYPE_CHECKING:
+    from mirrorcam.workflow.evaluation import Evaluation
+
+FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
+AUTO = "auto"
+TIMEOUT_S = Bounds(1.0, 86400.0)
+WORSE_BY = Bounds(1.0, 1000.0)
+
+
+class EvaluateOptions(Value):
+    """Run a calibrator on every set of a suite, without the truth, and score its results; exit 1 where one fails."""
+
+    suite: tyro.conf.Positional[Path] = Field(
+        description="NAME.suite.json that `mirrorcam suite` wrote, or the folder that holds no other"
+    )
+    command: str = Field(
+        min_length=1,
+        description="a line for the shell that calibrates one set: it reads the folder $MIRRORCAM_SET, and writes "
+        "its calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
+    )
+    timeout_s: float = TIMEOUT_S.field(600.0, "seconds that the command may take on one set")
+    format: Literal["auto", "kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"] = Field(
+        default=AUTO, description="format of the calibrations; auto: as their content says"
+    )
+    unit: Literal["auto", "mm", "cm", "m", "none"] = Field(
+        default=AUTO, description="unit of their poses; none: they have no scale; auto: as the format has it"
+    )
+    pictures: Literal["auto", "flipped", "left-right", "top-bottom", "as-is"] = Field(
+        default=AUTO, description="how their pictures came from frames; auto: flipped so that views are upright"
+    )
+    views: Annotated[Path | None, FILE] = Field(
+        default=None, description="TOML file that says which camera is which mirror, where names do not"
+    )
+    limits: Annotated[Path | None, FILE] = Field(default=None, description="TOML file of limits: FIGURE = NUMBER")
+    baseline: Annotated[Path | None, FILE] = Field(
+        default=None, description="evaluation.json of an earlier run, to show the change against"
+    )
+    worse_by: Annotated[float | None, tyro.conf.arg(metavar="FACTOR", help_behavior_hint="")] = WORSE_BY.field(
+        None, "factor by which the RMS error of a set may exceed that of the baseline"
+    )
+    out: Path = Field(
+        default=Path("output/evaluation"),
+        description="folder for evaluation.json, summary.md, junit.xml, pictures and results",
+    )
+    force: bool = FORCE
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.worse_by is not None and self.baseline is None:
+            raise ValueError("--worse-by: expected --baseline with it")
+        return self
+
+
+def run(options: EvaluateOptions) -> int:
+    """Evaluate, print a row for each set, and write the files; 1 where a set has no score or a limit is not kept."""
+    from mirrorcam.workflow.evaluation import EvaluationRequest, evaluate, read_baseline
+    from mirrorcam.workflow.evaluation_files import FILES, write_evaluation
+    from mirrorcam.workflow.output_folder import output_folder
+    from mirrorcam.workflow.scoring import ScoreRequest
+    from mirrorcam.workflow.suite_folder import read_finished
+
+    suite = read_finished(options.suite)
+    reading = ScoreRequest(
+        sets=(),
+        calibrations=(),
+        format=None if options.format == AUTO else options.format,
+        unit=None if options.unit == AUTO else options.unit,
+        pictures=None if options.pictures == AUTO else options.pictures,
+        views=options.views,
+        limits=options.limits,
+    )
+    request = EvaluationRequest(
+        command=options.command,
+        timeout_s=options.timeout_s,
+        reading=reading,
+        baseline=None if options.baseline is None else read_baseline(options.baseline),
+        worse_by=options.worse_by,
+    )
+    with output_folder(options.out, "evaluate", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with output.staged() as folder:
+            with long_work("evaluate", options.command, "sets") as advance:
+                evaluation, scores = evaluate(suite, request, folder, advance)
+            write_evaluation(evaluation, scores, suite, folder)
+    _print(evaluation)
+    say("evaluate", f"{options.out} written: {'passed' if evaluation.passed else 'failed'}")
+    return 0 if evaluation.passed else 1
+
+
+def _print(evaluation: Evaluation) -> None:
+    from mirrorcam.workflow.evaluation_summary import SHORT_COLUMNS, failed_lines, set_rows
+
+    heads, *rows = set_rows(evaluation, SHORT_COLUMNS)
+    print_table(heads, rows)
+    for line in failed_lines(evaluation):
+        say("evaluate", line)

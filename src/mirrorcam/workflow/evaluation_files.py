@@ -1,0 +1,32 @@
+"""The files of an evaluation: JSON, the summary, JUnit's XML, and a picture of the errors of each set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from mirrorcam.figures.score_figure import score_figure
+from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.scoring.calibration_score import CalibrationScore
+from mirrorcam.workflow.evaluation import RESULTS, Evaluation
+from mirrorcam.workflow.evaluation_summary import PICTURES, junit_text, summary_text
+from mirrorcam.workflow.scoring import TRUTH
+from mirrorcam.workflow.suite_folder import FinishedSuite
+
+EVALUATION, SUMMARY, JUNIT = "evaluation.json", "summary.md", "junit.xml"
+FILES = (EVALUATION, SUMMARY, JUNIT, f"{PICTURES}/*.png", f"{RESULTS}/**/*")
+"""All files, as patterns of `Path.glob`."""
+
+
+def write_evaluation(
+    evaluation: Evaluation, scores: Mapping[str, CalibrationScore], suite: FinishedSuite, folder: Path
+) -> None:
+    """Write the files of an evaluation into a folder; results of the command are there already."""
+    for entry, place in zip(suite.manifest.sets, suite.folders, strict=True):
+        if entry.name in scores:
+            truth = Layout.load(place / TRUTH)
+            score_figure(scores[entry.name], truth, folder / PICTURES / f"{entry.name}.png", title=entry.name)
+    write_text(folder / EVALUATION, evaluation.text())
+    write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
+    write_text(folder / JUNIT, junit_text(evaluation))
