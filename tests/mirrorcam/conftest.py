@@ -1,4 +1,4 @@
-"""What tests of the command share: a small layout, a small rendered set, and a cluster of this machine."""
+"""What tests of the command share: a small layout, a small rendered set, a browser, and a cluster of this machine."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from tests.mirrorcam.small_set import small_set_request
+from tests.mirrorcam.studio.browser import FLAGS, chromium
 from tests.shared import built_once
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +58,19 @@ def set_request(default_layout: Layout) -> SetRequest:
 def finished_set(set_request: SetRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """That set, made in one go by one process, to be read."""
     return built_once(tmp_path_factory, "small_set", lambda out: render_set(set_request, out))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """The system's Chromium; tests are skipped where it is not installed."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = chromium()
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield launched
+        launched.close()
 
 
 @pytest.fixture
