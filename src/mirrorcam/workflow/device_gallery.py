@@ -39,7 +39,6 @@ from mirrorcam.workflow.zip_files import files_to_zip, write_zip
 
 COMMAND = "gallery"
 SCALE, SPP = 2 / 3, 36
-PICTURE_PX = (1280, 720)
 JPEG_QUALITY = 88
 README = """\
 {title}: a light field camera of {count}
@@ -51,7 +50,7 @@ You need no program of ours, and no Python, to build it:
 1. Open index.html in a browser: the device in 3-D, its drawings, parts list and assembly guide.
 2. Measure your camera, as step 1 of the guide says: cameras of one model differ.
 3. Buy what bom.md lists. Print parts/fit_coupon.3mf first, and see what fits.
-4. Print plates/plate_1.3mf and the other plates (or parts/*.3mf one by one). No part needs support.
+4. Print plates/plate_1.3mf, and further plates if there are any (or parts/*.3mf one by one). No part needs support.
 5. Have the mirrors cut from mirrors/*.dxf: {mirrors}.
 6. Assemble all as the guide says{focus}.
 7. Keep layout.json. When the camera is built, MirrorCam calibrates it and decodes its pictures by this file.
@@ -223,6 +222,12 @@ def make_device(device: GalleryDevice, out: Path, licence: str) -> str:
                 _note_work(output, stage.name, work)
                 done.append(f"{stage.name} in {work.seconds:.0f} s")
     return ", ".join(done) or "nothing changed, kept"
+
+
+def is_finished(device: GalleryDevice, out: Path, licence: str) -> bool:
+    """Whether the folder `out`/NAME holds all that `make_device` would make now."""
+    root = out / device.name
+    return not any(staleness(stage, root) for stage in device_stages(device, root, licence))
 
 
 def _note_work(output: OutputFolder, stage: str, work: Work) -> None:

@@ -14,7 +14,7 @@ from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference import product_picture
 from mirrorcam.workflow import device_gallery
-from mirrorcam.workflow.device_gallery import DeviceList, GalleryDevice, make_device, processor_s, work_of
+from mirrorcam.workflow.device_gallery import DeviceList, GalleryDevice, is_finished, make_device, processor_s, work_of
 
 LICENCE = "the text of a licence"
 PASSED = {"device.clash_mm3": Metric(value=0.0, unit="mm3", limit=0.0), "device.mass_g": Metric(value=9.0, unit="g")}
@@ -93,7 +93,9 @@ def test_a_finished_device_is_kept_and_what_is_lost_is_made_again(built: list[st
     first = (root / "files" / "nine-views.zip").read_bytes()
     assert make_device(device(), tmp_path, LICENCE) == "nothing changed, kept"
     assert built == ["design", "cad", "picture"]
+    assert is_finished(device(), tmp_path, LICENCE)
     (root / "picture" / "device.jpg").unlink()
+    assert not is_finished(device(), tmp_path, LICENCE)
     assert make_device(device(), tmp_path, LICENCE).startswith("picture in ")
     assert built == ["design", "cad", "picture", "picture"]
     assert (root / "files" / "nine-views.zip").read_bytes() == first
