@@ -2,8 +2,8 @@
 
 For each device of docs/gallery.toml, OUT/NAME gets its design, all that `mirrorcam cad` writes, a rendered picture and
 a ZIP file of all files to make it; OUT/index.html shows them, OUT/gallery.json has their figures. What is there and has
-not changed is kept, and a run that was cut off goes on. With --record also docs/gallery.json, the table of
-docs/gallery.md and its picture are written.
+not changed is kept, and a run that was cut off goes on. With --record also docs/gallery.json and what
+docs/gallery.md shows of it are written.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pydantic import Field
 from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.console.progress import say
-from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text
+from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text, number_word
 from mirrorcam.optics.base.files import read_model, write_bytes, write_json, write_text
 from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
 from mirrorcam.optics.base.pictures import encoded_image, picture_size, read_image
@@ -53,7 +53,7 @@ LICENCE = DOCS.parent / "LICENSES" / "CERN-OHL-W-2.0.txt"
 LIST, RECORD, PAGE = (DOCS / f"gallery.{ending}" for ending in ("toml", "json", "md"))
 OVERVIEW = DOCS / "images" / "gallery.jpg"
 KERNEL = ("mirrorcam.cad.device_files", "mirrorcam.optics.design.optimise")
-BEGIN, END = "<!-- table: python docs/make_gallery.py OUT --record -->", "<!-- end of the table -->"
+BEGIN, END = "<!-- recorded: python docs/make_gallery.py OUT --record -->", "<!-- end of the record -->"
 OVERVIEW_TILE_PX, OVERVIEW_COLUMNS, OVERVIEW_QUALITY = (320, 180), 4, 80
 
 
@@ -91,13 +91,26 @@ def table_of(gallery: Gallery) -> str:
     return "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *rows]) + "\n"
 
 
-def with_table(page: str, table: str) -> str:
-    """A page of documentation with another table between its two marks; raises InputError for one without them."""
+def record_of(gallery: Gallery) -> str:
+    """What docs/gallery.md shows of a run, in Markdown: all pictures, where it was made, and the table."""
+    count = number_word(len(gallery.cards))
+    took = sum(work.total("processor_s") for work in gallery.work.values())
+    made = (
+        f"Made on {gallery.date} with {gallery.slicer} on a machine with {gallery.machine}, of commit {gallery.commit}"
+    )
+    return (
+        f"![The {count} devices, from the front and from the side](images/{OVERVIEW.name})\n\n"
+        f"{made}, with {gallery.slicer}, in {took / 60.0:.0f} minutes of one core.\n\n{table_of(gallery)}"
+    )
+
+
+def with_record(page: str, record: str) -> str:
+    """A page of documentation with another record between its two marks; raises InputError for one without them."""
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise InputError(f"{PAGE}: expected a table between {BEGIN} and {END}")
-    return f"{before}{BEGIN}\n\n{table}\n{END}{after}"
+        raise InputError(f"{PAGE}: expected a record between {BEGIN} and {END}")
+    return f"{before}{BEGIN}\n\n{record}\n{END}{after}"
 
 
 def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
@@ -203,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
         if options.record:
             write_json(RECORD, gallery.model_dump(mode="json", by_alias=True))
-            write_text(PAGE, with_table(PAGE.read_text(encoding="utf-8"), table_of(gallery)))
+            write_text(PAGE, with_record(PAGE.read_text(encoding="utf-8"), record_of(gallery)))
             image = overview([options.out / card.picture for card in gallery.cards])
             write_bytes(OVERVIEW, encoded_image(image, ".jpg", OVERVIEW_QUALITY))
     except InputError as error:
