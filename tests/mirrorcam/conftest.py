@@ -1,4 +1,4 @@
-"""What tests of the command share: a small layout, a small rendered set, and a cluster of this machine."""
+"""What tests of the command share: a small layout, a small rendered set, a browser, and a cluster of this machine."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from tests.mirrorcam.small_set import small_set_request
 from tests.mirrorcam.small_suite import rendered_into, small_suite
+from tests.mirrorcam.studio.browser import FLAGS, chromium
 from tests.shared import built_once
 
 ROOT = Path(__file__).parents[2]
@@ -64,6 +66,19 @@ def finished_suite(default_layout: Layout, tmp_path_factory: pytest.TempPathFact
     """The folder of a small suite, made in one go by one process, to be read."""
     suite = small_suite(default_layout)
     return built_once(tmp_path_factory, "small_suite", lambda out: rendered_into(out, suite))
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """The system's Chromium; tests are skipped where it is not installed."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = chromium()
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield launched
+        launched.close()
 
 
 @pytest.fixture

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import tempfile
-import zipfile
 from pathlib import Path
 
-from mirrorcam.optics.base.files import linked, write_text
+from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.design_request import DESIGN_FILE, request_toml
+from mirrorcam.workflow.zip_files import files_to_zip, write_zip
 
 NAME = re.compile(r"[\w.-]{1,100}")
 
@@ -42,17 +42,12 @@ def zipped(root: Path, name: str) -> Path:
     folder = root.joinpath(*parts)
     if not all(NAME.fullmatch(part) and part not in (".", "..") for part in parts) or not folder.is_dir():
         raise InputError(f"{name[:100]}: no such folder")
-    link = folder if folder.is_symlink() else linked(folder)
-    if link is not None:
-        raise InputError(f"{link.name}: is a link, expected only files and folders")
-    with (
-        tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file,
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-    ):
-        for path in sorted(folder.rglob("*")):
-            inside = path.relative_to(folder)
-            if path.is_file() and not any(part.startswith(".") for part in inside.parts):
-                entry = zipfile.ZipInfo(f"{parts[0]}/{inside.as_posix()}")
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(entry, path.read_bytes())
-    return Path(file.name)
+    files = files_to_zip(folder)
+    with tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as file:
+        path = Path(file.name)
+    try:
+        write_zip(path, {f"{parts[0]}/{inside}": place for inside, place in files.items()})
+    except BaseException:
+        path.unlink()
+        raise
+    return path

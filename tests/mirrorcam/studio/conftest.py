@@ -1,27 +1,13 @@
-"""A browser and a studio for the tests of its pages."""
+"""A studio for the tests of its pages."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tests.mirrorcam.studio.browser import FLAGS, chromium, served
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
-    """The system's Chromium; tests are skipped where it is not installed."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    path = chromium()
-    if path is None:
-        pytest.skip("chromium is not installed")
-    with sync_api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
-        yield launched
-        launched.close()
+from tests.mirrorcam.studio.browser import served
 
 
 @pytest.fixture(scope="module")
