@@ -1,0 +1,210 @@
+"""Write the figures and tables of the documents from docs/measured.json: `python -m docs.make_measured [--check]`.
+
+`--take FILE...` first puts the records of files, which benchmarks write by `--json FILE`, into docs/measured.json.
+
+In a document a comment stands on the line above a block, which ends with a blank line:
+
+    <!-- table: KEY -->         a Markdown table: the table of the record KEY
+    <!-- figures: KEY: a_px 3 b_percent -->     a paragraph or table: each of its numbers, in order
+
+Of the numbers of a paragraph, those that the comment names are figures of the record (`name*100`: times a hundred), and
+those that it repeats are given: sizes, limits, parameters, figures of others. A figure is rounded to as many decimals
+as the document quotes. Numbers in code, in targets of links and within words (C920, H.264) are none of these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.records import ROOT, Record, Records
+from mirrorcam.optics.base.files import write_text
+
+MEASURED = ROOT / "docs" / "measured.json"
+NUMBER = re.compile(
+    r"(?<![\w.])(?<![\w)]-)(?:(?<![\w)])-)?"  # Not within a word; a minus is no hyphen or dash.
+    r"(?:\d{1,3}(?:,\d{3})+(?!\d)|\d+|(?=\.\d))(?:\.\d+)?(?:e[+-]?\d+)?"
+)
+SKIPPED = re.compile(r"`[^`]*`|\]\([^)]*\)|<!--.*?-->|https?://\S+", flags=re.DOTALL)
+COMMENT = re.compile(r"\s*<!--\s*(figures|table)\b:?(.*?)\s*-->\s*", flags=re.DOTALL)
+UNITS = (
+    *(
+        "px",
+        "mm",
+        "µm",
+        "nm",
+        "°",
+        "deg",
+        "%",
+        "s",
+        "ms",
+        "min",
+        "minutes?",
+        "seconds?",
+        "hours?",
+        "h",
+        "frames?/s",
+        "/s",
+    ),
+    *("dB", "MB", "GB", "MiB", "g", "kg", "EUR", "N", "MPa", "cm³", "ml", "grey levels"),
+)
+UNIT = re.compile(rf"\s?(?:{'|'.join(UNITS)})(?![\w-])")
+
+
+class Unmeasured(ValueError):
+    """A document that does not agree with the records; the message has a line for each place."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines of a document, `start` to before `stop`, and the comment above them, if there is one."""
+
+    start: int
+    stop: int
+    kind: str = ""
+    body: str = ""
+
+
+def pages() -> list[Path]:
+    """Every document that may quote figures."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(lines: Sequence[str]) -> Iterator[Block]:
+    """Paragraphs, lists and tables of a document, without its code and headings."""
+    at, kind, body = 0, "", ""
+    while at < len(lines):
+        line = lines[at].strip()
+        stop = at + 1
+        if line.startswith("```"):
+            stop = next((n + 1 for n in range(at + 1, len(lines)) if lines[n].strip().startswith("```")), len(lines))
+        elif line.startswith("<!--"):
+            stop = next((n + 1 for n in range(at, len(lines)) if lines[n].rstrip().endswith("-->")), len(lines))
+            found = COMMENT.fullmatch("\n".join(lines[at:stop]))
+            kind, body = (found[1], found[2].strip()) if found else ("", "")
+            at = stop
+            continue
+        elif line and not line.startswith("#"):
+            stop = next((n for n in range(at, len(lines)) if not lines[n].strip() or _begins(lines[n])), len(lines))
+            yield Block(at, stop, kind, body)
+        at, kind, body = stop, "", ""
+
+
+def _begins(line: str) -> bool:
+    return line.strip().startswith(("```", "<!--", "#"))
+
+
+def numbers(text: str) -> list[re.Match[str]]:
+    """The numbers of a text, but those in code, targets of links, comments and words."""
+    return list(NUMBER.finditer(SKIPPED.sub(lambda found: re.sub(r"[^\n]", "_", found[0]), text)))
+
+
+def quoted(value: float, like: str) -> str:
+    """A figure with as many decimals, and in the form, of a number in a document."""
+    mantissa, exponent, _ = like.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    text = f"{value:{',' if ',' in like else ''}.{decimals}{'e' if exponent else 'f'}}"
+    text = re.sub(r"e([+-])0*(\d)", lambda found: f"e{found[1].strip('+')}{found[2]}", text)
+    return re.sub(r"^(-?)0\.", r"\1.", text) if like.lstrip("-").startswith(".") else text
+
+
+def _figures(body: str, records: Records) -> Iterator[str | float]:
+    """What a comment says of each number: a figure, or the text of a given one."""
+    record: Record | None = None
+    for token in body.split():
+        if token.endswith(":"):
+            if token[:-1] not in records.records:
+                raise Unmeasured(f"no record {token[:-1]!r} in {MEASURED.name}")
+            record = records.records[token[:-1]]
+        elif NUMBER.fullmatch(token):
+            yield token
+        else:
+            name, _, times = token.partition("*")
+            if record is None or name not in record.values:
+                raise Unmeasured(f"{name!r} is no figure of the record before it")
+            yield record.values[name].value * float(times or 1)
+
+
+def written(text: str, records: Records) -> tuple[str, list[str]]:
+    """A document with figures and tables from the records, and what is wrong with it, a line for each place."""
+    lines = text.split("\n")
+    wrong: list[str] = []
+    for block in reversed([block for block in blocks(lines) if block.kind]):
+        part = "\n".join(lines[block.start : block.stop])
+        try:
+            part = _table(block.body, records) if block.kind == "table" else _paragraph(part, block.body, records)
+        except Unmeasured as error:
+            wrong.insert(0, f"{block.start + 1}: {error}")
+        lines[block.start : block.stop] = part.split("\n")
+    return "\n".join(lines), wrong
+
+
+def _table(key: str, records: Records) -> str:
+    record = records.records.get(key)
+    if record is None or record.table is None:
+        raise Unmeasured(f"no table {key!r} in {MEASURED.name}")
+    return record.table.markdown()
+
+
+def _paragraph(text: str, body: str, records: Records) -> str:
+    found, said = numbers(text), list(_figures(body, records))
+    if len(found) != len(said):
+        raise Unmeasured(f"{len(found)} numbers, but the comment above names {len(said)}")
+    for number, figure in reversed(list(zip(found, said, strict=True))):
+        if isinstance(figure, str) and figure != number[0]:
+            raise Unmeasured(f"{number[0]} where the comment above has {figure} as given")
+        new = figure if isinstance(figure, str) else quoted(figure, number[0])
+        text = text[: number.start()] + new + text[number.end() :]
+    return text
+
+
+def unowned(text: str, units_only: bool = False) -> list[str]:
+    """The numbers without a comment above their block, with their lines; with `units_only` those with a unit behind."""
+    lines = text.split("\n")
+    return [
+        f"{n + 1}: {number[0]} without a comment that says what it is: {lines[n].strip()[:80]}"
+        for block in blocks(lines)
+        if not block.kind
+        for n in range(block.start, block.stop)
+        for number in numbers(lines[n])
+        if not units_only or UNIT.match(lines[n], number.end())
+    ]
+
+
+def unused(texts: Sequence[str], records: Records) -> list[str]:
+    """Keys of records that no document quotes."""
+    bodies = [block.body for text in texts for block in blocks(text.split("\n")) if block.kind]
+    quoted_keys = {token.rstrip(":") for body in bodies for token in body.split()}
+    return sorted(records.records.keys() - quoted_keys)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write, or with `--check` only compare, every document."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--take", type=Path, nargs="+", default=[], metavar="FILE", help="records to put in first")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 where something would change")
+    options = parser.parse_args(arguments)
+    records = Records.load(MEASURED)
+    for path in options.take:
+        records = records.with_records(Records.load(path).records)
+    if options.take and not options.check:
+        records.save(MEASURED)
+    amiss = []
+    for page in pages():
+        text = page.read_text(encoding="utf-8")
+        new, wrong = written(text, records)
+        amiss += [f"{page.relative_to(ROOT)}:{line}" for line in wrong]
+        if new != text and options.check:
+            amiss.append(f"{page.relative_to(ROOT)}: differs from {MEASURED.name}")
+        elif new != text:
+            write_text(page, new)
+    print("\n".join(amiss), file=sys.stderr, end="\n" if amiss else "")
+    return 1 if amiss else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
