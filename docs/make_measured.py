@@ -9,7 +9,8 @@ In a document a comment stands on the line above a block, which ends with a blan
 
 Of the numbers of a paragraph, those that the comment names are figures of the record (`name*100`: times a hundred), and
 those that it repeats are given: sizes, limits, parameters, figures of others. A figure is rounded to as many decimals
-as the document quotes. Numbers in code, in targets of links and within words (C920, H.264) are none of these.
+as the document quotes. Numbers in code, in links' targets, in texts of pictures and within words
+(C920, H.264) are none of these.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from benchmarks.records import ROOT, Record, Records
 from mirrorcam.optics.base.files import write_text
@@ -29,7 +32,9 @@ NUMBER = re.compile(
     r"(?<![\w.])(?<![\w)]-)(?:(?<![\w)])-)?"  # Not within a word; a minus is no hyphen or dash.
     r"(?:\d{1,3}(?:,\d{3})+(?!\d)|\d+|(?=\.\d))(?:\.\d+)?(?:e[+-]?\d+)?"
 )
-SKIPPED = re.compile(r"`[^`]*`|\]\([^)]*\)|<!--.*?-->|https?://\S+", flags=re.DOTALL)
+SKIPPED = re.compile(
+    r"`[^`]*`|!\[[^]]*\]\([^)]*\)|\]\([^)]*\)|<!--.*?-->|https?://\S+|^ *\d+\.(?= )", flags=re.DOTALL | re.MULTILINE
+)
 COMMENT = re.compile(r"\s*<!--\s*(figures|table)\b:?(.*?)\s*-->\s*", flags=re.DOTALL)
 UNITS = (
     *(
@@ -90,7 +95,8 @@ def blocks(lines: Sequence[str]) -> Iterator[Block]:
             continue
         elif line and not line.startswith("#"):
             stop = next((n for n in range(at, len(lines)) if not lines[n].strip() or _begins(lines[n])), len(lines))
-            yield Block(at, stop, kind, body)
+            if kind or not all(each.startswith("    ") for each in lines[at:stop]):
+                yield Block(at, stop, kind, body)
         at, kind, body = stop, "", ""
 
 
@@ -136,18 +142,18 @@ def written(text: str, records: Records) -> tuple[str, list[str]]:
     for block in reversed([block for block in blocks(lines) if block.kind]):
         part = "\n".join(lines[block.start : block.stop])
         try:
-            part = _table(block.body, records) if block.kind == "table" else _paragraph(part, block.body, records)
+            part = _table(part, block.body, records) if block.kind == "table" else _paragraph(part, block.body, records)
         except Unmeasured as error:
             wrong.insert(0, f"{block.start + 1}: {error}")
         lines[block.start : block.stop] = part.split("\n")
     return "\n".join(lines), wrong
 
 
-def _table(key: str, records: Records) -> str:
+def _table(text: str, key: str, records: Records) -> str:
     record = records.records.get(key)
     if record is None or record.table is None:
         raise Unmeasured(f"no table {key!r} in {MEASURED.name}")
-    return record.table.markdown()
+    return textwrap.indent(record.table.markdown(), text[: len(text) - len(text.lstrip())])
 
 
 def _paragraph(text: str, body: str, records: Records) -> str:
@@ -162,16 +168,19 @@ def _paragraph(text: str, body: str, records: Records) -> str:
     return text
 
 
-def unowned(text: str, units_only: bool = False) -> list[str]:
-    """The numbers without a comment above their block, with their lines; with `units_only` those with a unit behind."""
+def unowned(text: str, where: Literal["all", "units", "tables"] = "all") -> list[str]:
+    """The numbers without a comment above their block, with their lines.
+
+    All of them, or only those with a unit behind ("units"), or only those in tables.
+    """
     lines = text.split("\n")
     return [
         f"{n + 1}: {number[0]} without a comment that says what it is: {lines[n].strip()[:80]}"
         for block in blocks(lines)
-        if not block.kind
+        if not block.kind and (where != "tables" or lines[block.start].lstrip().startswith("|"))
         for n in range(block.start, block.stop)
         for number in numbers(lines[n])
-        if not units_only or UNIT.match(lines[n], number.end())
+        if where != "units" or UNIT.match(lines[n], number.end())
     ]
 
 
