@@ -126,6 +126,24 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     return Table(columns=tuple(columns), rows=tuple(map(tuple, rows)))
 
 
+class Rows:
+    """A table that is printed row by row, as it is measured."""
+
+    def __init__(self, *columns: str) -> None:
+        self._columns, self._rows = columns, list[tuple[str, ...]]()
+        print(table(columns, []).markdown(), flush=True)
+
+    def add(self, *cells: str) -> None:
+        """Print and keep a row."""
+        self._rows.append(cells)
+        print(_line(cells), flush=True)
+
+    @property
+    def table(self) -> Table:
+        """The rows so far."""
+        return table(self._columns, self._rows)
+
+
 def this_machine(gpu: str | None = None) -> Machine:
     """The machine of this process."""
     try:

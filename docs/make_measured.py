@@ -9,8 +9,8 @@ In a document a comment stands on the line above a block, which ends with a blan
 
 Of the numbers of a paragraph, those that the comment names are figures of the record (`name*100`: times a hundred), and
 those that it repeats are given: sizes, limits, parameters, figures of others. A figure is rounded to as many decimals
-as the document quotes. Numbers in code, in links' targets, in texts of pictures and within words
-(C920, H.264) are none of these.
+as the document quotes. Numbers in code, in links' targets, in texts of pictures and within words (C920, H.264) are none
+of these.
 """
 
 from __future__ import annotations
@@ -36,28 +36,11 @@ SKIPPED = re.compile(
     r"`[^`]*`|!\[[^]]*\]\([^)]*\)|\]\([^)]*\)|<!--.*?-->|https?://\S+|^ *\d+\.(?= )", flags=re.DOTALL | re.MULTILINE
 )
 COMMENT = re.compile(r"\s*<!--\s*(figures|table)\b:?(.*?)\s*-->\s*", flags=re.DOTALL)
-UNITS = (
-    *(
-        "px",
-        "mm",
-        "µm",
-        "nm",
-        "°",
-        "deg",
-        "%",
-        "s",
-        "ms",
-        "min",
-        "minutes?",
-        "seconds?",
-        "hours?",
-        "h",
-        "frames?/s",
-        "/s",
-    ),
-    *("dB", "MB", "GB", "MiB", "g", "kg", "EUR", "N", "MPa", "cm³", "ml", "grey levels"),
+UNIT = re.compile(
+    r"\s?(?:px|mm|µm|nm|°|deg|%|s|ms|min|minutes?|seconds?|hours?|h|frames?/s|/s|dB|[kMG]B|MiB|k?g|EUR|N|MPa|cm³|ml)"
+    r"(?![\w-])|\s?grey levels"
 )
-UNIT = re.compile(rf"\s?(?:{'|'.join(UNITS)})(?![\w-])")
+Guard = Literal["all", "units", "tables"]
 
 
 class Unmeasured(ValueError):
@@ -168,20 +151,21 @@ def _paragraph(text: str, body: str, records: Records) -> str:
     return text
 
 
-def unowned(text: str, where: Literal["all", "units", "tables"] = "all") -> list[str]:
+def unowned(text: str, where: Guard = "all") -> list[str]:
     """The numbers without a comment above their block, with their lines.
 
     All of them, or only those with a unit behind ("units"), or only those in tables.
     """
-    lines = text.split("\n")
-    return [
-        f"{n + 1}: {number[0]} without a comment that says what it is: {lines[n].strip()[:80]}"
-        for block in blocks(lines)
-        if not block.kind and (where != "tables" or lines[block.start].lstrip().startswith("|"))
-        for n in range(block.start, block.stop)
-        for number in numbers(lines[n])
-        if where != "units" or UNIT.match(lines[n], number.end())
-    ]
+    lines, found = text.split("\n"), []
+    for block in blocks(lines):
+        part = "\n".join(lines[block.start : block.stop])
+        if block.kind or (where == "tables" and not part.lstrip().startswith("|")):
+            continue
+        for number in numbers(part):
+            if where != "units" or UNIT.match(part, number.end()):
+                n = block.start + part.count("\n", 0, number.start())
+                found.append(f"{n + 1}: {number[0]} without a comment that says what it is: {lines[n].strip()[:80]}")
+    return found
 
 
 def unused(texts: Sequence[str], records: Records) -> list[str]:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.records import Figure, Record, Records, table
-from docs.make_measured import MEASURED, blocks, main, numbers, pages, quoted, unowned, unused, written
+from docs.make_measured import MEASURED, Guard, blocks, main, numbers, pages, quoted, unowned, unused, written
 
 ROOT = Path(__file__).parents[1]
-GUARDED = {
+GUARDED: dict[str, Guard] = {
     "docs/measured.md": "all",
     "docs/idealisations.md": "all",
     "docs/elasticity.md": "all",
