@@ -8,7 +8,18 @@ from pathlib import Path
 import pytest
 
 from benchmarks import records
-from benchmarks.records import Figure, Record, Records, Table, table, this_command, this_machine, unit_of, write_record
+from benchmarks.records import (
+    Figure,
+    Record,
+    Records,
+    Rows,
+    Table,
+    table,
+    this_command,
+    this_machine,
+    unit_of,
+    write_record,
+)
 from mirrorcam.optics.base.values import InputError
 
 PARTS = table(("part", "mass"), [("mount", "78 g"), ("cap", "")])
@@ -64,6 +75,14 @@ def test_a_record_says_where_it_is_from(tmp_path: Path) -> None:
 def test_an_empty_cell_and_a_column_of_numbers_in_markdown() -> None:
     assert PARTS.markdown().splitlines() == ["| part | mass |", "|---|---|", "| mount | 78 g |", "| cap | |"]
     assert Table(columns=("", "g"), rows=(), align=("-", "-:")).markdown() == "| | g |\n|---|---:|"
+
+
+def test_rows_are_printed_as_they_come_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = Rows("part", "mass")
+    rows.add("mount", "78 g")
+    assert capsys.readouterr().out == "| part | mass |\n|---|---|\n| mount | 78 g |\n"
+    rows.add("cap", "")
+    assert rows.table == PARTS
 
 
 def test_a_row_of_another_length_is_refused() -> None:
