@@ -22,6 +22,7 @@ GUARDED: dict[str, Guard] = {
     "docs/design.md": "tables",
     "docs/live.md": "tables",
     "docs/rendering.md": "tables",
+    "docs/studio.md": "units",
 }
 """Pages, and which of their numbers must have a comment: all, those with a unit behind, or those in tables."""
 
@@ -57,6 +58,12 @@ def test_every_document_is_what_its_records_make_it(page: Path) -> None:
 @pytest.mark.parametrize("page", GUARDED)
 def test_every_number_is_measured_or_given(page: str) -> None:
     assert unowned(text_of(page), GUARDED[page]) == []
+
+
+def test_every_page_that_names_a_benchmark_is_guarded() -> None:
+    """But docs/conventions.md, which states limits and formats; it names a benchmark for what a limit is of."""
+    named = {page for page in pages() if "python -m benchmarks." in page.read_text(encoding="utf-8")}
+    assert {page.relative_to(ROOT).as_posix() for page in named} - {"docs/conventions.md"} <= GUARDED.keys()
 
 
 def test_every_record_is_quoted() -> None:
