@@ -1,4 +1,4 @@
-"""Names of the faces that count: seats of mirrors, and where parts meet; a CAD program shows them in the STEP files."""
+"""Names of the faces that count: seats of mirrors, and where parts meet; they are in the STEP files (docs/cad.md)."""
 
 from __future__ import annotations
 

@@ -54,10 +54,14 @@ def embedded(profile: str) -> str:
 
 
 def orca_profile() -> str:
-    """The profile as a process of OrcaSlicer and Bambu Studio, by their names of settings; printers are their own."""
+    """The profile as a process of OrcaSlicer and Bambu Studio, by their names of settings; printers are their own.
+
+    Both know a process by its `print_settings_id` alone, and take none without a version; every value is a string.
+    """
     settings = {
         "type": "process",
         "name": PROFILE,
+        "print_settings_id": PROFILE,
         "from": "User",
         "version": "1.6.0.0",
         "layer_height": SETTINGS["layer_height"],

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import ezdxf.filemanagement
+import pytest
 
 from mirrorcam.cad.device_files import write_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -13,6 +14,7 @@ from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
+from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 
 Built = tuple[Layout, Path, dict[str, Metric]]
 PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon", "dust_cover")
@@ -29,6 +31,23 @@ def test_the_default_layout_gives_all_files_and_passes(built_default: Built) -> 
     assert {name: entry["value"] for name, entry in written.items()} == {n: c.value for n, c in checks.items()}
     assert written["mirrors.seat_offset_um"]["limit"] == 1.0
     assert {name.partition(".")[0] for name in checks} >= {*PARTS, "device", "mirrors"}
+
+
+@NEEDS_FREECAD
+def test_freecad_reads_what_the_checks_say(built_default: Built, tmp_path: Path) -> None:
+    _, folder, checks = built_default
+    paths = [folder / "assembly.step", *(folder / "parts" / f"{part}.step" for part in PARTS)]
+    script = f"found = [listed(path, FreeCAD.newDocument('part')) for path in {[str(path) for path in paths]}]"
+    assembly, *parts = run_in_freecad(f"{LISTED}\n{script}", tmp_path)
+    for name, objects in zip(PARTS, parts, strict=True):
+        (part,) = objects
+        assert (part["label"], part["kind"], part["closed"], part["valid"]) == (name, "Solid", [True], True)
+        assert part["volume"] / 1000.0 == pytest.approx(checks[f"{name}.volume_cm3"].value, abs=1e-4)
+    pieces = {piece["label"]: piece for piece in assembly if piece["kind"] == "Solid"}
+    assert all(piece["valid"] and all(piece["closed"]) and piece["solids"] == 1 for piece in pieces.values())
+    assert len(pieces) > 40
+    for name in {*PARTS} - {"fit_coupon", "dust_cover"}:
+        assert pieces[name]["volume"] / 1000.0 == pytest.approx(checks[f"{name}.volume_cm3"].value, abs=1e-4)
 
 
 def test_every_check_and_figure_has_a_label(built_default: Built) -> None:

@@ -13,6 +13,7 @@ from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.write.face_names import name_faces
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.optics.base.values import FloatArray
+from tests.cad.write.freecad import NEEDS_FREECAD, run_in_freecad, script_of_the_page
 
 UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 ENTITY = re.compile(r"^#(\d+) = ([A-Z0-9_]+)\((.*?)\);$", re.MULTILINE | re.DOTALL)
@@ -71,6 +72,27 @@ def test_faces_within_an_outline(tmp_path: Path) -> None:
     half = np.array([(-20.0, 0.0, 2.5), (20.0, 0.0, 2.5), (20.0, 10.0, 2.5), (-20.0, 10.0, 2.5)])
     write_step(tmp_path / "plate.step", plate(), [NamedFace("far", half.mean(axis=0), UP, half)])
     assert list(named_planes((tmp_path / "plate.step").read_text())) == ["far"]
+
+
+@NEEDS_FREECAD
+def test_in_freecad_the_script_of_the_page_labels_the_faces(tmp_path: Path) -> None:
+    faces = [NamedFace("under", np.array([0.0, 0.0, -2.5]), -UP), NamedFace("over", np.array([0.0, 0.0, 2.5]), UP)]
+    (tmp_path / "parts").mkdir()
+    path = tmp_path / "parts" / "mirror_holder.step"
+    write_step(path, plate(), [*faces, NamedFace("right", np.array([20.0, 0.0, 0.0]), RIGHT)])
+    listed = """
+found = {
+    thing.Label: (list(thing.Shape.CenterOfMass), list(thing.Shape.normalAt(0.0, 0.0)))
+    for thing in document.Objects[1:]
+}
+"""
+    found = run_in_freecad(script_of_the_page() + listed, tmp_path)
+    planes = named_planes(path.read_text(encoding="utf-8"))
+    assert sorted(found) == sorted(planes) == ["over_1", "over_2", "right", "under"]
+    for name, (point, normal) in planes.items():
+        middle, outward = np.array(found[name])
+        assert (middle - point) @ normal == pytest.approx(0.0, abs=1e-9)
+        np.testing.assert_allclose(outward, normal, atol=1e-9)
 
 
 def test_a_file_of_another_solid_is_refused(tmp_path: Path) -> None:

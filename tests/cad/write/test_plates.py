@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import xml.etree.ElementTree as ET
 import zipfile
 from collections import Counter
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
@@ -72,6 +74,52 @@ def test_a_project_holds_the_settings(block: PartPlan, built_block: BuiltPart, t
         config = archive.read(CONFIG.removeprefix("/")).decode()
     assert "; perimeters = 3\n" in config
     assert "perimeters = 3\n" in (tmp_path / "first" / "plates" / "mirrorcam.ini").read_text(encoding="utf-8")
+
+
+def test_a_project_is_plain_geometry_to_other_slicers(block: PartPlan, built_block: BuiltPart, tmp_path: Path) -> None:
+    """What the reader of OrcaSlicer 2.2.0 goes by (commit 1088d0a6c713, src/libslic3r/Format/bbs_3mf.cpp).
+
+    It takes every relationship of a type that begins and ends as below as a model, and a file as its own, with settings
+    in places of their own, where the metadata name it as the application.
+    """
+    (tmp_path / "parts").mkdir()
+    parts = [replace(block, name=f"block_{number}") for number in range(2)]
+    for part in parts:
+        (tmp_path / "parts" / f"{part.name}.stl").write_bytes(built_block.stl.read_bytes())
+    write_plates(tmp_path, parts, HARDWARE.printer)
+    with zipfile.ZipFile(tmp_path / "plates" / "plate_1.3mf") as archive:
+        related = [
+            (each.attrib["Type"], each.attrib["Target"])
+            for path in ("_rels/.rels", "3D/_rels/3dmodel.model.rels")
+            for each in ET.fromstring(archive.read(path))
+        ]
+        model = ET.fromstring(archive.read("3D/3dmodel.model"))
+    schema = "http://schemas.microsoft.com/3dmanufacturing/"
+    models = [target for kind, target in related if kind.startswith(schema) and kind.endswith("3dmodel")]
+    assert models == ["/3D/3dmodel.model"]
+    names = {"": f"{schema}core/2015/02"}
+    assert model.attrib["unit"] == "millimeter"
+    assert "requiredextensions" not in model.attrib
+    assert "Application" not in [each.attrib["name"] for each in model.findall("metadata", names)]
+    meshes = {}
+    for thing in model.findall("resources/object", names):
+        assert thing.attrib["type"] == "model"
+        points = [[float(at.attrib[axis]) for axis in "xyz"] for at in thing.findall("mesh/vertices/vertex", names)]
+        faces = [
+            [int(at.attrib[k]) for k in ("v1", "v2", "v3")] for at in thing.findall("mesh/triangles/triangle", names)
+        ]
+        meshes[thing.attrib["id"]] = trimesh.Trimesh(points, faces)
+    items = model.findall("build/item", names)
+    assert len(items) == len(meshes) == 2
+    for item in items:
+        mesh = meshes[item.attrib["objectid"]]
+        matrix = np.array(item.attrib["transform"].split(), dtype=float).reshape(4, 3)
+        np.testing.assert_array_equal(matrix[:3], np.eye(3))
+        low, high = mesh.bounds + matrix[3]
+        assert mesh.volume == pytest.approx(18000.0)
+        np.testing.assert_allclose(low[2], 0.0, atol=1e-4)
+        assert (low >= -1e-4).all()
+        assert (high <= HARDWARE.printer.bed_mm).all()
 
 
 def test_the_plates_of_the_default_device_hold_every_part_once(built_default: Built, device: Device) -> None:

@@ -21,6 +21,7 @@ from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.geometry.transforms import rigid
+from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 
 SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -85,6 +86,26 @@ def test_everything_is_there_in_its_place_and_colour(device: Device, parts: list
     box = found["screw_01"].bounding_box()
     np.testing.assert_allclose([box.min.X, box.max.X], [-2.0, 13.0], atol=1e-6)
     np.testing.assert_allclose(tuple(box.center())[1:], [20.0, 30.0], atol=1e-6)
+
+
+@NEEDS_FREECAD
+@pytest.mark.usefixtures("screws")
+def test_freecad_shows_the_tree_and_reads_every_piece(device: Device, parts: list[BuiltPart], tmp_path: Path) -> None:
+    write_assembly(tmp_path / "assembly.step", device, parts)
+    script = "found = listed('assembly.step', FreeCAD.newDocument('device'))"
+    shown = {each["label"]: each for each in run_in_freecad(f"{LISTED}\n{script}", tmp_path)}
+    written = leaves(tmp_path / "assembly.step")
+    assert shown.keys() == {"mirrorcam", "printed", "mirrors", "bought", *written}
+    assert shown["mirrorcam"]["within"] == []
+    for group in ("printed", "mirrors", "bought"):
+        assert shown[group]["within"] == ["mirrorcam"]
+    for name, shape in written.items():
+        piece = shown[name]
+        group = "printed" if name in PRINTED else "mirrors" if name.startswith("mirror_") else "bought"
+        assert piece["within"] == [group]
+        assert (piece["kind"], piece["solids"], piece["closed"], piece["valid"]) == ("Solid", 1, [True], True)
+        assert piece["volume"] == pytest.approx(shape.volume, rel=1e-9)
+        np.testing.assert_allclose(piece["centre"], tuple(shape.center(CenterOf.MASS)), atol=1e-6)
 
 
 @pytest.mark.usefixtures("screws")
