@@ -25,7 +25,7 @@ def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware)
     outline = _outline(table, mount, load, plate.low_z_mm)
     left, back = outline.min(axis=0)
     corner = np.array([left, back, plate.low_z_mm])
-    chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°")
+    chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°", before=f"{len(outline) // 2}x ")
     return replace(
         back_of_plate(table, NAME, "Desk foot", plate, outline, hardware, (chamfer,)),
         necks=(_before_mount(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),

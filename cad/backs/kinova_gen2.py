@@ -80,10 +80,13 @@ class RingPlan:
         """The bore, the clamp's band, and the holes."""
         middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
         across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
-        ear = np.array([self.ears[:, 0].max(), self.band_mm[1], self.ears[0, 2]])
+        ear = np.array([self.ears[:, 0].min(), self.band_mm[1], self.ears[0, 2]])
+        outer = self.radius_mm + self.ring_mm
+        thick = float(np.ptp(corners_of(self.pieces[-1:])[:, 2]))
         return (
-            length(middle - across, middle + across, "bore diameter"),
+            length(middle - across, middle + across, f"bore, ring Ø{2.0 * outer:g}", before="Ø"),
             length(ear - along, ear, "band"),
+            length(ear, ear + (1.0 if self.above else -1.0) * thick * ABOVE, "ear"),
             *holes(self.cuts),
         )
 

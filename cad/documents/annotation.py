@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,25 +18,34 @@ from mirrorcam.cad.documents.dimension_lines import (
     LinearDimension,
     draw_tiers,
     has_room,
+    number,
 )
 from mirrorcam.cad.documents.drawing_sheet import INK, DrawingSheet, text_width_mm
-from mirrorcam.cad.documents.hole_callouts import DEPTH
+from mirrorcam.cad.documents.hole_places import (
+    AXIS_MM,
+    CENTRE_DASHES_MM,
+    MOST_PLACES,
+    PARALLEL,
+    draw_numbers,
+    draw_oblique,
+    hole_groups,
+    in_table,
+    oblique_holes,
+    oblique_lengths,
+)
 from mirrorcam.cad.documents.part_views import PlacedView
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.optics.base.values import FloatArray
 
-AXIS_MM = 0.13
 FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
 # Leaders lean by this much per mm upwards, so that they differ from edges of the part.
 LEAN = 0.27
-PARALLEL = 1e-4
 # Share of its area by which a symmetric outline may differ from its mirror image.
 ASYMMETRY = 0.01
 # Shortest straight edge that others are measured from.
 STRAIGHT_MM = 1.0
 # Where along an aligned dimension its text is tried: the middle first.
 ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
-CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 
 @dataclass(frozen=True)
@@ -67,11 +75,6 @@ class Annotations:
     notes: list[Note]
 
 
-def number(value_mm: float) -> str:
-    """A length as a drawing writes it: at most two decimals, no trailing zeros."""
-    return f"{value_mm:.2f}".rstrip("0").rstrip(".")
-
-
 def annotate(
     sheet: DrawingSheet,
     placed: Sequence[PlacedView],
@@ -86,17 +89,20 @@ def annotate(
     """
     jobs = [Annotations([], [], [], []) for _ in placed]
     _overall(placed, jobs)
-    holes: dict[tuple[int, str], list[Hole]] = defaultdict(list)
-    for dimension in dimensions:
-        if isinstance(dimension, Length):
-            _length(placed, jobs, dimension)
-        else:
-            axis = dimension.axis_in_rig / np.linalg.norm(dimension.axis_in_rig)
-            facing = [abs(float(view.view.axes_in_rig[2] @ axis)) for view in placed]
-            index = int(np.argmax(np.round(facing, 6)))
-            holes[index, _callout(dimension, axis @ placed[index].view.axes_in_rig[2])].append(dimension)
-    for (index, words), group in holes.items():
+    offered = tuple(dimensions)
+    lengths = [each for each in offered if isinstance(each, Length)]
+    for dimension in lengths:
+        _length(placed, jobs, dimension)
+    views = [view.view for view in placed]
+    groups = hole_groups(views, offered)
+    for (index, words), group in groups.items():
         _holes(sheet, placed[index], jobs[index], words, group)
+    for index, hole in oblique_holes(groups, views, lengths):
+        for tier, linear in zip(
+            (jobs[index].below, jobs[index].left), oblique_lengths(placed[index], hole), strict=True
+        ):
+            _add(tier, linear)
+        draw_oblique(sheet, placed[index], hole)
     for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
         upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
         draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False, traces=upright_at)
@@ -104,15 +110,6 @@ def annotate(
         for aligned in job.askew:
             _draw_aligned(sheet, view, aligned)
         _draw_notes(sheet, view.box, job.notes)
-
-
-def _callout(hole: Hole, away: float) -> str:
-    """The words at a hole, whose axis points `away` from the viewer by this cosine."""
-    size = number(hole.diameter_mm)
-    words = {"hexagon": f"hex {size} A/F", "countersink": f"countersink Ø{size}"}.get(hole.form, f"Ø{size}")
-    words = f"{words} {hole.text}"
-    blind = hole.cut_mm is not None and (DEPTH in hole.text or hole.form == "countersink")
-    return f"{words.strip()} (far side)" if blind and away > 0.5 else words.strip()
 
 
 def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
@@ -128,7 +125,7 @@ def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension
     """Place a length in the first view that shows it in full, as an aligned dimension where it is oblique there."""
     span = dimension.span_in_rig
     real = float(np.linalg.norm(span))
-    words = f"{number(real)} {dimension.text}".strip()
+    words = f"{dimension.before}{number(real)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
     view, job = placed[index], jobs[index]
@@ -163,16 +160,21 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
     # The hole whose leader is shortest.
     job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
-    low = placed.box[0]
+    low, origin = placed.box[0], placed.box[0]
+    if group[0].datum is not None:
+        origin = placed.paper(group[0].datum.at_in_rig)
+    if in_table(group, placed.view):
+        draw_numbers(sheet, placed, group)
+        return
     for coordinate, tier in ((0, job.below), (1, job.left)):
         if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
             # Distances are foreshortened in an oblique view.
             continue
         places = np.unique(np.round(centres[:, coordinate], 3))
-        if len(places) > 4:
+        if len(places) > MOST_PLACES:
             continue
         middle = float(placed.box[:, coordinate].mean())
-        edge = float(places[0] - low[coordinate])
+        edge = float(places[0] - origin[coordinate])
         if (
             abs(places.mean() - middle) < 1e-2
             and _symmetric(placed, coordinate)
@@ -182,10 +184,10 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
             _axis(sheet, placed.box, coordinate, middle)
             stops = []
         else:
-            stops = [(float(low[coordinate]), float(low[1 - coordinate]))]
+            stops = [(float(origin[coordinate]), float(low[1 - coordinate]))]
         nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in places]
         stops += [(float(at), float(start)) for at, start in zip(places, nearest, strict=True)]
-        for (here, from_here), (there, from_there) in pairwise(stops):
+        for (here, from_here), (there, from_there) in pairwise(sorted(stops)):
             if there - here < 1e-3:
                 continue
             ends = np.array([here, there])

@@ -15,7 +15,14 @@ from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
 from mirrorcam.cad.documents.labels import deepest, rows_near, uncrossed
 from mirrorcam.cad.documents.line_art import edges_of, joined, visible_lines
 from mirrorcam.cad.documents.shading import Screen, ShadedBody, Shot, render
-from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block
+from mirrorcam.cad.documents.title_block import (
+    A3_MM,
+    BLOCK_MM,
+    BORDER_MM,
+    PARTS_TOLERANCE,
+    Title,
+    draw_title_block,
+)
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -81,7 +88,7 @@ def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> Dra
     together = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
     _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, together)
     sheet.text((float(together[:, 0].mean()), bottom + 5.0), "Assembled", TEXT_MM, align="center")
-    title = Title("Assembly", NUMBER, "see parts list", None, revision)
+    title = Title("Assembly", NUMBER, "see parts list", None, revision, "assembly.step", PARTS_TOLERANCE)
     draw_title_block(sheet, title)
     return sheet
 

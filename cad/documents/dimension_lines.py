@@ -14,6 +14,8 @@ LINE_MM = 0.15
 TEXT_MM = 2.5
 FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
 BESIDE_MM = 1.0
+# A text is so far over its line, and extension lines go so far past one.
+OVER_LINE_MM, PAST_LINE_MM = 0.9, 1.5
 # Dimension lines that meet in an arrow head overlap by no more than this.
 TOUCH_MM = 0.05
 # An extension line keeps so far from a text beside it, and where along its line a text is tried: the middle first.
@@ -32,6 +34,11 @@ class LinearDimension:
     @property
     def span(self) -> float:
         return float(np.ptp(self.along))
+
+
+def number(value_mm: float) -> str:
+    """A length as a drawing writes it: at most two decimals, no trailing zeros."""
+    return f"{value_mm:.2f}".rstrip("0").rstrip(".")
 
 
 def has_room(span: float, words: str) -> bool:
@@ -78,7 +85,9 @@ def draw_tiers(
             tiers.append([])
         tiers[level].append((low, high))
         chosen.append((level, linear, width, before))
-    pitch = min(TIER_PITCH_MM, (room_mm - FIRST_TIER_MM - BESIDE_MM) / max(len(tiers) - 1, 1))
+    # The text of the outermost line is beyond it where it is upright, else only the extension lines are.
+    beyond = BESIDE_MM + (TEXT_MM + OVER_LINE_MM if upright else PAST_LINE_MM)
+    pitch = min(TIER_PITCH_MM, (room_mm - FIRST_TIER_MM - beyond) / max(len(tiers) - 1, 1))
     edge = float(box[0, 0 if upright else 1])
     for level, linear, width, before in chosen:
         crossing = [other.along for outer, other, _, _ in chosen if outer > level]
@@ -129,7 +138,8 @@ def _draw_linear(
     order = np.argsort(linear.along)
     (low, high), starts = linear.along[order], linear.across[order]
     lines = [
-        on_sheet([(at, start - BESIDE_MM), (at, tier - 1.5)]) for at, start in zip((low, high), starts, strict=True)
+        on_sheet([(at, start - BESIDE_MM), (at, tier - PAST_LINE_MM)])
+        for at, start in zip((low, high), starts, strict=True)
     ]
     inside = has_room(linear.span, linear.words)
     reach = 0.0 if inside else ARROW_MM[0] + 1.5
@@ -143,6 +153,6 @@ def _draw_linear(
     outside = low - reach - width / 2.0 if before else high + reach + width / 2.0
     middle = within if inside else outside
     if upright:
-        sheet.text((tier - 0.9, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
+        sheet.text((tier - OVER_LINE_MM, middle), linear.words, TEXT_MM, align="center", turn_deg=90.0)
     else:
-        sheet.text((middle, tier + 0.9), linear.words, TEXT_MM, align="center")
+        sheet.text((middle, tier + OVER_LINE_MM), linear.words, TEXT_MM, align="center")

@@ -19,12 +19,25 @@ from mirrorcam.cad.documents.geometrical_tolerances import (
     tolerance_notes,
 )
 from mirrorcam.cad.documents.holder_drawing import seat_names, seat_table
-from mirrorcam.cad.documents.hole_callouts import called_out
+from mirrorcam.cad.documents.hole_callouts import PRESSED, called_out
+from mirrorcam.cad.documents.hole_places import hole_groups, hole_tables
 from mirrorcam.cad.documents.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
 from mirrorcam.cad.documents.plan_dimensions import offered
 from mirrorcam.cad.documents.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
-from mirrorcam.cad.documents.title_block import A3_MM, BLOCK_MM, BORDER_MM, Title, draw_title_block, printed_of, ratio
+from mirrorcam.cad.documents.title_block import (
+    A3_MM,
+    BLOCK_MM,
+    BORDER_MM,
+    GAUGE_TOLERANCE,
+    GENERAL_TOLERANCE,
+    Title,
+    draw_title_block,
+    printed_of,
+    ratio,
+)
+from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
@@ -38,6 +51,7 @@ HIDDEN_DASHES_MM = (1.6, 0.8)
 HIDDEN_COLOUR = "#5d6778"
 TEXT_MM, NOTE_MM = 2.5, 2.0
 ROW_MM = 4.4
+CLEAR_MM = 4.0
 NAME_MM = 8.0
 """Height of the name of a section over it."""
 
@@ -57,7 +71,10 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
     # Of a holder with carriers these have the seats.
     seats = isinstance(whole, HolderPlan) and bool(whole.cores)
-    tables = (seat_table(whole),) if seats else ()
+    dimensions = dimensions_of(part, solid, screw)
+    views = (top, front, right)
+    seated = (seat_table(whole, bed_from_rig),) if seats or isinstance(whole, CarrierPlan) else ()
+    tables = (*seated, *hole_tables(hole_groups(views, dimensions), views))
     sheet = DrawingSheet(*A3_MM)
     table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if seats else 0.0)
     if seats:
@@ -66,28 +83,22 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
             sheet, table_left + 7.5, table_low, holder_tolerances(whole, built), tolerance_notes(built)
         )
     placed, scale, room_mm = _arrange(top, front, right, table_left)
-    dimensions = dimensions_of(part, solid, screw)
     section = _section_of(part, solid, dimensions)
-    free = _free(placed, table_left, table_low)
-    cut_at, corner_low, corner_high = _place_section(section, free, scale)
-    corner = _isometric(isometric, placed, corner_low, corner_high)
-    if section and cut_at:
-        hatch(sheet, section.faces, cut_at.scale, cut_at.shift)
-    for view in (*placed, corner, *([cut_at] if cut_at else [])):
-        visible, hidden = on_paper(view.view, view.scale)
-        if hidden:
-            sheet.lines([line + view.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
-        # Small views have their edges close together.
-        width = VISIBLE_MM if view is not corner and view.scale >= 1.0 else SMALL_MM
-        sheet.lines([line + view.shift for line in visible], width)
+    for view in placed:
+        _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
     traces = {
         index: trace
         for index, view in enumerate(placed)
-        if section and cut_at and (trace := trace_in(view, section, bed_from_rig))
+        if section and (trace := trace_in(view, section, bed_from_rig))
     }
     crossed = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
     annotate(sheet, placed, dimensions, room_mm, crossed)
-    if cut_at:
+    free = _free(sheet, placed, table_left, table_low)
+    cut_at, corner_low, corner_high = _place_section(section, free, scale)
+    _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
+    if section and cut_at:
+        hatch(sheet, section.faces, cut_at.scale, cut_at.shift)
+        _draw_view(sheet, cut_at, VISIBLE_MM if cut_at.scale >= 1.0 else SMALL_MM)
         _draw_section_marks(sheet, tuple(traces.values()), cut_at, scale)
     if seats:
         draw_holder_datums(sheet, placed[1])
@@ -98,15 +109,26 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
             if (at > low).all() and (at < high).all():
                 base = at - (0.0, TEXT_MM / 2.0)
                 sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
-    draw_title_block(sheet, Title(part.title, part.number, printed_of(printer.plastic), scale, part.identity))
+    material, model = printed_of(printer.plastic), f"parts/{part.name}.step"
+    tolerance = GAUGE_TOLERANCE if isinstance(whole, CouponPlan) else GENERAL_TOLERANCE
+    draw_title_block(sheet, Title(part.title, part.number, material, scale, part.identity, model, tolerance))
     return sheet
+
+
+def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None:
+    """Draw a view's edges; small views have theirs close together, and want thin lines."""
+    visible, hidden = on_paper(placed.view, placed.scale)
+    if hidden:
+        sheet.lines([line + placed.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
+    sheet.lines([line + placed.shift for line in visible], width_mm)
 
 
 def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length | Hole, ...]:
     """The dimensions of a part's plan, without those on other pieces of a part that is split."""
     lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
     holes = (each for each in offered(part.plan) if isinstance(each, Hole))
-    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw), *lengths)
+    pressed = "" if isinstance(part.plan, CouponPlan) else PRESSED
+    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, pressed), *lengths)
     if not isinstance(part.plan, PiecePlan):
         return dimensions
     box = solid.bounding_box()
@@ -160,15 +182,29 @@ def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]
     return cut(solid, *plane, bed_from_rig) if plane else None
 
 
-def _free(placed: Sequence[PlacedView], right_end: float, table_low: float) -> tuple[FloatArray, ...]:
-    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables."""
+def _free(
+    sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
+) -> tuple[FloatArray, ...]:
+    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of words."""
     top, _, right = placed
     high_y = A3_MM[1] - BORDER_MM - 8.0
     above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
     low_y = BORDER_MM + BLOCK_MM + 8.0
     beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + WORDS_MM - 8.0)])
     below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
-    return above, beside, below
+    return _clear_of_words(sheet, above), _clear_of_words(sheet, beside), below
+
+
+def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
+    """The larger of what is right of and what is below the words that reach into a rectangle (2, 2) from its left."""
+    boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.words])
+    inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
+    if not inside.any():
+        return rectangle
+    right, below = rectangle.copy(), rectangle.copy()
+    right[0, 0] = boxes[inside, 1, 0].max() + CLEAR_MM
+    below[1, 1] = boxes[inside, 0, 1].min() - CLEAR_MM
+    return max(right, below, key=lambda each: float(np.prod(np.maximum(each[1] - each[0], 0.0))))
 
 
 def _place_section(

@@ -23,7 +23,7 @@ TRIANGLE_MM = (1.6, 2.0)
 """Half of the base and height of a datum triangle."""
 
 STEM_MM = 2.0
-RESERVED_MM = 46.0
+RESERVED_MM = 50.0
 """Height that the tolerances of a holder take up below its table."""
 
 
@@ -62,6 +62,7 @@ def _area_mm2(loop: FloatArray) -> float:
 def tolerance_notes(built: Tolerances) -> tuple[str, ...]:
     """What the datums are, and what the zones keep."""
     return (
+        "values of the table of seats are theoretically exact (ISO 1101);",
         "datum A: the flat back, B: the holes of the mount's screws in it;",
         f"the zones keep a mirror's tilt to {built.tilt_deg:g}° and its shift along",
         f"the normal to {built.offset_mm:g} mm, as its layout's figures as built take",

@@ -19,8 +19,12 @@ from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.optics.base.values import FloatArray
 
 THROUGH = "through"
+INSERT, NUT = "for M3 insert", "for M3 nut"
 DEPTH = "↧"
 """The symbol of depth (ISO 129-1)."""
+
+PRESSED = "±0.1"
+"""Tolerance of what holds an insert or a nut: by so much the steps of the fit coupon differ, and only one fits."""
 
 # The wall of a hole is looked for this far outside it, its floor or shoulder at this share of its radius. One that
 # closes by a cone has its shoulder somewhat later, by up to this share.
@@ -57,7 +61,7 @@ class Material:
         ]
 
 
-def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening) -> tuple[Hole, ...]:
+def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening, pressed: str = PRESSED) -> tuple[Hole, ...]:
     """The holes with their full text; the axis of a blind one then runs from its open end into the material.
 
     Parameters
@@ -68,12 +72,14 @@ def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening) -> tuple[Ho
         The part, in rig.
     screw : Fastening
         What says which holes are for an insert, a nut or a screw.
+    pressed : str
+        The tolerance of those for an insert or a nut, "" of gauges, which differ by as much.
     """
     material = Material(solid)
-    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw) for hole in holes)
+    return tuple(hole if hole.cut_mm is None else _called_out(hole, material, screw, pressed) for hole in holes)
 
 
-def _called_out(hole: Hole, material: Material, screw: Fastening) -> Hole:
+def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) -> Hole:
     axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
     assert hole.cut_mm is not None
     if hole.form == "countersink":
@@ -96,14 +102,13 @@ def _called_out(hole: Hole, material: Material, screw: Fastening) -> Hole:
         return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
     # From its closed end to the last of the walls that follow.
     origin, way = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
-    walls = [
-        high
-        for side in across
-        for _, high in material.along(origin + (radius + BESIDE_MM) * side, way, hole.cut_mm)[-1:]
-    ]
+    # Of a slot the walls are across its length: of eight ways one is within 22.5 deg of square to that.
+    beside = (radius + BESIDE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
+    walls = [high for side in across for _, high in material.along(origin + beside * side, way, hole.cut_mm)[-1:]]
     deep = max(walls, default=hole.cut_mm)
     depth = f"{DEPTH}{deep:.2f}".rstrip("0").rstrip(".")
-    text = _joined(hole.text, depth, _purpose(hole, screw, through=False))
+    purpose = _purpose(hole, screw, through=False)
+    text = _joined(hole.text, pressed if purpose in (INSERT, NUT) else "", depth, purpose)
     return replace(hole, text=text, centre_in_rig=origin + deep * way, axis_in_rig=-way)
 
 
@@ -121,10 +126,10 @@ def _purpose(hole: Hole, screw: Fastening, *, through: bool) -> str:
         return abs(hole.diameter_mm - size_mm) < SAME_MM
 
     if hole.form == "hexagon":
-        return "nut M3" if same(screw.nut_flats_mm + NUT_FIT_MM) else ""
+        return NUT if same(screw.nut_flats_mm + NUT_FIT_MM) else ""
     if screw.kind == "insert" and not through and same(screw.insert_hole_mm):
-        return "insert M3"
-    return "M3" if through and same(screw.clearance_hole_mm) else ""
+        return INSERT
+    return "for M3" if through and same(screw.clearance_hole_mm) else ""
 
 
 def _joined(*texts: str) -> str:

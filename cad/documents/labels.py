@@ -25,6 +25,8 @@ HIDDEN_MM = 1.0
 # Of the font, regular: left out, it is that of the last text that anything in this process drew.
 WEIGHT = 400
 CAPTION_PX, BOLD = 26, 700
+CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
+"""From the upper edge down to where a picture with a caption may begin."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ def place_of(shot: Shot, label: Label) -> FloatArray | None:
     return None if hidden else np.array([column, row])
 
 
-def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
-    """The picture with its names in columns at its left and right sides; what is hidden gets none."""
+def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
+    """The picture with its names in columns at its left and right sides, `top_px` down; what is hidden gets none."""
     found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
@@ -100,7 +102,7 @@ def annotate(shot: Shot, labels: Sequence[Label]) -> Pixels:
     font = cv2.FontFace("sans")
     for left, group in ((True, found[:half]), (False, found[half:])):
         group = sorted(group, key=lambda item: (item[1][1], item[0].text))
-        places = rows_near([float(point[1]) for _, point in group], size * ROW_OF_TEXT, MARGIN_PX, height - MARGIN_PX)
+        places = rows_near([float(point[1]) for _, point in group], size * ROW_OF_TEXT, top_px, height - MARGIN_PX)
         boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size, WEIGHT) for label, _ in group]
         starts = [
             np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, place])

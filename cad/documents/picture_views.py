@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.cad.documents.labels import Label, annotate, captioned, written
+from mirrorcam.cad.documents.labels import CAPTION_ROOM_PX, MARGIN_PX, Label, annotate, captioned, written
 from mirrorcam.cad.documents.shading import Pixels, Rgb, Screen, ShadedBody, Shot, render
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
@@ -78,6 +78,8 @@ def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
     if view.notes and not view.inside:
         longest = max(len(label.text) for label in labels_of(view))
         margins = (max(margins[0], NOTE_MARGIN_PX + NOTE_PX * longest), margins[1])
+    if view.caption:
+        margins = (margins[0], max(margins[1], CAPTION_ROOM_PX))
     screen = Screen.around(points, view.axes, size_px, margins)
     lines: list[tuple[FloatArray, Rgb, float]] = [
         (item.line, GUIDE_RGB, 1.5) for item in view.items if item.line is not None
@@ -87,5 +89,7 @@ def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
 
 
 def _drawn(view: DevicePicture) -> Pixels:
-    draw = written if view.inside else annotate
-    return captioned(draw(shot_of(view), labels_of(view)), view.caption)
+    shot, labels = shot_of(view), labels_of(view)
+    if view.inside:
+        return captioned(written(shot, labels), view.caption)
+    return captioned(annotate(shot, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)

@@ -17,12 +17,18 @@ BORDER_MM = 10.0
 BLOCK_MM = 26.0
 FRAME_MM, OUTLINE_MM, AXIS_MM = 0.5, 0.35, 0.13
 AXIS_COLOUR = "#5d6778"
-VALUE_MM = 2.8
-MATERIAL_MM = 56.0
-"""Width of the field of the material."""
+VALUE_MM, MODEL_TEXT_MM = 2.8, 2.5
+MATERIAL_MM, TOLERANCE_MM = 56.0, 98.0
+"""Widths of the fields of the material and of the general tolerance."""
 
 GENERAL_TOLERANCE = "± 0.2; angles ± 0.5° (ISO 8015)"
 """Of every dimension in mm and degrees that has no tolerance of its own; stated nowhere else on a drawing."""
+
+GAUGE_TOLERANCE = "none: gauges, used as printed"
+PARTS_TOLERANCE = "on the drawings of the parts"
+MODEL = "Not dimensioned: as the model (ISO 16792)"
+MODEL_MM = 62.0
+"""Width of the field of the model."""
 
 UNDATED = "undated"
 EPOCH = "SOURCE_DATE_EPOCH"
@@ -30,13 +36,18 @@ EPOCH = "SOURCE_DATE_EPOCH"
 
 @dataclass(frozen=True)
 class Title:
-    """What a title block says; `revision` is the identity of the numbers that the drawing was made of."""
+    """What a title block says; `revision` is the identity of the numbers that the drawing was made of.
+
+    `model` is the file with the shape of what the drawing does not dimension.
+    """
 
     title: str
     number: str
     material: str
     scale: float | None
     revision: str
+    model: str
+    tolerance: str = GENERAL_TOLERANCE
 
 
 def issue_date() -> str:
@@ -70,7 +81,7 @@ def draw_title_block(sheet: DrawingSheet, said: Title) -> None:
         (40.0, (("Drawing number", said.number, True), ("Sheet", "1 / 1, A3", False))),
         (MATERIAL_MM, (("Material", said.material, False), ("Licence", LICENCE, False))),
         (52.0, (("Scale (views)", ratio(said.scale), True), ("Date", issue_date(), False))),
-        (98.0, (("General tolerance, mm", GENERAL_TOLERANCE, False), ("Revision", said.revision, False))),
+        (TOLERANCE_MM, (("General tolerance, mm", said.tolerance, False), ("Revision", said.revision, False))),
     )
     x = BORDER_MM
     for width, fields in columns:
@@ -81,6 +92,10 @@ def draw_title_block(sheet: DrawingSheet, said: Title) -> None:
         x += width
         sheet.lines([np.array([(x, BORDER_MM), (x, head)])], 0.25)
     sheet.lines([np.array([(BORDER_MM, head - 13.0), (x, head - 13.0)])], 0.25)
+    x_model = BORDER_MM + 90.0 - MODEL_MM
+    sheet.lines([np.array([(x_model, BORDER_MM), (x_model, head - 13.0)])], 0.25)
+    sheet.text((x_model + 2.0, head - 17.0), MODEL, 1.8, colour=SOFT)
+    sheet.text((x_model + 2.0, head - 23.0), fitted_text(said.model, MODEL_MM - 4.0, MODEL_TEXT_MM), MODEL_TEXT_MM)
     sheet.text((x + 2.0, head - 4.0), "Projection: third angle", 1.8, colour=SOFT)
     _third_angle(sheet, np.array([(x + right) / 2.0, BORDER_MM + 10.0]))
 

@@ -56,7 +56,7 @@ class CarrierPlan:
         """The holes of the screws, and the pockets of their nuts."""
         axis = -self.rig_from_back[:3, 2]
         pockets = (
-            Hole(nut.top.mean(axis=0), -axis, round(self.nut_flats_mm, 3), "nut M3", None, "hexagon")
+            Hole(nut.top.mean(axis=0), -axis, round(self.nut_flats_mm, 3), "for M3 nut", None, "hexagon")
             for nut in self.nuts
         )
         return (*holes(self.holes), *pockets)

@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.adjuster import (
+    CONE_DEG,
     DRIVER_HOLE_ENDS_MM,
     Adjuster,
     head_wide_mm,
@@ -25,7 +26,7 @@ from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
-from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_room_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
@@ -75,9 +76,11 @@ class ScrewedHolderPlan(HolderPlan):
     @property
     def screw_holes(self) -> tuple[Hole, ...]:
         """The holes of the carriers' screws, as a drawing states them."""
-        axis, thread = self.rig_from_mount[:3, 2], thread_of("M3")
-        text = f"through, countersunk {self.adjuster.head_mm:.3g} (far side), recess {self.adjuster.recess_wide_mm:.3g}"
-        return tuple(Hole(head, axis, thread.clearance_mm, text) for head in self.heads)
+        axis, thread, screw = self.rig_from_mount[:3, 2], thread_of("M3"), self.adjuster
+        datum = Datum(self.rig_from_mount[:3, 3], "the middle of the mount's screws")
+        cone = f"countersink Ø{screw.head_mm:.3g} x {2.0 * CONE_DEG:.0f}° (far side)"
+        text = f"through for M3, {cone}, counterbore Ø{screw.recess_wide_mm:.3g} ↧{screw.recess_mm:.3g}"
+        return tuple(Hole(head, axis, thread.clearance_mm, text, datum=datum) for head in self.heads)
 
 
 def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan:

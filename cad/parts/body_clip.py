@@ -142,6 +142,8 @@ def _back_screw(tray: Tray, front: FloatArray, camera: CameraBody, around_mm: fl
         length_mm=_long_enough(mouth, screw),
         leaf=leaf,
         nut_way_mm=np.array([way[0] * ABOVE, out * SCENE]),
+        leaf_at=tray.rig((u, (y + tray.wall_mm) / 2.0, float(tray.low[2]) - space)),
+        leaf_way=-ABOVE,
     )
 
 
@@ -169,6 +171,8 @@ def _far_screw(tray: Tray, around_mm: float, hardware: Hardware) -> SprungScrew:
         nut_way_mm=np.array(
             [tray.rig(-out) * (mouth + around_mm), (float(np.ptp([tray.low[1], tray.high[1]])) + mouth) * SCENE]
         ),
+        leaf_at=tray.rig((inner, float(corner[1] + tray.wall_mm) / 2.0, tray.level_mm)),
+        leaf_way=tray.rig((1.0, 0.0, 0.0)),
     )
 
 

@@ -62,8 +62,15 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, and where the six points of the nest are: from the foot, the side and the face on the mount."""
-        return (*holes(self.cuts), *self._nest_lengths())
+        """The holes, how thick wall and leaves are, and where the six points of the nest are.
+
+        Those from the foot, the side and the face on the mount.
+        """
+        low, high = (corners_of(self.pieces[:1]).min(axis=0), corners_of(self.pieces[:1]).max(axis=0))
+        wall = length(low, low + (high - low) * SCENE, "wall")
+        leaves = () if self.nest is None else self.nest.screws
+        thick = (length(each.leaf_at, each.leaf_at + each.leaf.thickness_mm * each.leaf_way, "leaf") for each in leaves)
+        return (*holes(self.cuts), wall, *thick, *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:
         """Each distance once: points that lie at one place along an axis share it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from mirrorcam.cad.plan.back_table import RingGauge
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes
+from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray
@@ -49,11 +50,12 @@ class CouponPlan:
     centre: FloatArray
     ring: RingGauge | None
     right_mm: float
+    lengths: tuple[Length, ...]
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes of the gauges."""
-        return holes(self.cuts)
+        """The sizes of the gauges."""
+        return (*self.lengths, *holes(self.cuts))
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,34 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
         centre=at + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
         right_mm=float(at[0] + right),
+        lengths=(*_seat_lengths(right, gap_mm, hardware), *_slot_lengths(right, depth, hardware)),
     )
+
+
+def _length(start: tuple[float, float, float], end: tuple[float, float, float], text: str = "") -> Length:
+    """The distance between two points of the coupon, from its own corner on."""
+    return length(RIG_FROM_COUPON_MM + start, RIG_FROM_COUPON_MM + end, text)
+
+
+def _seat_lengths(right_mm: float, gap_mm: float, hardware: Hardware) -> Iterator[Length]:
+    """The thickness of the plate, and of the strip for carriers, and the seat within its rims."""
+    rim, (x, y) = hardware.holder.rim_mm, _seat_mm(hardware)
+    yield _length((right_mm, 0.0, 0.0), (right_mm, 0.0, PLATE_MM), "plate")
+    if gap_mm:
+        yield _length((-STRIP_MM[0], 0.0, 0.0), (-STRIP_MM[0], 0.0, gap_mm), "strip")
+    yield _length((rim, rim, PLATE_MM), (x - rim, rim, PLATE_MM), "seat")
+    yield _length((rim, rim, PLATE_MM), (rim, y - rim, PLATE_MM), "seat")
+
+
+def _slot_lengths(right_mm: float, depth_mm: float, hardware: Hardware) -> Iterator[Length]:
+    """Width and depth of the slot for a camera's body, before its step and after it."""
+    if not _slot_y_mm(hardware):
+        return
+    middle, wide = right_mm / 2.0, hardware.camera.height_mm
+    for text, size, deep in (("go", wide + GO_MM, GO_DEEP_MM), ("no-go", wide - GO_MM, 2.0 * GO_DEEP_MM)):
+        left, end = middle - size / 2.0, depth_mm - deep
+        yield _length((left, end, PLATE_MM), (left + size, end, PLATE_MM), text)
+        yield _length((left, end, PLATE_MM), (left, depth_mm, PLATE_MM), text)
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Frustum:

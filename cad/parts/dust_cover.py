@@ -12,7 +12,9 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.bed import bed_lengths_mm
+from mirrorcam.cad.plan.dimension import Length
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -40,6 +42,27 @@ class CoverPlan:
     rig_from_front: FloatArray
     rim_mm: float
     way_mm: FloatArray
+
+    @property
+    def dimensions(self) -> tuple[Length, ...]:
+        """Thickness of floor and wall, and the gap for the mount."""
+        across, along, back = self.rig_from_front[:3, :3].T
+        sides = np.roll(self.outer.base, -1, axis=0) - self.outer.base
+        # A side that is parallel to the gap, where there is one; its inner face is as far everywhere.
+        side = int(np.argmax(np.abs(sides @ across) / np.linalg.norm(sides, axis=1)))
+        middle = self.outer.base[side] + sides[side] / 2.0
+        normal = np.cross(sides[side], back) / np.linalg.norm(sides[side])
+        wall = (self.inner.base - middle) @ normal
+        wall_mm = float(wall[np.abs(wall).argmin()])
+        corner = self.notch.base[np.argmin(self.notch.base @ across)]
+        corner = corner + along * ((middle - corner) @ along)
+        rim = self.outer.top[0] @ back
+        return (
+            length(self.outer.base[0], self.inner.base[0], "floor", back),
+            length(middle, middle + wall_mm * normal, "wall"),
+            length(corner, corner + np.ptp(self.notch.base @ across) * across, "gap", across),
+            length(corner + (rim - corner @ back) * back, corner, "gap", back),
+        )
 
 
 def plan_cover(layout: Layout, holder: HolderPlan, mount: MountPlan, hardware: Hardware) -> CoverPlan | None:

@@ -8,7 +8,7 @@ along its back.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -23,7 +23,7 @@ from mirrorcam.cad.parts.mount_openings import cable_reach_mm, head_end_mm, leav
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss, webs_between
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
-from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_room_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
@@ -89,11 +89,13 @@ class MountPlan:
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
+        edge = np.array([-self.half_width_mm, *corner[1:]])
         ways = [np.array([0.0, *way]) for way in turn(self.bed_turn_deg)]
         return (
-            *holes(self.cuts),
+            *(replace(hole, datum=Datum(edge, "the foot's edge at the slide")) for hole in holes(self.cuts)),
             *(length(corner, row, way=way) for row in rows for way in ways),
             length(rows[0], rows[1], "head screws"),
+            length(edge, edge - [0.0, self.section.depth_mm, 0.0]),
         )
 
 

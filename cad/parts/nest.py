@@ -70,7 +70,8 @@ class SprungScrew:
 
     Its insert's mouth, or the face that the screw enters before its nut, is `mouth_mm` from the tip along the axis;
     from there on `thread_mm` deep begins the insert (0) or the nut. `nut_way_mm` (n, 3) are the moves by which a nut
-    would leave its seat.
+    would leave its seat. The leaf's face towards the body goes through `leaf_at` (3,), its thickness is along
+    `leaf_way` (3,).
     """
 
     tip: FloatArray
@@ -80,6 +81,8 @@ class SprungScrew:
     length_mm: float
     leaf: Leaf
     nut_way_mm: FloatArray
+    leaf_at: FloatArray
+    leaf_way: FloatArray
 
     @property
     def head(self) -> FloatArray:

@@ -14,12 +14,14 @@ from mirrorcam.optics.base.values import FloatArray
 class Length:
     """The distance between two points (2, 3) in rig, mm, drawn where it is seen in full; `text` follows the number.
 
-    With `way_in_rig` (3,), a unit vector, only the distance along that direction.
+    With `way_in_rig` (3,), a unit vector, only the distance along that direction. `before` is what the number follows:
+    "Ø" of a diameter, how often the same length is there.
     """
 
     points_in_rig: FloatArray
     text: str = ""
     way_in_rig: FloatArray | None = None
+    before: str = ""
 
     @property
     def span_in_rig(self) -> FloatArray:
@@ -30,12 +32,21 @@ class Length:
 
 
 @dataclass(frozen=True)
+class Datum:
+    """A point (3,) in rig that places of holes are counted from, and what it is on the part."""
+
+    at_in_rig: FloatArray
+    name: str
+
+
+@dataclass(frozen=True)
 class Hole:
     """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
     Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
     the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats,
-    that of a countersink its widest diameter.
+    that of a countersink its widest diameter, that of a slot its width: it is longer than wide by `travel_mm`.
+    Places are counted from the edges of a view where there is no `datum`.
     """
 
     centre_in_rig: FloatArray
@@ -44,6 +55,8 @@ class Hole:
     text: str = ""
     cut_mm: float | None = None
     form: Literal["round", "hexagon", "countersink"] = "round"
+    travel_mm: float = 0.0
+    datum: Datum | None = None
 
 
 @dataclass(frozen=True)

@@ -23,18 +23,15 @@ def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
         slope = (cut.radius_mm - cut.end_radius_mm) / cut.depth_mm
         widest = cut.radius_mm - OUTSIDE_MM * slope
         angle = 2.0 * np.degrees(np.arctan(slope))
-        text = f"x {angle:.0f}° {slot_text(cut)}".strip()
-        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, deep, "countersink")
+        text = f"x {angle:.0f}°"
+        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, deep, "countersink", cut.travel_mm)
     if isinstance(cut, Hexagon):
         return Hole(cut.mouth, cut.axis, round(cut.flats_mm, 3), "", cut.depth_mm, "hexagon")
-    return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), slot_text(cut), deep)
+    return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), "", deep, travel_mm=cut.travel_mm)
 
 
-def slot_text(cut: Bore | Countersink) -> str:
-    """The text of a slot or its groove beside its width."""
-    return f"slot, {cut.travel_mm:g} travel" if cut.travel_mm else ""
-
-
-def length(start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None) -> Length:
+def length(
+    start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None, before: str = ""
+) -> Length:
     """The distance between two points (3,) in rig, or its part along a direction (3,)."""
-    return Length(np.array([start, end]), text, way)
+    return Length(np.array([start, end]), text, way, before)

@@ -15,6 +15,7 @@ from mirrorcam.cad.documents.assembly_drawing import (
     write_assembly_drawing,
 )
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.documents.title_block import PARTS_TOLERANCE
 from tests.cad.documents.conftest import Made
 from tests.cad.documents.test_drawing import crossed, outside, overlaps
 
@@ -62,3 +63,9 @@ def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
     )
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
+
+
+def test_the_general_tolerance_is_that_of_the_parts_drawings(sheet: DrawingSheet) -> None:
+    said = [words.text for words in sheet.words]
+    assert PARTS_TOLERANCE in said
+    assert [text for text in said if "±" in text] == []

@@ -30,6 +30,7 @@ from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import corners_of
@@ -61,6 +62,16 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     assert "soldering iron" not in other
     assert "nothing has compared the camera with that of the layout, which sees 70.4 x 43.3 deg" in other
     assert "nothing has compared" not in text
+
+
+def test_screws_inside_the_mount_are_said_to_go_in_from_behind(made: Made) -> None:
+    """None of them can be started by hand: their heads lie behind openings, one for each, as wide as a head."""
+    text = (made.folder / "guide.md").read_text("utf-8")
+    assert "by hand, then tighten" not in text
+    assert text.count("in the mount's back") == 2
+    screw = made.device.hardware.screw
+    wide = [cut for cut in made.device.mount.cuts if isinstance(cut, Bore) and 2.0 * cut.radius_mm > screw.head_mm]
+    assert len(wide) >= len(made.device.holder.holes_in_mount_mm) + len(made.device.clip.slide_at)
 
 
 def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Made) -> None:

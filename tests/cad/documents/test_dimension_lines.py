@@ -38,3 +38,13 @@ def test_text_without_room_keeps_clear_of_extension_lines() -> None:
         (text,) = (Polygon(words.corners).buffer(-0.2) for words in sheet.words if words.text == "3.7")
         assert not any(text.intersects(line) for line in lines)
         assert np.sign(text.centroid.y - 60.0) == side
+
+
+def test_no_text_is_beyond_the_room_however_many_lines_there_are() -> None:
+    for upright in (True, False):
+        sheet = DrawingSheet(200.0, 200.0)
+        linears = [LinearDimension(60.0 + np.array([0.0, 10.0 + 9.0 * k]), np.full(2, 60.0), f"{k}") for k in range(8)]
+        draw_tiers(sheet, BOX, linears, 40.0, upright=upright)
+        axis = 0 if upright else 1
+        assert min(float(words.corners[:, axis].min()) for words in sheet.words) > 60.0 - 40.0
+        assert min(float(line[:, axis].min()) for line, _ in sheet.drawn) > 60.0 - 40.0

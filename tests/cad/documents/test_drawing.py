@@ -22,18 +22,19 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.blocks import BlocksPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.documents.annotation import number
-from mirrorcam.cad.documents.dimension_lines import LINE_MM
+from mirrorcam.cad.documents.dimension_lines import LINE_MM, number
 from mirrorcam.cad.documents.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, write_drawing
 from mirrorcam.cad.documents.drawing_sheet import DrawingSheet
+from mirrorcam.cad.documents.hole_callouts import PRESSED
 from mirrorcam.cad.documents.sections import HATCH_LINE_MM, TRACE_MM
-from mirrorcam.cad.documents.title_block import GENERAL_TOLERANCE, MATERIAL_MM
+from mirrorcam.cad.documents.title_block import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import Length
+from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
+from tests.cad.documents.test_annotation import Dimensions
 from tests.hostile_names import ACCEPTED
 
 ROOT = Path(__file__).parents[3]
@@ -192,12 +193,29 @@ def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name:
     wanted: Counter[str] = Counter()
     for cut in plan.cuts:
         if isinstance(cut, Bore):
-            wanted[f"Ø{number(2.0 * cut.radius_mm)}"] += 1
+            width = number(2.0 * cut.radius_mm)
+            long = number(2.0 * cut.radius_mm + cut.travel_mm)
+            wanted[f"slot {width} x {long}" if cut.travel_mm else f"Ø{width}"] += 1
         elif isinstance(cut, Hexagon):
             wanted[f"hex {number(cut.flats_mm)}"] += 1
         elif isinstance(cut, Countersink):
             wanted["countersink"] += 1
     assert called_out(drawn(device, name)) == wanted
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_hole_is_deeper_than_its_part(device: Device, name: str) -> None:
+    part = part_of(device, name)
+    solid = part.make(part.plan)
+    size = np.array(tuple(solid.bounding_box().size))
+    for hole in dimensions_of(part, solid, HARDWARE.screw):
+        if isinstance(hole, Hole) and (found := re.search(r"↧([\d.]+)", hole.text)):
+            assert float(found[1]) * np.abs(hole.axis_in_rig).max() <= size[np.abs(hole.axis_in_rig).argmax()] + 0.01
+    if name == "mount":
+        slots = [words.text for words in drawn(device, name).words if "slot" in words.text and "↧" in words.text]
+        assert slots
+        for text in slots:
+            assert float(re.findall(r"↧([\d.]+)", text)[0]) < device.mount.section.depth_mm
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -213,9 +231,11 @@ def called_out(sheet: DrawingSheet) -> Counter[str]:
     """How often a drawing calls out holes of each size with a depth or as through."""
     found: Counter[str] = Counter()
     for words in sheet.words:
-        if match := re.fullmatch(r"(?:(\d+)x )?(Ø[\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text):
+        if match := re.fullmatch(
+            r"(?:(\d+)x )?(Ø[\d.]+|slot [\d.]+ x [\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text
+        ):
             found[match[2]] += int(match[1] or 1)
-        elif match := re.fullmatch(r"(?:(\d+)x )?countersink Ø[\d.]+ x 84°.*", words.text):
+        elif match := re.fullmatch(r"(?:(\d+)x )?countersink (?:Ø[\d.]+|slot [\d.]+ x [\d.]+) x 84°.*", words.text):
             found["countersink"] += int(match[1] or 1)
     return found
 
@@ -245,7 +265,53 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     apart = np.ptp(holder.holes_in_mount_mm, axis=0)
     assert f"{number(apart[1])} head screws" in said
     assert number(apart[0]) in said
-    assert "4x Ø3.4 through M3" in said
+    assert "4x Ø3.4 through for M3" in said
+    # The foot's holes are counted from its edge at the slide, not from wherever the mount reaches furthest.
+    assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in said
+    assert number(mount.section.depth_mm) in said
+
+
+def test_a_drawing_names_the_model_that_its_other_shapes_are_as(device: Device) -> None:
+    for name in ("mount", "camera_clip"):
+        said = [words.text for words in drawn(device, name).words]
+        assert said.count(MODEL) == 1
+        assert said.count(f"parts/{name}.step") == 1
+
+
+def test_gauges_have_no_tolerance_that_their_steps_lie_within(device: Device) -> None:
+    """The coupon's steps are 0.1 and 0.3 mm; what an insert is pressed into in a part has half of such a step."""
+    said = [words.text for words in drawn(device, "fit_coupon").words]
+    assert GAUGE_TOLERANCE in said
+    assert [text for text in said if "±" in text] == []
+    height = device.hardware.camera.height_mm
+    for text in (f"{number(height + 0.3)} go", f"{number(height - 0.3)} no-go", "20.6 seat", "15.6 seat", "2.4 plate"):
+        assert said.count(text) == 1, text
+    pressed = [words.text for words in drawn(device, "camera_clip").words if words.text.endswith("insert (far side)")]
+    assert pressed
+    assert all(f"Ø4 {PRESSED} ↧" in text for text in pressed)
+
+
+def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:
+    said = [words.text for words in drawn(device, "camera_clip").words]
+    assert device.clip.nest is not None
+    for screw in device.clip.nest.screws:
+        assert f"{number(screw.leaf.thickness_mm)} leaf" in said
+    wall = np.ptp(np.vstack([device.clip.pieces[0].base, device.clip.pieces[0].top])[:, 1])
+    assert f"{number(float(wall))} wall" in said
+    said = [words.text for words in drawn(device, "dust_cover").words]
+    for text in ("1.2 wall", "1.2 floor", f"{number(2.0 * device.mount.half_width_mm + 2.0)} gap"):
+        assert said.count(text) == 1, text
+
+
+def test_the_isometric_keeps_clear_of_a_long_callout(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    hole = Hole(
+        np.array([20.0, 0.0, 5.0]), np.array([0.0, 0.0, 1.0]), 6.0, "through, and a purpose that takes many words"
+    )
+    solid = part.make(part.plan)
+    sheet = draw(solid, replace(part, plan=Dimensions((hole,))), HARDWARE.printer)
+    assert crossed(sheet) == []
+    assert outside(sheet) == []
 
 
 def test_the_clip_says_where_all_six_points_are(device: Device) -> None:

@@ -13,6 +13,7 @@ from mirrorcam.cad.documents.geometrical_tolerances import (
     draw_datum,
     draw_frames,
     holder_tolerances,
+    tolerance_notes,
 )
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
@@ -29,6 +30,11 @@ def test_the_zones_of_the_seats_keep_the_mirrors_as_built(device: Device) -> Non
     assert (place.characteristic, place.zone_mm, place.datums) == ("profile", 0.4, ("A", "B"))
     assert (back.characteristic, back.zone_mm, back.datums) == ("flatness", angle.zone_mm, ())
     assert angle.of == f"{len(device.layout.mirrors)}x seat"
+
+
+def test_what_frames_tolerate_is_theoretically_exact() -> None:
+    """Else the seats' places and tilts would have the general tolerance as well, which is wider."""
+    assert any("theoretically exact" in note for note in tolerance_notes(Tolerances()))
 
 
 def test_frames_say_symbol_zone_and_datums_and_end_where_they_say() -> None:

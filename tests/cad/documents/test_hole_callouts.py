@@ -35,15 +35,17 @@ def test_material_along_a_line_and_at_a_point() -> None:
 def test_a_blind_hole_for_an_insert_has_its_depth() -> None:
     radius = SCREW.insert_hole_mm / 2.0
     (hole,) = called_out(holes([Bore(TOP, DOWN, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW)
-    assert hole.text == "↧6.7 insert M3"
+    assert hole.text == "±0.1 ↧6.7 for M3 insert"
     np.testing.assert_allclose(hole.centre_in_rig, [0.0, 0.0, 10.0], atol=1e-6)
+    (gauge,) = called_out(holes([Bore(TOP, DOWN, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW, "")
+    assert gauge.text == "↧6.7 for M3 insert"
 
 
 def test_a_hole_with_nothing_behind_it_goes_through_however_far_its_tool_cuts() -> None:
     radius = SCREW.clearance_hole_mm / 2.0
     for depth in (10.02, 99.0):
         (hole,) = called_out(holes([Bore(TOP, DOWN, radius, depth)]), plate((radius, -1.0, 11.0)), SCREW)
-        assert hole.text == "through M3"
+        assert hole.text == "through for M3"
 
 
 def test_a_hole_cut_from_its_shoulder_is_seen_from_its_open_end() -> None:
@@ -51,14 +53,27 @@ def test_a_hole_cut_from_its_shoulder_is_seen_from_its_open_end() -> None:
     screw, driver = called_out(
         holes([Bore(TOP, DOWN, 1.7, 10.02), Bore(np.array([0.0, 0.0, 8.0]), DOWN, 3.2, 99.0)]), solid, SCREW
     )
-    assert screw.text == "through M3"
+    assert screw.text == "through for M3"
     assert driver.text == "↧8"
     np.testing.assert_allclose(driver.axis_in_rig, UP)
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 10.0, 45.0, 90.0])
+def test_a_slot_is_as_deep_as_the_walls_along_it(turned_deg: float) -> None:
+    """A tool that cuts far beyond the material does not make it deeper, whichever way the slot lies."""
+    turned = np.radians(turned_deg)
+    along = np.array([np.cos(turned), np.sin(turned), 0.0])
+    solid = plate((1.7, -1.0, 11.0))
+    for at in np.linspace(-6.0, 6.0, 9):
+        solid = Part((solid - Pos(*(at * along + 15.0 * UP).tolist()) * Cylinder(3.8, 14.0)).wrapped)
+    slot = Bore(np.array([0.0, 0.0, 8.0]), UP, 3.8, 99.0, along, 12.0)
+    (hole,) = called_out(holes([slot]), solid, SCREW)
+    assert hole.text == "↧2"
 
 
 def test_a_pocket_for_a_nut_says_so() -> None:
     flats = SCREW.nut_flats_mm + NUT_FIT_MM
     pocket = Hexagon(np.array([0.0, 0.0, 10.0]), DOWN, np.array([1.0, 0.0, 0.0]), flats, 2.6)
     (hole,) = called_out(holes([pocket]), plate((flats / 2.0, 7.4, 11.0)), SCREW)
-    assert hole.text == "↧2.6 nut M3"
+    assert hole.text == "±0.1 ↧2.6 for M3 nut"
     assert hole.diameter_mm == pytest.approx(flats)

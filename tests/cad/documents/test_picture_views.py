@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from mirrorcam.cad.documents.labels import place_of
+from mirrorcam.cad.documents.labels import CAPTION_ROOM_PX, place_of
 from mirrorcam.cad.documents.picture_views import DevicePicture, Item, labels_of, shot_of, views_of, write_picture
 from mirrorcam.cad.documents.shading import ShadedBody
 from mirrorcam.optics.base.pictures import read_image
@@ -32,4 +32,7 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
     image = read_image(tmp_path / "pictures" / "cube.png")
     assert image.shape == (2100, 1400, 3)
     assert (image[:60, :200] < 100).any()
+    # What is drawn begins below the caption, however high it is.
+    tall = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above")
+    assert not (shot_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
     assert (image[1050:1110, :200] == 255).all()

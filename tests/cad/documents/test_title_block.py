@@ -4,7 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.cad.documents.title_block import UNDATED, issue_date, printed_of, ratio
+from mirrorcam.cad.documents.drawing_sheet import text_width_mm
+from mirrorcam.cad.documents.title_block import (
+    GAUGE_TOLERANCE,
+    GENERAL_TOLERANCE,
+    MODEL,
+    MODEL_MM,
+    PARTS_TOLERANCE,
+    TOLERANCE_MM,
+    UNDATED,
+    VALUE_MM,
+    issue_date,
+    printed_of,
+    ratio,
+)
 from mirrorcam.optics.base.values import InputError
 
 
@@ -17,6 +30,12 @@ def test_the_date_is_that_of_the_source_and_never_of_the_clock(monkeypatch: pyte
         monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
         with pytest.raises(InputError, match=r"SOURCE_DATE_EPOCH is .*, expected whole seconds since 1970"):
             issue_date()
+
+
+def test_texts_stay_in_their_fields() -> None:
+    for text in (GENERAL_TOLERANCE, GAUGE_TOLERANCE, PARTS_TOLERANCE):
+        assert text_width_mm(text, VALUE_MM) < TOLERANCE_MM - 4.0
+    assert text_width_mm(MODEL, 1.8) < MODEL_MM - 4.0
 
 
 def test_scales_and_materials_as_they_are_written() -> None:

@@ -13,12 +13,8 @@ def test_every_hole_is_read_from_the_cuts_with_what_its_tool_cuts() -> None:
     screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
     slot, nut = Bore(np.zeros(3), down, 1.7, 4.0, up, 8.0), Hexagon(at, down, up, 5.7, 2.6)
     found = holes((screw, driver, slot, nut, "another cut"))
-    assert [(hole.diameter_mm, hole.text) for hole in found] == [
-        (3.4, ""),
-        (6.4, ""),
-        (3.4, "slot, 8 travel"),
-        (5.7, ""),
-    ]
+    assert [(hole.diameter_mm, hole.travel_mm) for hole in found] == [(3.4, 0.0), (6.4, 0.0), (3.4, 8.0), (5.7, 0.0)]
+    assert [hole.text for hole in found] == [""] * 4
     assert [hole.form for hole in found] == ["round", "round", "round", "hexagon"]
     # A bore begins a little outside the material; what is cut is counted from its face.
     cuts: tuple[Bore | Hexagon, ...] = (screw, driver, slot, nut)
