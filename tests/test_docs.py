@@ -12,7 +12,9 @@ from mirrorcam.cli import parse
 from mirrorcam.optics.base.values import InputError
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = [path for path in sorted((ROOT / "docs").rglob("*.md")) if "website" not in path.parts]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS]
+"""Pages of the repository; the site's own ones are checked where it is built."""
 
 
 def command_lines(text: str) -> list[str]:

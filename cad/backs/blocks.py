@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.plan.back_table import TripodNut
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_DEG, Bore, Countersink, Hexagon, head_room_mm
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_DEG, Bore, Countersink, Hexagon, head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.item_frames import along
@@ -105,14 +105,14 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
-    """Holes along z for M3 screws whose heads rest at points (n, 3), and the room of heads and driver below them.
+    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space of heads and driver below them.
 
     `up` (3,) is up on the bed where they lie as printed, None where they stand.
     """
     clearance = hardware.screw.clearance_hole_mm / 2.0
     for head in heads:
         yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, up)
-        yield Bore(head, -ABOVE, head_room_mm(hardware), 99.0, up)
+        yield Bore(head, -ABOVE, head_space_mm(hardware), 99.0, up)
 
 
 def faceted(disc: Disc) -> Frustum:

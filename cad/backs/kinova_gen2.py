@@ -21,7 +21,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.item_frames import beyond
@@ -281,7 +281,7 @@ def _ears(wrist: Gen2Back, place: _Place, hardware: Hardware) -> tuple[list[tupl
 def _foot_cuts(heads: FloatArray, grip_mm: float, hardware: Hardware) -> Iterator[Bore]:
     """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the driver."""
     screw = hardware.screw
-    driver = head_room_mm(hardware)
+    driver = head_space_mm(hardware)
     for head in heads:
         yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, screw.clearance_hole_mm / 2.0, grip_mm + 1.0, UP)
         yield Bore(head, -ABOVE, driver, 99.0, UP)

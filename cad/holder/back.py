@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
 from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
 from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
-from mirrorcam.cad.plan.fasteners import head_room_mm
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
@@ -204,8 +204,8 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     allowed = front.footprint.buffer(-around)
-    # Half the distance of two holes: in the mount the rooms of their screws' heads have a wall between them.
-    apart = head_room_mm(hardware) + hardware.printer.wall_mm / 2.0
+    # Half the distance of two holes: in the mount the spaces of their screws' heads have a wall between them.
+    apart = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
     joint = around + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     # A part that is cut is everywhere thick enough for the pins.

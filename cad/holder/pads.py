@@ -67,14 +67,14 @@ def plan_pads(
     radius = hardware.holder.pad_mm / 2.0
     # A mirror may lie anywhere within the fit, with all of each pad behind it.
     inside = Polygon(mirror.outline_in_plane_mm).buffer(-radius - hardware.fit.free_mm)
-    room = inside.intersection(free.buffer(-radius - BESIDE_MM))
+    region = inside.intersection(free.buffer(-radius - BESIDE_MM))
     taken = [Polygon(groove.shape).buffer(radius + BESIDE_MM) for groove in grooves]
     near = radius + hardware.printer.wall_mm
-    room = room.difference(
+    region = region.difference(
         union_all([*taken, *(line.buffer(near) for line in _cut_lines(mirror, axes, cuts, hardware))])
     )
     middle = np.array(Polygon(mirror.outline_in_plane_mm).centroid.coords[0])
-    middles = widest_triangle(room, middle)
+    middles = widest_triangle(region, middle)
     if middles is None or float(least_height_mm(middles[None])[0].round(6)) < hardware.holder.pad_mm:
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
         raise InputError(
@@ -84,12 +84,12 @@ def plan_pads(
     return middles
 
 
-def widest_triangle(room: BaseGeometry, middle: FloatArray) -> FloatArray | None:
+def widest_triangle(region: BaseGeometry, middle: FloatArray) -> FloatArray | None:
     """Of all triangles of points on the border of an area, about a point (2,), the one of the largest least height.
 
     Returns its corners (3, 2), or None where no triangle surrounds the point.
     """
-    places = _places(room)
+    places = _places(region)
     triples = np.array(list(combinations(range(len(places)), PADS)), dtype=np.int64).reshape(-1, PADS)
     heights = np.where(_surround(places[triples], middle), least_height_mm(places[triples]), 0.0)
     best = int(np.argmax(heights.round(6))) if len(heights) else -1
@@ -113,12 +113,12 @@ def _cut_lines(mirror: Mirror, axes: FloatArray, cuts: Cuts, hardware: Hardware)
     return lines
 
 
-def _places(room: BaseGeometry) -> FloatArray:
+def _places(region: BaseGeometry) -> FloatArray:
     """Points (n, 2) on the border of an area, where those that are farthest apart lie."""
-    if room.is_empty:
+    if region.is_empty:
         return np.zeros((0, 2))
-    step = max(STEP_MM, room.length / MOST_PLACES)
-    return np.unique(get_coordinates(room.simplify(0.02).segmentize(step)).round(6), axis=0)
+    step = max(STEP_MM, region.length / MOST_PLACES)
+    return np.unique(get_coordinates(region.simplify(0.02).segmentize(step)).round(6), axis=0)
 
 
 def least_height_mm(triangles: FloatArray) -> FloatArray:

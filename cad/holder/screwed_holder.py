@@ -27,7 +27,7 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
-from mirrorcam.cad.plan.fasteners import head_room_mm
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
@@ -142,7 +142,7 @@ def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeom
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
     taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]
-    radius, (low, high) = head_room_mm(hardware), DRIVER_HOLE_ENDS_MM
+    radius, (low, high) = head_space_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
         disc, tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])
         roofed = MultiPoint(np.vstack([get_coordinates(disc), get_coordinates(tip)])).convex_hull

@@ -11,7 +11,7 @@ from mirrorcam.cad.parts.body_clip import hold_body
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held
 from mirrorcam.cad.parts.nest import Nest
 from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_room_mm, stack, thread
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, corners_of
@@ -171,7 +171,7 @@ def _slide_z_mm(held: Held, ends_mm: tuple[float, float], hardware: Hardware) ->
 
 def _least_apart_mm(hardware: Hardware) -> float:
     """Least distance of two rows of the slide's screws: the drivers' ways into the mount have a wall between them."""
-    return 2.0 * (hardware.clip.travel_mm + head_room_mm(hardware)) + hardware.printer.wall_mm
+    return 2.0 * (hardware.clip.travel_mm + head_space_mm(hardware)) + hardware.printer.wall_mm
 
 
 def _tie(

@@ -24,7 +24,7 @@ from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss, webs_between
 from mirrorcam.cad.plan.beam import Section, bends_per_newton
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_room_mm, stack_into
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, overlap_mm, volume_mm3
@@ -186,7 +186,7 @@ def _lightest(
 def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator[Profile]:
     """All widths, thicknesses and depths that are tried."""
     mount, screw = hardware.mount, hardware.screw
-    around = head_room_mm(hardware) + screw.insert_wall_mm
+    around = head_space_mm(hardware) + screw.insert_wall_mm
     # The holder's middle need not be the camera's.
     screws = head_screws(holder)
     least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + around

@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.fasteners import (
     ROOF_IN_WEBS_DEG,
     Bore,
     Hexagon,
-    head_room_mm,
+    head_space_mm,
     stack,
     thread,
 )
@@ -47,7 +47,7 @@ def openings(
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
-    driver = head_room_mm(hardware)
+    driver = head_space_mm(hardware)
     cuts: list[Frustum | Bore | Hexagon] = []
     away = holder.rig_from_mount[:3, 2]
     up = UP - (UP @ away) * away
@@ -102,7 +102,7 @@ def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardwar
     up = np.array([away[1], -away[0]])
     ways = sorted((float(point @ up), radius) for point, radius in _ways_of_drivers(holder, half_width_mm, hardware))
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:]
-    end = float((screws @ up).max()) + head_room_mm(hardware) + hardware.screw.insert_wall_mm
+    end = float((screws @ up).max()) + head_space_mm(hardware) + hardware.screw.insert_wall_mm
     for at, radius in ways:
         if at - radius < end and end - web_mm < at + radius:
             end = at + radius + web_mm
@@ -118,7 +118,7 @@ def _away(holder: HolderPlan) -> FloatArray:
 def _ways_of_drivers(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
     """Points (2,; y and z) on the axes of the holes for drivers behind the holder, and the holes' radii."""
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
-    ways = [(screw[1:], head_room_mm(hardware)) for screw in screws]
+    ways = [(screw[1:], head_space_mm(hardware)) for screw in screws]
     if isinstance(holder, ScrewedHolderPlan):
         heads = [head for head in holder.heads if _crosses(head, half_width_mm)]
         ways += [(head[1:], DRIVER_HOLE_MM / 2.0) for head in heads]
@@ -133,7 +133,7 @@ def _crosses(head: FloatArray, half_width_mm: float) -> bool:
 
 def over_drivers_mm(clip: ClipPlan, hardware: Hardware) -> float:
     """Height in rig of the upper side of the holes for the driver of the clip's screws."""
-    return max(clip.slide_z_mm) + clip.travel_mm + head_room_mm(hardware)
+    return max(clip.slide_z_mm) + clip.travel_mm + head_space_mm(hardware)
 
 
 def _for_driver(

@@ -31,7 +31,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -96,7 +96,7 @@ def countersink_solid(cut: Countersink) -> Solid:
 
 def hexagon_solid(pocket: Hexagon) -> Solid:
     """The solid that a nut's pocket removes."""
-    radius, tall = pocket.flats_mm / np.sqrt(3.0), np.sqrt(0.75)
+    radius, tall = pocket.corner_mm, np.sqrt(0.75)
     if pocket.up is None:
         turn = np.pi / 3.0 * np.arange(6)
         across = np.array([1.0, 0.0, 0.0])
@@ -105,7 +105,7 @@ def hexagon_solid(pocket: Hexagon) -> Solid:
         return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
     side = np.cross(pocket.axis, pocket.up)
     # The two sides at the top would hang at 60 deg: a roof stands in for them.
-    ups = np.array([-1.0, -0.5, 0.5, 0.5 + tall / np.tan(np.deg2rad(ROOF_DEG)), 0.5, -0.5])
+    ups = np.array([-1.0, -0.5, 0.5, pocket.ridge_mm / radius, 0.5, -0.5])
     sides = np.array([0.0, tall, tall, 0.0, -tall, -tall])
     base = pocket.mouth + radius * (np.outer(ups, pocket.up) + np.outer(sides, side))
     return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))

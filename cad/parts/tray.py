@@ -188,29 +188,16 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
     up = SCENE - (SCENE @ axis) * axis
     up /= np.linalg.norm(up)
     mouth = screw.tip - (screw.mouth_mm + OUTSIDE_MM) * axis
-    cuts: list[Frustum | Bore | Hexagon] = [
-        Bore(
-            mouth,
-            axis,
-            table.clearance_hole_mm / 2.0,
-            screw.mouth_mm + OUTSIDE_MM + BEYOND_MM,
-            up,
-            roof_deg=ROOF_IN_SKINS_DEG,
-        )
-    ]
+    radius, roof_deg = table.clearance_hole_mm / 2.0, ROOF_IN_SKINS_DEG
+    pockets: list[Bore | Hexagon]
     if table.kind == "insert":
-        cuts.append(
-            Bore(
-                mouth,
-                axis,
-                table.insert_hole_mm / 2.0,
-                table.insert_depth_mm + OUTSIDE_MM,
-                up,
-                roof_deg=ROOF_IN_SKINS_DEG,
-            )
-        )
+        hole, deep = table.insert_hole_mm / 2.0, table.insert_depth_mm + OUTSIDE_MM
+        pockets = [Bore(mouth, axis, hole, deep, up, roof_deg=roof_deg)]
     else:
         seat = mouth + (screw.thread_mm + OUTSIDE_MM) * axis
         deep = screw.mouth_mm - screw.thread_mm + BEYOND_MM
-        cuts.append(Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep))
-    return cuts
+        pocket = Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep)
+        # Higher than the pocket: what of an oblique shoulder is left over a hole wants support.
+        pockets, roof_deg = [pocket], float(np.degrees(np.arcsin(radius / (pocket.ridge_mm + NUT_FIT_MM))))
+    through = screw.mouth_mm + OUTSIDE_MM + BEYOND_MM
+    return [Bore(mouth, axis, radius, through, up, roof_deg=roof_deg), *pockets]

@@ -52,8 +52,8 @@ class Bore:
 class Countersink:
     """A cone from the middle of its mouth (3,) along an axis (3,), in rig, mm, to its smaller end.
 
-    The room of a countersunk head: it prints without support with its mouth on the bed. `travel_mm` makes it the groove
-    of such a slot as a `Bore`'s, along `up` (3,) x axis.
+    The space of a countersunk head: it prints without support with its mouth on the bed. `travel_mm` makes it the
+    groove of such a slot as a `Bore`'s, along `up` (3,) x axis.
     """
 
     mouth: FloatArray
@@ -79,6 +79,16 @@ class Hexagon:
     flats_mm: float
     depth_mm: float
 
+    @property
+    def corner_mm(self) -> float:
+        """Distance of the corners from the middle."""
+        return self.flats_mm / np.sqrt(3.0)
+
+    @property
+    def ridge_mm(self) -> float:
+        """Height of the roof's ridge over the middle, of a pocket that has one."""
+        return float(self.corner_mm * (0.5 + np.sqrt(0.75) / np.tan(np.deg2rad(ROOF_DEG))))
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -96,8 +106,8 @@ class Stack:
     washer_mm: float = 0.0
 
 
-def head_room_mm(hardware: Hardware) -> float:
-    """Radius of the room of a screw's head, with its washer, and of the driver."""
+def head_space_mm(hardware: Hardware) -> float:
+    """Radius of the space of a screw's head, with its washer, and of the driver."""
     screw = hardware.screw
     return max(screw.head_mm, screw.washer_mm) / 2.0 + hardware.fit.free_mm
 

@@ -264,7 +264,7 @@ class Hardware(Value):
     cutting: Cutting = Cutting()
     back: AnyBack = Field(default=DeskBack(), description="what is screwed under the mount's foot, by its `kind`")
     prices: Prices = Prices()
-    camera: Annotated[CameraBody, BeforeValidator(_named)] = Field(
+    camera: Annotated[CameraBody, BeforeValidator(_named, json_schema_input_type=CameraBody | str)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )
 

@@ -69,7 +69,11 @@ def _pairs(listed: object) -> object:
 
 
 _Price = Annotated[float, PRICE.each]
-_PriceList = Annotated[tuple[tuple[Name, _Price], ...], BeforeValidator(_pairs), PlainSerializer(dict)]
+_PriceList = Annotated[
+    tuple[tuple[Name, _Price], ...],
+    BeforeValidator(_pairs, json_schema_input_type=dict[Name, _Price]),
+    PlainSerializer(dict),
+]
 
 
 def _listed(description: str) -> Any:

@@ -56,7 +56,13 @@ class Shaped:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        return {"type": "array"}
+        found: dict[str, Any] = {"type": "number"}
+        if np.isfinite(self.largest):
+            found |= {"minimum": -self.largest, "maximum": self.largest}
+        for length in reversed(self.shape):
+            sized = {} if length is None else {"minItems": length, "maxItems": length}
+            found = {"type": "array", "items": found, **sized}
+        return found
 
 
 def _is_numbers(value: Any) -> bool:

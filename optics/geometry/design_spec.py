@@ -52,7 +52,7 @@ class DesignSpec(Value):
     Lengths are in mm, angles in degrees.
     """
 
-    camera: Annotated[Camera, BeforeValidator(_camera_or_name)] = Field(
+    camera: Annotated[Camera, BeforeValidator(_camera_or_name, json_schema_input_type=Camera | str)] = Field(
         default_factory=Camera.c920,
         description="the base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
     )

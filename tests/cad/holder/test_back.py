@@ -12,7 +12,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.back import FrontSurface, mount_axes
 from mirrorcam.cad.holder.holder_plan import plan_holder
-from mirrorcam.cad.plan.fasteners import head_room_mm
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism, seat_distance_mm
 from mirrorcam.optics.base.values import InputError
@@ -67,7 +67,7 @@ def test_heads_of_screws_in_the_mount_have_a_wall_between_them(make_flat_pair: C
     layout = make_flat_pair(gap_mm=2.0, height_mm=16.0)
     holes = plan_holder(layout, HARDWARE).holes_in_mount_mm
     apart = min(np.linalg.norm(one - other) for one, other in combinations(holes, 2))
-    assert apart - 2.0 * head_room_mm(HARDWARE) >= HARDWARE.printer.wall_mm - 1e-9
+    assert apart - 2.0 * head_space_mm(HARDWARE) >= HARDWARE.printer.wall_mm - 1e-9
     wide = HARDWARE.replaced(screw=HARDWARE.screw.replaced(washer_mm=11.0))
     with pytest.raises(InputError, match=r"12\.8 mm from each other"):
         plan_holder(layout, wide)

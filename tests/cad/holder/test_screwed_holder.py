@@ -12,7 +12,7 @@ from mirrorcam.cad.holder.holder_body import body_of
 from mirrorcam.cad.holder.holder_solid import make_screwed_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
-from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, head_room_mm
+from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, head_space_mm
 from mirrorcam.cad.plan.part_plan import plain
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import inverse, transform
@@ -35,7 +35,7 @@ def test_holes_of_all_screws_are_apart_in_the_holder_and_in_the_mount() -> None:
     heads = plan.screws_in_mount_mm
     assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_wide_mm()
     wall, (low, high) = hardware.printer.wall_mm, DRIVER_HOLE_ENDS_MM
-    room = head_room_mm(hardware)
+    room = head_space_mm(hardware)
     roof = room / np.sin(np.radians(ROOF_IN_WEBS_DEG))
     for hole in plan.holes_in_mount_mm:
         for x, y in heads - hole:

@@ -11,7 +11,7 @@ from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import TIE_THICK_MM, ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.dimension import Hole
-from mirrorcam.cad.plan.fasteners import head_room_mm
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
@@ -92,7 +92,7 @@ def test_the_slides_screws_are_in_two_rows_wherever_the_wall_is_high_enough(name
     hardware = HARDWARE.replaced(camera=read_body(name))
     plan, screw = plan_clip(hardware), hardware.screw
     around = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    apart = 2.0 * (plan.travel_mm + head_room_mm(hardware)) + hardware.printer.wall_mm
+    apart = 2.0 * (plan.travel_mm + head_space_mm(hardware)) + hardware.printer.wall_mm
     rows = np.array(plan.slide_z_mm)
     assert plan.bottom_mm + around <= rows.min() + 1e-9
     assert rows.max() - 1e-9 <= plan.top_mm - around

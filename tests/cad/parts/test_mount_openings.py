@@ -13,7 +13,7 @@ from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.parts.mount_openings import _scale, head_end_mm, leaves_blades
 from mirrorcam.cad.parts.truss import Webs
-from mirrorcam.cad.plan.fasteners import Bore, head_room_mm
+from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
@@ -94,8 +94,8 @@ def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> N
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))[:, 1:] @ up
     head = max(float(head[1:] @ up) for head in holder.heads if abs(head[0]) < half_width)
     assert screws.max() < head <= end - web - DRIVER_HOLE_MM / 2.0 + 1e-9
-    over = screws.max() + head_room_mm(hardware) + hardware.screw.insert_wall_mm
+    over = screws.max() + head_space_mm(hardware) + hardware.screw.insert_wall_mm
     assert over - web < head + DRIVER_HOLE_MM / 2.0
     assert head_end_mm(holder, 0.5, web, hardware) == pytest.approx(over)
     # A thick web meets the holes behind the holder's own screws.
-    assert head_end_mm(holder, 0.5, 2.4, hardware) == pytest.approx(screws.max() + head_room_mm(hardware) + 2.4)
+    assert head_end_mm(holder, 0.5, 2.4, hardware) == pytest.approx(screws.max() + head_space_mm(hardware) + 2.4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import manifold3d
 import numpy as np
 import pytest
@@ -19,6 +21,8 @@ from mirrorcam.cad.parts.tray import PAD_MM, Tray, far_leaf
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.write.part_export import write_stl
+from mirrorcam.cad.write.slicer import find_slicer, slice_3mf
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 
@@ -41,6 +45,35 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
         name for name, check in check_overhangs(mesh, solid_of(mesh), hardware.printer).items() if not check.passed
     ]
     assert [name for name in failed if name != "bridged_mm2"] == []
+
+
+@pytest.mark.skipif(find_slicer() is None, reason="needs PrusaSlicer")
+@pytest.mark.parametrize("turn_deg", [0.0, 35.0])
+def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, tmp_path: Path) -> None:
+    plan = plan_clip(hardware_of("c920", "nut"))
+    write_stl(tmp_path / "clip.stl", make_clip(plan))
+    mesh = trimesh.load_mesh(tmp_path / "clip.stl")
+    mesh.apply_transform(standing(Y_UP, plan.slide_y_mm))
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), [0.0, 0.0, 1.0]))
+    mesh.apply_translation([100.0, 100.0, 0.0])
+    mesh.export(tmp_path / "clip.stl")
+    sliced = slice_3mf(tmp_path / "clip.stl", HARDWARE.printer)
+    assert sliced is not None and sliced.support_mm == 0.0
+
+
+def test_nothing_of_a_nut_s_shoulder_is_over_the_hole_through_it() -> None:
+    plan = plan_clip(hardware_of("c920", "nut"))
+    assert plan.nest is not None
+    for screw in plan.nest.screws:
+        along = [cut for cut in plan.cuts if abs(abs(float(getattr(cut, "axis", screw.tip) @ screw.axis)) - 1.0) < 1e-9]
+        (pocket,) = (cut for cut in along if isinstance(cut, Hexagon) and pointing(cut, screw.tip, screw.axis))
+        (hole,) = (cut for cut in along if isinstance(cut, Bore) and pointing(cut, screw.tip, screw.axis))
+        assert hole.roof_mm > pocket.ridge_mm + 0.1
+
+
+def pointing(cut: Bore | Hexagon, tip: np.ndarray, axis: np.ndarray) -> bool:
+    """Whether a cut lies on a screw's axis."""
+    return bool(np.linalg.norm(np.cross(cut.mouth - tip, axis)) < 1e-6)
 
 
 @pytest.mark.parametrize("name", ["c920", "oak_d", "iphone_13"])

@@ -1,0 +1,102 @@
+"""Write the JSON Schemas of the files of MirrorCam into docs/schemas/: `python docs/make_schemas.py`.
+
+They are those of the models that read these files, so that editors and other programs can check a file first. A
+model checks more than its schema says: shapes that depend on each other, outlines, rotations.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.optics.base.files import write_text
+from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import CameraProfile
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.layout_in_pose import GravityTable
+from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.light_field.equalisation import Equalisation
+from mirrorcam.optics.light_field.io.views_file import ViewsFile
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
+from mirrorcam.workflow.poses_file import PosesFile
+from mirrorcam.workflow.sweep_work import Record
+
+FOLDER = Path(__file__).with_name("schemas")
+FILES: dict[str, Any] = {
+    "board": Target,
+    "camera": Camera,
+    "camera_profile": CameraProfile,
+    "dataset": Dataset,
+    "design": DesignSpec,
+    "equalisation": Equalisation,
+    "finish": SurfaceFinish,
+    "gravity": GravityTable,
+    "hardware": Hardware,
+    "layout": Layout,
+    "metrics": dict[str, Metric],
+    "pattern": Pattern,
+    "poses": PosesFile,
+    "scene": TabletopSet,
+    "sensor": SensorModel,
+    "sweep_result": Record,
+    "views": ViewsFile,
+}
+"""What reads a file, by the name of its schema."""
+FILLED = {"camera_profile": ("name", "cx_px", "cy_px", "fy_px")}
+"""Keys that reading fills in from the rest of the file, so that its tables may leave them out."""
+
+
+ATTRIBUTE = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:    .*\n?)+)", flags=re.MULTILINE)
+
+
+def _described(found: Any) -> Any:
+    """The same without generated titles; what a docstring says of its attributes stands at their properties."""
+    if isinstance(found, list):
+        return [_described(each) for each in found]
+    if not isinstance(found, dict):
+        return found
+    kept = {key: _described(each) for key, each in found.items() if key != "title" or not isinstance(each, str)}
+    if isinstance(found.get("properties"), dict) and "description" in kept:
+        summary, _, attributes = kept["description"].partition("\n\nAttributes\n----------\n")
+        kept["description"] = summary
+        for names, text in ATTRIBUTE.findall(attributes):
+            for name in names.split(", "):
+                said = [" ".join(text.split()).rstrip("."), kept["properties"].get(name, {}).get("description", "")]
+                if name in kept["properties"]:
+                    kept["properties"][name]["description"] = "; ".join(filter(None, said))
+    return kept
+
+
+def schema(name: str) -> dict[str, Any]:
+    """The JSON Schema of a kind of file."""
+    found = TypeAdapter(FILES[name]).json_schema(by_alias=True, mode="validation")
+    for table in found.get("$defs", {}).values():
+        if "required" in table:
+            table["required"] = [key for key in table["required"] if key not in FILLED.get(name, ())]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": name, **_described(found)}
+
+
+def schema_text(name: str) -> str:
+    """The content of the file of a schema."""
+    return json.dumps(schema(name), indent=1, ensure_ascii=False) + "\n"
+
+
+def main() -> None:
+    """Write all of them."""
+    FOLDER.mkdir(exist_ok=True)
+    for name in FILES:
+        write_text(FOLDER / f"{name}.schema.json", schema_text(name))
+
+
+if __name__ == "__main__":
+    main()

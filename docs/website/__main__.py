@@ -1,0 +1,67 @@
+"""Build the documentation site: `python -m docs.website OUT [--toy FILE.html]`.
+
+Warnings, dead links among them, are errors. Nothing is fetched. OUT is a folder of its own, or an earlier site. `--toy`
+puts a snapshot of the studio onto the front page, which is made where the file is not there yet (ten minutes).
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from sphinx.cmd.build import build_main
+
+from docs.website.accessible import mend
+from docs.website.api_pages import api_pages
+from docs.website.command_pages import command_pages
+from docs.website.gather import gather
+
+HERE = Path(__file__).parent
+MADE_BY_SPHINX = "searchindex.js"
+
+
+def build(out: Path, toy: Path | None = None) -> int:
+    """Build the site into a folder; returns the exit code of Sphinx."""
+    with tempfile.TemporaryDirectory() as work:
+        pages = Path(work, "pages")
+        gather(pages, api_pages() | command_pages())
+        tags = ["-t", "toy"] if toy is not None else []
+        given = ["-b", "html", "-c", str(HERE), "-d", f"{work}/doctrees", "-W", "--keep-going", "-q", *tags]
+        code: int = build_main([*given, str(pages), f"{work}/site"])
+        if code:
+            return code
+        Path(work, "site", ".buildinfo").unlink(missing_ok=True)
+        mend(Path(work, "site"))
+        if out.exists():
+            shutil.rmtree(out)
+        shutil.copytree(f"{work}/site", out)
+        if toy is not None:
+            shutil.copyfile(toy, out / "toy.html")
+            front = (out / "index.html").read_text(encoding="utf-8")
+            size = f"{toy.stat().st_size / 1e6:.1f} MB"
+            (out / "index.html").write_text(front.replace("TOY_SIZE", size), encoding="utf-8")
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Build the site, with the snapshot of the studio where it is asked for."""
+    parser = argparse.ArgumentParser(prog="python -m docs.website", description=__doc__.split("\n\n")[0])
+    parser.add_argument("out", type=Path, help="folder of the site")
+    parser.add_argument("--toy", type=Path, metavar="FILE.html", help="snapshot of the studio for the front page")
+    given = parser.parse_args(arguments)
+    out: Path = given.out
+    toy: Path | None = given.toy
+    if out.exists() and any(out.iterdir()) and not (out / MADE_BY_SPHINX).is_file():
+        parser.error(f"{out}: is no empty folder, and no earlier site")
+    if toy is not None and not toy.is_file():
+        subprocess.run([sys.executable, "-m", "mirrorcam", "studio", "--snapshot", str(toy)], check=True)
+    return build(out, toy)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

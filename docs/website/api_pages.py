@@ -1,0 +1,84 @@
+"""The reference of the library: a page of its public names, and one of the functions that the commands call."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import mirrorcam
+
+LIBRARY = Path(__file__).parents[1] / "library.md"
+CALLS = re.compile(r"^\| `mirrorcam (\w+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
+GROUPS = {
+    "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
+    "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "calibrate"),
+    "Light fields and depth": (
+        *("Decoder", "LightField", "open_light_field", "write_light_field", "estimate_depth", "read_image"),
+    ),
+    "Synthetic sets": ("RenderSettings", "SetRequest", "render_set", "validate"),
+    "Errors": ("InputError",),
+}
+"""The public names by what they are for."""
+PARTS = {
+    "Cameras and layouts": ("optics.geometry.mirror.Mirror", "optics.base.values.Metric"),
+    "Calibration": ("optics.calibration.calibration.Calibration",),
+    "Light fields and depth": (
+        "optics.light_field.light_field.Views",
+        "optics.light_field.depth.estimate.DepthMap",
+        "optics.light_field.depth.estimate.DepthEstimator",
+    ),
+    "Synthetic sets": ("render_scenes.sets.dataset.Dataset",),
+}
+"""What the public functions take or return besides, by its module."""
+
+
+def _directive(name: str, found: object) -> str:
+    if not inspect.isclass(found):
+        return f".. autofunction:: {name}\n"
+    return f".. autoclass:: {name}\n   :members:\n   :exclude-members: model_config, model_post_init\n"
+
+
+def _in_rst(directives: list[str]) -> str:
+    return "```{eval-rst}\n" + "\n".join(directives) + "```\n"
+
+
+def names_page() -> str:
+    """The page of the public names and of what they return."""
+    lines = [
+        "# Public names of the library\n",
+        "Every name of `import mirrorcam`. [As a library](../library.md) shows how they work together, "
+        "and [conventions](../conventions.md) defines frames, pixels and units. Lengths are in mm.\n",
+    ]
+    for title, names in GROUPS.items():
+        directives = [_directive(f"mirrorcam.{name}", getattr(mirrorcam, name)) for name in names]
+        for path in PARTS.get(title, ()):
+            module, _, name = path.rpartition(".")
+            found = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
+            directives.append(_directive(f"mirrorcam.{path}", found))
+        lines.append(f"## {title}\n\n{_in_rst(directives)}")
+    return "\n".join(lines)
+
+
+def calls() -> dict[str, str]:
+    """The function that each command calls, as docs/library.md lists them."""
+    return dict(CALLS.findall(LIBRARY.read_text(encoding="utf-8")))
+
+
+def calls_page() -> str:
+    """The page of the functions of the commands."""
+    lines = [
+        "# Functions of the commands\n",
+        "Each command is one call of one of these functions, with its options as arguments. They are typed and "
+        "documented like the [public names](names.md), but may move between versions.\n",
+    ]
+    for command, path in calls().items():
+        module, _, name = path.rpartition(".")
+        found = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
+        lines.append(f"## mirrorcam {command}\n\n{_in_rst([_directive(f'mirrorcam.{path}', found)])}")
+    return "\n".join(lines)
+
+
+def api_pages() -> dict[str, str]:
+    """All pages of the library, by name."""
+    return {"reference/names": names_page(), "reference/calls": calls_page()}

@@ -1,0 +1,302 @@
+"""The documentation site: gathered whole, every link leads somewhere, and every page is fit to be read in a browser."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+import mirrorcam
+from docs.website.accessible import accessible
+from docs.website.api_pages import GROUPS, calls
+from docs.website.command_pages import FOLDER, Group, Help, Option, command_pages, help_text, in_markdown, read_help
+from docs.website.gather import ROOT, gather, outside_code, page_of
+from mirrorcam.cli import COMMANDS
+from tests.mirrorcam.studio.browser import FLAGS, browser_page, chromium
+from tests.shared import built_once
+
+WIDE, NARROW = (1280, 900), (390, 844)
+TOY = "<!doctype html><title>A stand-in for the studio</title><h1>Studio</h1>"
+
+
+class Page(HTMLParser):
+    """What a page links to, what it loads, and its anchors."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self.anchors |= {given[name] for name in ("id", "name") if name in given}
+        if tag in ("a", "area") and "href" in given:
+            self.links.append(given["href"])
+        elif tag == "link" and given.get("rel") in ("stylesheet", "icon"):
+            self.loads.append(given["href"])
+        elif "src" in given:
+            self.loads.append(given["src"])
+
+
+def dead_links(folder: Path) -> list[str]:
+    """Links of all pages in a folder that lead to no file or no anchor, or have no sensible address."""
+    pages = {path: Page(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.html"))}
+    dead = []
+    for path, page in pages.items():
+        for link in page.links:
+            address = urlsplit(link)
+            to = (path.parent / unquote(address.path)).resolve() if address.path else path
+            to = to / "index.html" if to.is_dir() else to
+            if address.scheme:
+                good = address.scheme in ("http", "https") and re.fullmatch(r"[\w.-]+\.\w+", address.netloc) is not None
+            elif to in pages and address.fragment:
+                good = unquote(address.fragment) in pages[to].anchors
+            else:
+                good = to.is_file() and to.is_relative_to(folder)
+            if not good:
+                dead.append(f"{path.relative_to(folder)}: {link}")
+    return dead
+
+
+def test_a_file_has_its_place_on_the_site() -> None:
+    assert page_of("docs/tour.md") == "tour"
+    assert page_of("docs/guides/maker.md") == "guides/maker"
+    assert page_of("docs/website/pages/index.md") == "index"
+    assert page_of("CONTRIBUTING.md") == "contributing"
+    assert page_of("examples/desk_foot.py") == "repository/examples/desk_foot.py"
+
+
+def test_code_is_left_as_it_is() -> None:
+    text = "a\n\n```sh\na\n```\n\na\n\n:::{only} a\na\n:::\n"
+    assert outside_code(text, lambda part: part.replace("a", "b")) == (
+        "b\n\n```sh\na\n```\n\nb\n\n:::{only} b\nb\n:::\n"
+    )
+
+
+def test_links_to_the_repository_become_pages(tmp_path: Path) -> None:
+    gather(tmp_path, {"reference/names": "# Names\n"})
+    assert "(repository/examples/desk_foot.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
+    assert "](measured.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
+    assert "[](conventions.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
+    shown = (tmp_path / "repository/examples/desk_foot.py.md").read_text(encoding="utf-8")
+    assert (ROOT / "examples/desk_foot.py").read_text(encoding="utf-8").rstrip() in shown
+    listed = (tmp_path / "repository/optics/geometry/cameras.md").read_text(encoding="utf-8")
+    assert "[c920.toml](cameras/c920.toml.md)" in listed
+    assert (tmp_path / "repository/optics/geometry/cameras/c920.toml.md").is_file()
+    assert not (tmp_path / "README.md").exists()
+
+
+def test_parameters_on_lines_of_their_own_are_no_definitions() -> None:
+    given = '<dt class="sig py"><dl>\n<dd>a</dd>\n</dl></dt><dl><dd>b</dd></dl><pre>c</pre>'
+    assert accessible(given) == (
+        '<dt class="sig py"><span class="sig-lines">\n<span class="sig-line">a</span>\n</span></dt><dl><dd>b</dd></dl>'
+        '<pre tabindex="0">c</pre>'
+    )
+
+
+def test_a_help_text_is_read() -> None:
+    text = """usage: mirrorcam x [-h] FILE
+
+One line.
+
+ positional arguments
+ ---------------------
+  FILE           a file
+                 of `x`
+
+ spec options
+ ---------------------
+  About all.
+  ---------------------
+  --long-name {a,b}
+                 which one (default: a)
+"""
+    assert read_help(text) == Help(
+        "mirrorcam x [-h] FILE",
+        ["One line."],
+        [
+            Group("positional arguments", "", [Option("FILE", "a file of `x`")]),
+            Group("spec options", "About all.", [Option("--long-name {a,b}", "which one (default: a)")]),
+        ],
+    )
+    with pytest.raises(ValueError, match="expected the usage"):
+        read_help("Traceback")
+
+
+def test_a_help_text_is_no_markup() -> None:
+    assert in_markdown("a * b_c `d_e` <f> (docs/cad.md)") == r"a \* b\_c `d_e` \<f\> ([cad](../../cad.md))"
+
+
+def test_every_command_and_option_is_in_the_reference() -> None:
+    pages = command_pages()
+    assert set(pages) == {f"{FOLDER}/index", *(f"{FOLDER}/{command}" for command in COMMANDS)}
+    for command in COMMANDS:
+        assert f"[mirrorcam {command}]({command}.md)" in pages[f"{FOLDER}/index"]
+        named = set(re.findall(r"^\s+(--[a-z][a-z0-9-]+)", help_text(command), flags=re.MULTILINE)) - {"--debug"}
+        written = re.findall(r"^:::\{option\} (.+)$", pages[f"{FOLDER}/{command}"], flags=re.MULTILINE)
+        assert {option for each in written for option in each.replace(",", "").split() if option[:2] == "--"} == named
+        assert "--out" in named or command in ("camera", "live"), command
+
+
+def test_every_public_name_and_call_is_in_the_reference() -> None:
+    names = [name for names in GROUPS.values() for name in names]
+    assert sorted(names) == sorted(mirrorcam.__all__)
+    assert sorted({*calls(), "camera"}) == sorted(COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site as the command builds it, with a stand-in for the studio's snapshot."""
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+
+    def build(folder: Path) -> None:
+        folder.mkdir()
+        (folder / "toy.html").write_text(TOY, encoding="utf-8")
+        command = [sys.executable, "-m", "docs.website", str(folder / "site"), "--toy", str(folder / "toy.html")]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+        assert done.returncode == 0, done.stderr[-3000:]
+        assert done.stderr == ""
+
+    return built_once(tmp_path_factory, "documentation_site", build) / "site"
+
+
+def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website.__main__ import main
+
+    (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(SystemExit, match="2"):
+        main([str(tmp_path)])
+    assert "no earlier site" in capsys.readouterr().err
+    assert (tmp_path / "thesis.txt").is_file()
+
+
+def test_a_toy_that_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website import __main__ as command
+
+    ran: list[list[str]] = []
+    monkeypatch.setattr(subprocess, "run", lambda line, check: ran.append(line))
+    monkeypatch.setattr(command, "build", lambda out, toy: 0)
+    toy = tmp_path / "studio.html"
+    assert command.main([str(tmp_path / "site"), "--toy", str(toy)]) == 0
+    assert [line[1:] for line in ran] == [["-m", "mirrorcam", "studio", "--snapshot", str(toy)]]
+
+
+def read_pages(site: Path) -> list[str]:
+    """The pages that are written to be read, not copies of files of the repository."""
+    every = sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
+    apart = ("repository/", "toy", "genindex", "search", "_static")
+    return [name for name in every if not name.startswith(apart)]
+
+
+@pytest.mark.slow
+def test_every_link_of_the_site_leads_somewhere(site: Path) -> None:
+    assert dead_links(site) == []
+    assert len(read_pages(site)) > 50
+
+
+def test_dead_links_are_found(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text('<p id="x"><a href="a.html#x"><a href="#y"><a href="b.html"><a href="https://c">')
+    assert dead_links(tmp_path) == ["a.html: #y", "a.html: b.html", "a.html: https://c"]
+
+
+@pytest.mark.slow
+def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
+    for path in site.rglob("*.html"):
+        loads = Page(path.read_text(encoding="utf-8")).loads
+        assert [load for load in loads if urlsplit(load).scheme not in ("", "data")] == []
+
+
+@pytest.mark.slow
+def test_formulas_are_drawn_by_the_browser_and_fields_are_described(site: Path) -> None:
+    theory = (site / "theory.html").read_text(encoding="utf-8")
+    assert theory.count("<math") > 30
+    assert "$" not in re.sub(r"<(script|style).*?</\1>", "", theory, flags=re.DOTALL)
+    names = (site / "reference" / "names.html").read_text(encoding="utf-8")
+    fields = re.sub(r"<[^>]+>", "", names)
+    assert re.search(r"scale_mm \(float, default 80.0\) . height of the central mirror above the pupil", fields)
+    assert "TypeAliasForwardRef" not in names
+    assert " at 0x" not in names
+
+
+@pytest.mark.slow
+def test_the_front_page_has_the_toy(site: Path) -> None:
+    assert (site / "toy.html").read_text(encoding="utf-8") == TOY
+    front = (site / "index.html").read_text(encoding="utf-8")
+    assert 'href="toy.html"' in front
+    assert "Try it here (0.0 MB)" in front
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The system's Chromium; tests are skipped where it is not installed."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = chromium()
+    if path is None:
+        pytest.skip("chromium is not installed")
+    with sync_api.sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=path, args=[*FLAGS, "--disable-3d-apis"])
+        yield launched
+        launched.close()
+
+
+BROKEN = "[...document.images].filter((i) => i.complete && !i.naturalWidth).map((i) => i.src)"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
+def test_every_page_fits_and_shows_its_pictures(browser: Any, site: Path, size: tuple[int, int]) -> None:
+    with browser_page(browser, size) as watched:
+        found = []
+        for name in read_pages(site):
+            watched.page.goto((site / name).as_uri())
+            wider = watched.page.evaluate("document.documentElement.scrollWidth - innerWidth")
+            broken = watched.page.evaluate(BROKEN)
+            if wider > 0 or broken:
+                found.append((name, wider, broken))
+        assert found == []
+        assert watched.errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_page_is_accessible(browser: Any, site: Path, scheme: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    found = {}
+    with browser_page(browser, WIDE, scheme) as watched:  # type: ignore[arg-type]
+        for name in read_pages(site):
+            watched.page.goto((site / name).as_uri())
+            violations = axe.Axe().run(watched.page).response["violations"]
+            if violations:
+                found[name] = [(each["id"], [node["html"][:120] for node in each["nodes"][:3]]) for each in violations]
+    assert found == {}
+
+
+@pytest.mark.slow
+def test_the_toy_begins_where_its_picture_was(browser: Any, site: Path) -> None:
+    with browser_page(browser) as watched:
+        watched.page.goto((site / "index.html").as_uri())
+        watched.page.click(".toy-start")
+        frame = watched.page.frame_locator(".toy iframe")
+        assert frame.locator("h1").inner_text() == "Studio"
+        assert watched.page.locator(".toy-picture").count() == 0
+        assert watched.errors == []
+
+
+@pytest.mark.slow
+def test_the_search_finds_an_option(browser: Any, site: Path) -> None:
+    with browser_page(browser) as watched:
+        watched.page.goto((site / "search.html").as_uri() + "?q=robust-tilt-deg")
+        watched.page.wait_for_selector("#search-results li a")
+        results = watched.page.locator("#search-results li a").all_inner_texts()
+        assert any("mirrorcam design" in text for text in results)
