@@ -73,7 +73,7 @@ class Block:
 
 def pages() -> list[Path]:
     """Every document that may quote figures."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(lines: Sequence[str]) -> Iterator[Block]:

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.records import Figure, Record, Records, table
 from docs.make_measured import GUARDED, MEASURED, amiss, blocks, main, numbers, pages, quoted, unowned, written
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def records() -> Records:
