@@ -1,4 +1,4 @@
-"""How well edges and scenes tell the tilts of mirrors: `python -m benchmarks.alignment [--devices N] [CASE ...]`.
+"""How well edges and scenes tell the tilts of mirrors: `python -m benchmarks.alignment [CASE ...] [--json FILE]`.
 
 Devices of the default layout with errors of building drawn at random: tilts of 0.5 deg, shifts, cuts, the camera's seat
 and its lens (`BuildErrors`). Cases: `sheet`, one frame of a white sheet; `still` and `moving`, one and ten frames of a
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice, EdgePoints
 from mirrorcam.optics.alignment.edge_profiles import stations
@@ -41,6 +42,20 @@ LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 NOISE, STRAY = 1.5, 3.0
 CASES = {"sheet": 1, "still": 1, "moving": 10, "scene": 3}
 """Frames of each case."""
+SAID = {
+    "sheet": "one of a white sheet",
+    "still": "one of a checkerboard of 11 mm",
+    "moving": "ten of a checkerboard that moves",
+    "scene": "three of textured sheets, by points",
+}
+HEAD = (
+    "frames",
+    "error, right / down",
+    "stated sigma",
+    "error against the mean",
+    "squared error over variance",
+    "told",
+)
 SMALLER = 0.5
 DRAWS = 50
 
@@ -115,8 +130,8 @@ def edge_errors_px(truth: Layout, found: Alignment) -> FloatArray:
     return joined[np.isfinite(joined)]
 
 
-def case(name: str, layout: Layout, devices: int, first: int) -> None:
-    """Print the figures of a case."""
+def case(name: str, layout: Layout, devices: int, first: int) -> tuple[str, ...]:
+    """Print the figures of a case, and return its row of the table."""
     smaller = SMALLER if name == "scene" else 1.0
     errors = BuildErrors()
     aligner: Any = SceneAligner(layout, errors) if name == "scene" else EdgeAligner(layout, errors)
@@ -155,6 +170,10 @@ def case(name: str, layout: Layout, devices: int, first: int) -> None:
         f"variance {np.mean((every[kept] / stated[kept]) ** 2):.2f}; told {100 * np.mean(told):.0f} %{edges}; "
         f"{np.median(seconds):.1f} s"
     )
+    ratio = np.mean((every[kept] / stated[kept]) ** 2)
+    sigmas = " / ".join(f"{each:.2f}°" for each in stated_rms)
+    share = f"{100 * np.mean(told):.0f} %"
+    return SAID[name], f"{right:.2f}° / {down:.2f}°", sigmas, f"{together:.2f}°", f"{ratio:.2f}", share
 
 
 def main() -> None:
@@ -163,6 +182,7 @@ def main() -> None:
     parser.add_argument("--devices", type=int, default=24)
     parser.add_argument("--first", type=int, default=0, metavar="SEED")
     parser.add_argument("--layout", type=Path, default=LAYOUT)
+    add_json_option(parser)
     given = parser.parse_args()
     layout = Layout.load(given.layout)
     for edge_px in (0.05, 0.1):
@@ -171,8 +191,8 @@ def main() -> None:
             f"bound of edges known to {edge_px} px: right {bound[:, 0].min():.2f} to {bound[:, 0].max():.2f}, "
             f"down {bound[:, 1].min():.2f} to {bound[:, 1].max():.2f} deg; before: {BuildErrors().tilt_deg} deg"
         )
-    for name in given.cases or CASES:
-        case(name, layout, given.devices, given.first)
+    rows = [case(name, layout, given.devices, given.first) for name in given.cases or CASES]
+    write_record(given.json, "alignment", table=table(HEAD, rows))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from benchmarks.cameras import table
+from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.optics.base.files import write_text
@@ -69,8 +69,8 @@ def read_results(path: Path) -> dict[str, BackResult]:
     return {result.back: result for result in results}
 
 
-def table_of(results: Iterable[BackResult]) -> str:
-    """The table of docs/cad.md, in Markdown; a dash where a figure is of no concern to a back."""
+def table_of(results: Iterable[BackResult]) -> Table:
+    """The table of docs/cad.md; a dash where a figure is of no concern to a back."""
 
     def said(value: float | None, form: str, unit: str) -> str:
         return "-" if value is None else f"{value:{form}} {unit}"
@@ -96,6 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--layout", type=Path, default=DEFAULT)
+    add_json_option(parser)
     options = parser.parse_args()
     layout, path = Layout.load(options.layout), options.folder / "backs.jsonl"
     results = read_results(path)
@@ -104,7 +105,9 @@ def main() -> None:
         results[back] = result_of(back, checks)
         lines = (json.dumps(each.model_dump(mode="json")) for each in results.values())
         write_text(path, "\n".join(lines) + "\n")
-    print(table_of(results[kind] for kind in BACKS))
+    found = table_of(results[kind] for kind in BACKS)
+    print(found.markdown())
+    write_record(options.json, "backs", table=found)
 
 
 if __name__ == "__main__":

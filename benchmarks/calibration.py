@@ -1,6 +1,6 @@
-"""The solver beside SciPy, and at the statistical limit: `python benchmarks/calibration.py [speed] [limit] [start]`.
+"""The solver beside SciPy, and at the statistical limit: `python -m benchmarks.calibration [PART ...] [--json FILE]`.
 
-Run it on one thread (`OPENBLAS_NUM_THREADS=1`): the peers gain little from more. Without arguments, all of these:
+Run it on one thread (`OPENBLAS_NUM_THREADS=1`): the peers gain little from more. Without a PART, all of these:
 
 - speed: 216 parameters and 29,160 residuals, from mirrors off by 0.5 deg and 0.5 mm and boards placed from them. Ours
   (`minimise`, plain least squares) and the methods of `scipy.optimize.least_squares` with the same analytic derivatives
@@ -15,6 +15,7 @@ Exits with 1 past a limit.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -74,7 +76,7 @@ def _peer(peer: Peer, options: dict[str, Any]) -> Run:
     return Run(seconds, found.njev or found.nfev, 2.0 * found.cost, peer.estimate(found.x).virtual_centres_in_rig_mm)
 
 
-def speed() -> bool:
+def speed(json: Path | None) -> bool:
     """The table of times; whether it is within the limits."""
     start, seen, model = _start(0)
     peer = Peer(start, seen, model)
@@ -104,6 +106,8 @@ def speed() -> bool:
         if apart < 1e-7:
             fastest = min(fastest, run.seconds)
         same &= run.cost > own.cost * (1.0 - 1e-7)
+    figures = {"parameters": len(peer.x0), "residuals": 2 * len(seen), "fit_s": whole, "steps": solution.iterations}
+    write_record(json, "calibration_speed", figures | {"fastest_peer_times": fastest / whole})
     good = whole <= 0.5 and solution.iterations <= 10 and fastest >= 5.0 * whole and same and np.isfinite(fastest)
     print(
         f"fit within 0.5 s and 10 steps, fastest peer {fastest / whole:.1f} x as long (>= 5): {'yes' if good else 'NO'}"
@@ -116,7 +120,7 @@ def peer_residuals(peer: Peer, estimate: Estimate) -> FloatArray:
     return Peer(estimate, peer.observations, peer.model).residuals(peer.x0)
 
 
-def limit() -> bool:
+def limit(json: Path | None) -> bool:
     """Errors over the bound; whether all are within the limits."""
     begun = time.perf_counter()
     found = run_trials(TRIALS, outliers=TRIALS)
@@ -126,7 +130,8 @@ def limit() -> bool:
     plain = np.sqrt(ours.mean(axis=1))
     paired = np.sqrt(1.0 + (ours - linear).mean(axis=1))
     costs = np.sqrt(with_outliers.mean(axis=1) / ours.mean(axis=1))
-    print(f"RMSE / bound, worst of the mirrors, sampled with a spread of {np.sqrt(0.5 / TRIALS):.3f}:")
+    errors, spread = ((plain, 3), (paired, 4), (costs, 3)), np.sqrt(0.5 / TRIALS)
+    print(f"RMSE / bound, worst of the mirrors, sampled with a spread of {spread:.3f}:")
     for name, *rows in zip(("normals", "distances"), plain, paired, costs, strict=True):
         worst, tight, cost = (row.max() for row in rows)
         print(f"  {name:10} {worst:.3f}, paired {tight:.4f}; with outliers {cost:.3f} of clean")
@@ -139,24 +144,40 @@ def limit() -> bool:
     print(f"NEES per degree of freedom {nees:.3f}; weakest direction sampled / claimed {sampled / claimed:.3f}")
     good = plain.max() <= 1.05 and costs.max() <= 1.1 and 0.95 <= nees <= 1.05 and abs(sampled / claimed - 1.0) <= 0.1
     print(f"within 1.05, 1.1, 0.95 to 1.05, 10 %: {'yes' if good else 'NO'}")
+    worst, tight, cost = (", ".join(f"{row.max():.{digits}f}" for row in rows) for rows, digits in errors)
+    rows = [
+        ("RMSE / bound, worst normal, worst distance", f"{worst} (each ± {spread:.3f} from {TRIALS} trials)", "1.05"),
+        ("the same, paired with the linear estimate of the same noise", tight, ""),
+        ("NEES per degree of freedom", f"{nees:.3f}", "0.95 to 1.05"),
+        ("weakest direction, sampled / predicted sigma", f"{sampled / claimed:.3f}", "within 10 %"),
+        ("1 % outliers of 20 sigma, normals, distances", f"{cost} of clean", "1.1"),
+    ]
+    write_record(json, "calibration_bound", table=table(("", "", "limit"), rows))
     return bool(good)
 
 
-def start() -> bool:
+def start(json: Path | None) -> bool:
     """Rate at which fits converge from wrong mirrors; returns whether nearly all do from the worst that is asked."""
     scene = small_scene()
-    rates = {}
+    rates, converged = {}, {}
     for tilt_deg, offset_mm in ((2.0, 2.0), (3.0, 3.0), (4.0, 4.0)):
         draws = DRAWS if tilt_deg == 2.0 else DRAWS // 5
         good = sum(converges(scene, seed, tilt_deg=tilt_deg, offset_mm=offset_mm) for seed in range(draws))
-        rates[tilt_deg] = good / draws
+        rates[tilt_deg], converged[f"converged_{tilt_deg:g}deg"] = good / draws, good
         print(f"mirrors off by {tilt_deg:g} deg and {offset_mm:g} mm: {good} of {draws} converge")
+    write_record(json, "calibration_start", converged)
     return rates[2.0] >= 0.99
 
 
-PARTS: dict[str, Callable[[], bool]] = {"speed": speed, "limit": limit, "start": start}
+PARTS: dict[str, Callable[[Path | None], bool]] = {"speed": speed, "limit": limit, "start": start}
 
 
 if __name__ == "__main__":
-    results = [PARTS[name]() for name in sys.argv[1:] or PARTS]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    add_json_option(parser)
+    options = parser.parse_args()
+    if not PARTS.keys() >= set(options.parts):
+        parser.error(f"parts {' '.join(options.parts)}, expected of {', '.join(PARTS)}")
+    results = [PARTS[name](options.json) for name in options.parts or PARTS]
     sys.exit(0 if all(results) else 1)

@@ -1,4 +1,4 @@
-"""Blind calibration of rendered sets against their truth: `python benchmarks/calibration_blind.py SET [SET ...]`.
+"""Blind calibration of rendered sets against their truth: `python -m benchmarks.calibration_blind SET [SET ...]`.
 
 Sets come from `mirrorcam render LAYOUT --renderer mitsuba --sensor c920 --frames 20 --seed N`, of layouts with
 first- and second-surface mirrors (`mirrorcam design --surface second --thickness-mm 2`). Each is calibrated from its

@@ -12,8 +12,8 @@ covariance: 1 where it is right) of all, of the mirrors, of the intrinsics; the 
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
@@ -79,8 +80,8 @@ def worst_normal_deg(layout: Layout, truth: dict[str, Any]) -> float:
     return float(np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max()))
 
 
-def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> None:
-    """Print the figures of one calibration."""
+def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> dict[str, float]:
+    """Print the figures of one calibration, and return them."""
     layout, true = calibration.layout, np.array(truth["C"])
     found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     distance_mm = np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
@@ -98,9 +99,18 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> None:
         print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
     verdict = check_solution(calibration, view_figures(calibration))
     print(f"    {STATES[verdict.state]}{''.join(f'; {reason}' for reason in verdict.reasons)}")
+    return {
+        "dropped_percent": 100.0 * float(np.mean(~calibration.inliers)),
+        "corners": len(calibration.inliers),
+        "worst_normal_deg": worst_normal_deg(layout, truth),
+        "worst_distance_mm": float(distance_mm),
+        "nees_per_parameter": everything,
+        "nees_of_mirrors": mirrors,
+        "nees_of_lens": lens,
+    }
 
 
-def main(folders: list[Path]) -> None:
+def main(folders: list[Path], record_to: Path | None) -> None:
     for folder in folders:
         request = CalibrationRequest(
             pictures=(folder / "frames",),
@@ -118,12 +128,16 @@ def main(folders: list[Path]) -> None:
                 layout.with_surface("first").save(Path(kept) / "layout.json")
                 as_first = calibrate_files(replace(request, layout=Path(kept) / "layout.json", surface="second"))
         truth = json.loads((folder / "truth" / "truth.json").read_text())
-        report("as the layout says", found, truth)
+        figures = report("as the layout says", found, truth)
         if as_first is not None:
-            report("from a first-surface layout, --surface second", as_first, truth)
+            more = report("from a first-surface layout, --surface second", as_first, truth)
+            figures |= {f"from_first_surface.{name}": value for name, value in more.items()}
+        write_record(record_to, f"calibration_foreign_{folder.name}", figures)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main([Path(name) for name in sys.argv[1:]])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", nargs="+", type=Path, metavar="SET")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.sets, options.json)

@@ -8,8 +8,8 @@ verdict.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks.calibration_foreign import nees, worst_normal_deg
 from benchmarks.detection_parts import hidden
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.pictures import pictures_in, read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
@@ -92,34 +93,37 @@ def cases(pictures: Pictures, layout: Layout) -> dict[str, Pictures]:
     }
 
 
-def outcome(pictures: Pictures, folder: Path, layout: Layout, truth: dict[str, Any]) -> str:
-    """What comes of one case, in a line."""
+def outcome(pictures: Pictures, folder: Path, layout: Layout, truth: dict[str, Any]) -> tuple[str, ...]:
+    """What comes of one case: corners and how many were dropped, the worst normal, NEES, and the verdict."""
     try:
         found = calibrate(pictures.seen, pictures.base, layout, load_board(folder / "board.toml"), workers=cores())
     except InputError as error:
-        return f"refused: {error}"
+        return "", "", "", f"refused: {error}"
     verdict = check_solution(found, view_figures(found))
-    level = "" if found.diagnostics is None else found.diagnostics.level
     return (
-        f"{len(found.inliers)} corners, {np.mean(~found.inliers):.2%} dropped, {level}, normals "
-        f"{worst_normal_deg(found.layout, truth):.4f} deg, NEES {nees(found.layout, truth, lambda _: True):.2f}, "
-        f"{STATES[verdict.state].lower()}{''.join(f'; {reason}' for reason in verdict.reasons[:1])}"
+        f"{len(found.inliers):,}, {100.0 * np.mean(~found.inliers):.1f} %",
+        f"{worst_normal_deg(found.layout, truth):.4f}°",
+        f"{nees(found.layout, truth, lambda _: True):.1f}",
+        f"{STATES[verdict.state]}{''.join(f': {reason}' for reason in verdict.reasons[:1])}",
     )
 
 
-def main(folders: list[Path]) -> None:
+def main(folders: list[Path], record_to: Path | None) -> None:
     for folder in folders:
         layout = Layout.load(folder / "layout.json")
         truth = json.loads((folder / "truth" / "truth.json").read_text())
         seen, base = (
             [read_image(path, grey=True) for path in pictures_in([folder / name])] for name in ("frames", "base")
         )
-        print(folder.name)
+        rows = Rows(folder.name, "corners, dropped", "worst normal", "NEES per parameter", "verdict")
         for name, pictures in cases(Pictures(seen, base), layout).items():
-            print(f"  {name:20} {outcome(pictures, folder, layout, truth)}", flush=True)
+            rows.add(name, *outcome(pictures, folder, layout, truth))
+        write_record(record_to, f"calibration_hard_{folder.name}", table=rows.table)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main([Path(name) for name in sys.argv[1:]])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", nargs="+", type=Path, metavar="SET")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.sets, options.json)

@@ -15,6 +15,7 @@ Exits with 1 where held out is over the floor by more than 5 %, or a bias is abo
 
 from __future__ import annotations
 
+import argparse
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.files import inside
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
@@ -134,25 +136,26 @@ def write_layouts(folder: Path) -> None:
         nominal.replaced(camera=camera).save(folder / f"{name}.json")
 
 
-def main(folders: list[Path]) -> int:
-    print(f"{'set':20} {'level':20} {'rms px':>8} {'held out':>9} {'floor':>8} {'ratio':>7} {'bias px':>8}")
+def main(folders: list[Path], json: Path | None) -> int:
+    rows = Rows("set", "level found", "rms px", "held out px", "floor px", "ratio", "bias px")
     passed = True
     for folder in folders:
         found = measured(folder)
         passed &= found.passed
         ratio = found.held_out_px / found.floor_px
-        print(
-            f"{folder.name:20} {found.level:20} {found.rms_px:8.4f} {found.held_out_px:9.4f} {found.floor_px:8.4f} "
-            f"{ratio:7.3f} {found.bias_px:8.4f}{'' if found.passed else '  past a limit'}",
-            flush=True,
-        )
+        figures = (f"{each:.4f}" for each in (found.rms_px, found.held_out_px, found.floor_px))
+        bias = f"{found.bias_px:.4f}{'' if found.passed else ', past a limit'}"
+        rows.add(folder.name, f"`{found.level}`", *figures, f"{ratio:.3f}", bias)
+    write_record(json, "calibration_lenses", table=rows.table)
     return 0 if passed else 1
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    if sys.argv[1] == "layouts":
-        write_layouts(Path(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", nargs="+", type=Path, metavar="SET", help="or `layouts DIR`")
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.sets[0] == Path("layouts"):
+        write_layouts(options.sets[1])
     else:
-        raise SystemExit(main([Path(name) for name in sys.argv[1:]]))
+        sys.exit(main(options.sets, options.json))

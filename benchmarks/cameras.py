@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from benchmarks.camera_cells import ADAPTERS, CAMERAS, Cell, Key, fill, read_cells
+from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.camera_library import library
@@ -72,7 +73,7 @@ def row_of(check: str) -> str:
     return _ROW_OF.get(name, name)
 
 
-def matrix_table(cells: Mapping[Key, Cell]) -> str:
+def matrix_table(cells: Mapping[Key, Cell]) -> Table:
     """Cameras by adapters: how many checks of how many passed."""
 
     def text(camera: str, adapter: str) -> str:
@@ -89,7 +90,7 @@ def matrix_table(cells: Mapping[Key, Cell]) -> str:
     return table(("camera", *(f"`{adapter}`" for adapter in adapters)), rows)
 
 
-def checks_table(cells: Mapping[Key, Cell]) -> str:
+def checks_table(cells: Mapping[Key, Cell]) -> Table:
     """Checks by adapters: for how many cameras, of those that have such a check, all of the kind passed."""
     adapters = named(cells, 1, ADAPTERS)
     checked: dict[tuple[str, str], dict[str, bool]] = {}
@@ -110,7 +111,7 @@ def checks_table(cells: Mapping[Key, Cell]) -> str:
     return table(head, [(row, *(text(row, adapter) for adapter in adapters)) for row in rows])
 
 
-def print_table(cells: Mapping[Key, Cell]) -> str:
+def print_table(cells: Mapping[Key, Cell]) -> Table:
     """Cameras by adapters: mass as solid, and, where they were sliced, plastic and printing time of each device."""
 
     def text(camera: str, adapter: str) -> str:
@@ -127,7 +128,7 @@ def print_table(cells: Mapping[Key, Cell]) -> str:
     return table(("camera", *(f"`{adapter}`" for adapter in adapters)), rows)
 
 
-def clip_table(cells: Mapping[Key, Cell]) -> str:
+def clip_table(cells: Mapping[Key, Cell]) -> Table:
     """Figures of the clip of each camera, of the device on the first adapter that it was built with."""
     first: dict[str, Cell] = {}
     for adapter in named(cells, 1, ADAPTERS):
@@ -176,22 +177,13 @@ def failures(cells: Mapping[Key, Cell]) -> list[str]:
     return lines
 
 
-def line(cells: Sequence[str]) -> str:
-    """A line of a Markdown table."""
-    return f"| {' | '.join(cells)} |"
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    return "\n".join([line(head), "|---" * len(head) + "|", *map(line, rows)]) + "\n"
-
-
-TABLES: tuple[tuple[str, Callable[[Mapping[Key, Cell]], str]], ...] = (
-    ("Checks passed", matrix_table),
-    ("Cameras whose checks of a kind all passed", checks_table),
-    ("Mass as solid, plastic, printing time", print_table),
-    ("Clips", clip_table),
+TABLES: tuple[tuple[str, str, Callable[[Mapping[Key, Cell]], Table]], ...] = (
+    ("cameras_matrix", "Checks passed", matrix_table),
+    ("cameras_checks", "Cameras whose checks of a kind all passed", checks_table),
+    ("cameras_printing", "Mass as solid, plastic, printing time", print_table),
+    ("cameras_clips", "Clips", clip_table),
 )
+"""Records, titles and makers of the tables."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -205,11 +197,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--again", action="store_true", help="build again what did not pass")
     parser.add_argument("--tables", action="store_true", help="build nothing, print the tables")
+    add_json_option(parser)
     options = parser.parse_args(arguments)
     try:
         if options.tables:
             cells = read_cells(options.file)
-            print("\n".join(f"{title}:\n\n{made(cells)}" for title, made in TABLES))
+            for key, title, made in TABLES:
+                found = made(cells)
+                print(f"{title}:\n\n{found.markdown()}\n")
+                write_record(options.json, key, table=found)
         else:
             cells = fill(
                 *(options.file, options.cameras, options.adapters, options.designs, options.processes),

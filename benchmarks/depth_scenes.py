@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci, write_hci
@@ -68,8 +69,13 @@ def _disparity(scene: RenderedScene, views: Views, t: int, s: int) -> NDArray[np
     return views.disparity_px_from_depth(scene.depth_mm(views, t, s).astype(np.float64), "s").astype(np.float32)
 
 
-def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int = SPP, seed: int = SEED) -> None:
+def write_scene(
+    folder: Path, name: str, *, count: int, size_px: int, spp: int = SPP, seed: int = SEED
+) -> tuple[str, ...] | None:
     """Render a scene into a folder, unless it is there; continues after an interruption.
+
+    Returns, unless it was there, grey levels by which warped views differ (median, and what 90 % are below), and how
+    many pixels are on edges of depth.
 
     Raises InputError where the folder holds a scene of other views.
     """
@@ -81,7 +87,7 @@ def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int =
             )
             raise InputError(f"{folder}: {what}; name another folder")
         print(f"{name}: is there")
-        return
+        return None
     scene = RenderedScene(SCENES[name](seed))
     views = depth_views(count, size_px)
     kept = kept_paths(folder, views, spp)
@@ -100,6 +106,7 @@ def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int =
         f"differ by {np.median(off):.2f} grey levels (median), {np.quantile(off, 0.9):.2f} (90 %)",
         flush=True,
     )
+    return f"{np.median(off):.2f}", f"{np.quantile(off, 0.9):.2f}", f"{100.0 * edges.mean():.1f} %"
 
 
 def main() -> None:
@@ -108,12 +115,20 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SCENES)}; all of them by default")
     parser.add_argument("--views", type=int, choices=(3, 5, 9), default=3)
     parser.add_argument("--size", type=int, default=512, help="side of each view, px")
+    add_json_option(parser)
     request = parser.parse_args()
     wrong = sorted(set(request.names) - set(SCENES))
     if wrong:
         parser.error(f"unknown scene {wrong[0]!r}, expected of {', '.join(SCENES)}")
-    for name in request.names or SCENES:
-        write_scene(request.folder / name, name, count=request.views, size_px=request.size)
+    found = {
+        name: write_scene(request.folder / name, name, count=request.views, size_px=request.size)
+        for name in request.names or SCENES
+    }
+    made = {f"`{name}`": figures for name, figures in found.items() if figures is not None}
+    if made:
+        lines = ("difference, grey levels: median", "90 % below", "pixels on edges of depth")
+        rows = [(line, *(figures[n] for figures in made.values())) for n, line in enumerate(lines)]
+        write_record(request.json, "depth_scenes", table=table(("", *made), rows))
 
 
 if __name__ == "__main__":

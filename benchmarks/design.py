@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
+from benchmarks.records import Rows, Table, add_json_option, write_record
 from mirrorcam.optics.base.calls import in_turn
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
@@ -49,9 +50,9 @@ def cold_s(rows: int, cols: int) -> float:
     return float(subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout)
 
 
-def speed() -> None:
+def speed() -> Table:
     """Print the times that are asked for."""
-    print(f"{'design(spec)':27} {'limit s':>8} {'median':>7} {'min':>7} {'max':>7}  {'cold, once':>10}")
+    rows = Rows("design(spec)", "median", "fastest", "slowest", "first in a fresh process", "limit")
     with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
         for count, limit_s in LIMITS_S.items():
             spec = DesignSpec(rows=count[0], cols=count[1])
@@ -59,14 +60,14 @@ def speed() -> None:
                 if make is not in_turn:
                     design(spec, make)
                 times = [seconds_of(partial(design, spec, make)) for _ in range(RUNS[count])]
-                cold = f"{cold_s(*count):10.2f}" if make is in_turn else ""
-                figures = f"{statistics.median(times):7.2f} {min(times):7.2f} {max(times):7.2f}  {cold}"
-                name = f"{count[0]}x{count[1]}, {processes}, {len(times)} runs"
-                print(f"{name:27} {limit_s:8.1f} {figures}", flush=True)
+                cold = f"{cold_s(*count):.2f} s" if make is in_turn else ""
+                figures = (f"{each:.2f} s" for each in (statistics.median(times), min(times), max(times)))
+                rows.add(f"{count[0]} x {count[1]}, {processes}, {len(times)} runs", *figures, cold, f"{limit_s:g} s")
+    return rows.table
 
 
-def growth(picture: Path | None) -> None:
-    """Print times and sizes over the mirror count, and draw them."""
+def growth(picture: Path | None) -> float:
+    """Print times and sizes over the mirror count, and draw them; the power of the count by which times grow."""
     print(f"\n{'count':6} {'unknowns':>8} {'constraints':>11} {'median s':>8}  of {GROWTH_RUNS} runs")
     mirrors, times, sizes = [], [], []
     for rows, cols in GROWTH:
@@ -86,6 +87,7 @@ def growth(picture: Path | None) -> None:
     print(f"time grows like mirrors^{slope:.2f}")
     if picture:
         draw(np.array(mirrors), np.array(times), np.array(sizes), slope, picture)
+    return slope
 
 
 def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float, path: Path) -> None:
@@ -121,9 +123,10 @@ if __name__ == "__main__":
     parser.add_argument("--only-peers", action="store_true", help="SciPy's solvers alone")
     parser.add_argument("--cap", type=float, default=90.0, help="seconds after which a peer is stopped")
     parser.add_argument("--picture", type=Path, help="a PNG of the growth to write")
+    add_json_option(parser)
     arguments = parser.parse_args()
     if not arguments.only_peers:
-        speed()
-        growth(arguments.picture)
+        found = speed()
+        write_record(arguments.json, "design_speed", {"growth_power": growth(arguments.picture)}, found)
     if not arguments.skip_peers:
         peers(arguments.cap)

@@ -1,4 +1,4 @@
-"""What focus and aperture a design needs to be sharp at its depths: `python -m benchmarks.design_focus`.
+"""What focus and aperture a design needs to be sharp at its depths: `python -m benchmarks.design_focus [--json FILE]`.
 
 3x3, C920, designs at scales of 60, 80 and 120 mm for three pairs of depths: the largest circle of confusion with the
 camera's focus and with the best, and the largest aperture with which the latter is within the limit.
@@ -7,7 +7,9 @@ camera's focus and with the best, and the largest aperture with which the latter
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX
@@ -23,18 +25,23 @@ def metrics_of(spec: DesignSpec) -> dict[str, Metric]:
     return design(spec).metrics
 
 
-def main(workers: int) -> None:
+def main(workers: int, json: Path | None) -> None:
     specs = [DesignSpec(scale_mm=scale, depths_mm=depths, fold_deg=90.0) for depths in DEPTHS_MM for scale in SCALES_MM]
-    print("depths, mm    scale  circles, px  best focus, mm  circle then, px  largest aperture, mm")
+    limit = f"largest aperture for {CIRCLE_LIMIT_PX:g} px"
+    found = Rows("depths", "scale", "circles as focused", "best focus", "largest circle then", limit)
     for spec, metrics in zip(specs, call_all([(metrics_of, (spec,)) for spec in specs], workers), strict=True):
         circles = " / ".join(f"{metrics[f'circle_of_confusion_{depth:g}mm'].value:.1f}" for depth in spec.depths_mm)
         best_mm, least_px = (metrics[name].value for name in ("best_focus_mm", "circle_at_best_focus_px"))
         largest_mm = spec.camera.aperture_mm * CIRCLE_LIMIT_PX / least_px
         depths = " / ".join(f"{depth:g}" for depth in spec.depths_mm)
-        print(f"{depths:12}  {spec.scale_mm:5g}  {circles:>11}  {best_mm:14.0f}  {least_px:15.2f}  {largest_mm:20.2f}")
+        lengths = (f"{best_mm:.0f} mm", f"{least_px:.2f} px", f"{largest_mm:.2f} mm")
+        found.add(f"{depths} mm", f"{spec.scale_mm:g} mm", f"{circles} px", *lengths)
+    write_record(json, "design_focus", table=found.table)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, default=2)
-    main(parser.parse_args().workers)
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.workers, options.json)

@@ -1,4 +1,4 @@
-"""Designs of patterns of views beside that of a grid: `python -m benchmarks.design_patterns`.
+"""Designs of patterns of views beside that of a grid: `python -m benchmarks.design_patterns [--json FILE]`.
 
 With `--picture FILE`, also the figure of the guide: three of them beside each other. With `--sets FOLDER`, a set of
 each is rendered (fast renderer, sensor c920, a device as built by hand), calibrated blind and compared with its truth.
@@ -7,9 +7,9 @@ each is rendered (fast renderer, sensor c920, a device as built by hand), calibr
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
+from benchmarks.records import Rows, Table, add_json_option, write_record
 from mirrorcam.figures.design_figure import beside_each_other
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.arrangement import Pattern
@@ -36,23 +36,22 @@ FIGURES = (
 TRUTHS = ("normal_error_max_deg", "held_out_rms_x_px", "held_out_rms_y_px", "decoded_corner_rms_px")
 
 
-def designs() -> dict[str, Layout]:
-    """The design of each with a fold of 90 deg, by name; prints its figures."""
-    print(f"{'views':8} {'s':>6} " + " ".join(f"{name.removesuffix('_mm'):>24}" for name in FIGURES))
+def designs() -> tuple[dict[str, Layout], Table]:
+    """The design of each with a fold of 90 deg, by name, and the table of their figures, which it prints."""
     found = {}
+    printed = Rows("views", "grid error", "pixel efficiency at 300 / 500 mm", "usable efficiency", "baselines, mm")
     for pattern in ASKED:
-        begun = time.perf_counter()
         layout = design(DesignSpec(pattern=pattern, fold_deg=90.0))
-        spent = time.perf_counter() - begun
         name = layout.arrangement.text
-        values = " ".join(f"{layout.metrics[figure].value:24.3f}" for figure in FIGURES)
-        print(f"{name:8} {spent:6.2f} {values}", flush=True)
+        error, *figures = (layout.metrics[figure].value for figure in FIGURES)
+        pixel, usable = (f"{near:.3f} / {far:.3f}" for near, far in (figures[:2], figures[2:4]))
+        printed.add(name, f"{error:.3f}", pixel, usable, f"{figures[4]:.0f} x {figures[5]:.0f}")
         found[name] = layout
-    return found
+    return found, printed.table
 
 
-def blind(layout: Layout, folder: Path) -> None:
-    """Render a set, calibrate it blind, and print errors against its truth."""
+def blind(layout: Layout, folder: Path) -> tuple[str, ...]:
+    """Render a set, calibrate it blind, and return its name and errors against its truth."""
     request = SetRequest(
         layout=layout,
         frames=20,
@@ -63,22 +62,25 @@ def blind(layout: Layout, folder: Path) -> None:
     if not (folder / "dataset.json").exists():
         render_set(request, folder)
     measured = validate(folder).metrics
-    print(
-        f"{layout.arrangement.text:8} " + "  ".join(f"{name} {measured[name].value:.5f}" for name in TRUTHS), flush=True
-    )
+    normal_deg, x_px, y_px, decoded_px = (measured[name].value for name in TRUTHS)
+    return layout.arrangement.text, f"{normal_deg:.4f}", f"{x_px:.4f} / {y_px:.4f}", f"{decoded_px:.3f}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
     parser.add_argument("--picture", type=Path, help="a PNG file for the figure")
     parser.add_argument("--sets", type=Path, help="a folder for rendered sets")
+    add_json_option(parser)
     options = parser.parse_args()
-    found = designs()
+    found, printed = designs()
+    write_record(options.json, "design_patterns", table=printed)
     if options.picture:
         beside_each_other({name: found[name] for name in PICTURED}, (300.0, 500.0), options.picture, dots_per_inch=60.0)
     if options.sets:
+        rows = Rows("views", "worst normal, deg", "held-out frames x / y, px", "decoded corners, px")
         for name, layout in found.items():
-            blind(layout, options.sets / name.replace(" ", ""))
+            rows.add(*blind(layout, options.sets / name.replace(" ", "")))
+        write_record(options.json, "design_patterns_sets", table=rows.table)
 
 
 if __name__ == "__main__":

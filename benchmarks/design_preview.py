@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
@@ -42,7 +43,7 @@ GAPS = ("smallest_gap_mm", "smallest_seen_gap_mm")
 designed = cache(design)
 
 
-def errors(found: Layout, exact: Layout, spec: DesignSpec) -> str:
+def errors(found: Layout, exact: Layout, spec: DesignSpec) -> tuple[str, ...]:
     """A preview's errors: grid error, pixel efficiency at each depth, corner in mm, gap that is missed in mm."""
     metrics, truth = evaluate(found, spec.depths_mm), exact.metrics
     names = [f"pixel_efficiency_{depth:g}mm" for depth in spec.depths_mm]
@@ -55,7 +56,8 @@ def errors(found: Layout, exact: Layout, spec: DesignSpec) -> str:
     missed = max((verdict[name].limit or 0.0) - verdict[name].value for name in GAPS)
     rms = float(np.sqrt(np.mean(np.square(corners))))
     grid = grid_error(found) - grid_error(exact)
-    return f"{grid:+.4f}  {shares}  {rms:5.2f} {np.max(corners):6.2f}  {max(missed, 0.0):5.2f}"
+    lengths = (rms, float(np.max(corners)), max(missed, 0.0))
+    return f"{grid:+.4f}", shares, *(f"{each:.2f} mm" for each in lengths)
 
 
 def main() -> None:
@@ -63,9 +65,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=3)
     parser.add_argument("--cols", type=int, default=3)
+    add_json_option(parser)
     arguments = parser.parse_args()
     base = DesignSpec(rows=arguments.rows, cols=arguments.cols)
-    print(f"{'step':22} {'from':8} grid     efficiency       corners, mm   gap missed, mm   preview, ms")
+    head = ("grid error", "efficiency", "corners, rms", "largest", "gap missed")
+    rows = Rows("step", "from", *head, "preview")
     for name, step, twice in STEPS:
         spec = base.replaced(**step)
         exact = designed(spec)
@@ -74,8 +78,9 @@ def main() -> None:
             started = time.perf_counter()
             found = preview(spec, solved)
             took_ms = 1e3 * (time.perf_counter() - started)
-            text = "none" if found is None else errors(found, exact, spec)
-            print(f"{name:22} {label:8} {text}  {took_ms:5.1f}", flush=True)
+            cells = [""] * len(head) if found is None else errors(found, exact, spec)
+            rows.add(name, label, *cells, f"{took_ms:.1f} ms")
+    write_record(arguments.json, "design_preview", table=rows.table)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
@@ -139,18 +140,24 @@ def draw(built: dict[str, list[Point]], found: dict[tuple[float, str], list[Poin
         figure.savefig(temporary, dpi=110)
 
 
-def main(fold: Fold, workers: int, picture: Path | None) -> None:
+def figures_of(point: Point) -> tuple[str, ...]:
+    """Fold, grid error, and the efficiency as of a pinhole and as usable."""
+    return f"{point.fold_deg:g}°", f"{point.grid_error:.3f}", f"{point.pinhole:.3f}", f"{point.usable:.3f}"
+
+
+def main(fold: Fold, workers: int, picture: Path | None, json: Path | None) -> None:
     built, found = over_scales(fold, workers), fronts(fold, workers)
-    print("scale  optimised for  fold  grid error  pinhole  usable")
+    rows = Rows("scale", "optimised for", "fold", "grid error", "as of a pinhole", "usable")
     for (scale, name), points in found.items():
         for point in points:
-            figures = f"{point.grid_error:10.4f}  {point.pinhole:7.3f}  {point.usable:6.3f}"
-            print(f"{scale:5g}  {name:13}  {point.fold_deg:4g}  {figures}")
-    print("\nlens, scale: fold, grid error, pinhole, usable")
+            rows.add(f"{scale:g} mm", name, *figures_of(point))
+    write_record(json, "design_pupil_fronts", table=rows.table)
+    print()
+    rows = Rows("lens", "scale", "best fold", "grid error", "as of a pinhole", "usable")
     for name, points in built.items():
         for scale, point in zip(BUILT_MM, points, strict=True):
-            figures = f"{point.grid_error:.4f}  {point.pinhole:.3f}  {point.usable:.3f}"
-            print(f"{name:24} {scale:5g}  {point.fold_deg:4g}  {figures}")
+            rows.add(name, f"{scale:g} mm", *figures_of(point))
+    write_record(json, "design_pupil", table=rows.table)
     if picture:
         draw(built, found, picture)
 
@@ -160,5 +167,6 @@ if __name__ == "__main__":
     parser.add_argument("--fold-deg", type=lambda text: text if text == "auto" else float(text), default="auto")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--picture", type=Path, help="a PNG to write")
+    add_json_option(parser)
     arguments = parser.parse_args()
-    main(arguments.fold_deg, arguments.workers, arguments.picture)
+    main(arguments.fold_deg, arguments.workers, arguments.picture, arguments.json)

@@ -1,4 +1,4 @@
-"""What designs for devices as built gain: `python -m benchmarks.design_robust [--folds 90 120] [--pinhole]`.
+"""What designs for devices as built gain: `python -m benchmarks.design_robust [--pinhole] [--json FILE]`.
 
 3x3, C920, depths 300 and 500 mm. For trade-offs and folds, the design alone and that for mirrors tilted by 0.3 degrees
 and shifted by 0.3 mm: grid error, usable efficiency, its median and 5 % quantile over 200 devices of the tolerances of
@@ -9,10 +9,10 @@ another. With `--pinhole`, for a camera with a pinhole, of which usable efficien
 from __future__ import annotations
 
 import argparse
-import time
 
 import numpy as np
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 HOBBY = Tolerances.hobby()
 ROBUST = {
     "design alone": {},
-    "no mirror hidden": {"robust_offset_mm": HOBBY.offset_mm},
+    "apart": {"robust_offset_mm": HOBBY.offset_mm},
     "as built": {"robust_tilt_deg": HOBBY.tilt_deg, "robust_offset_mm": HOBBY.offset_mm},
 }
 
@@ -43,14 +43,14 @@ def usable(views: BuiltViews, depth_mm: float) -> FloatArray:
     return whole.pixel_efficiency(whole.common_regions(depth_mm)[0], depth_mm)
 
 
-def row(layout: Layout, depths_mm: tuple[float, ...]) -> str:
+def row(layout: Layout, depths_mm: tuple[float, ...]) -> tuple[str, ...]:
     """Grid error, usable efficiency of the design, its median and 5 % quantile, and how many devices hide mirrors."""
     alone, devices = drawn(layout, Tolerances.none(), 1), drawn(layout, HOBBY, DEVICES)
     cells = []
     for depth_mm in depths_mm:
         values = usable(alone, depth_mm)[0], *np.percentile(usable(devices, depth_mm), [50.0, 5.0])
         cells.append(" / ".join(f"{value:.3f}" for value in values))
-    return f"{grid_error(layout):.3f} | {' | '.join(cells)} | {devices.hidden().mean():.1%}"
+    return f"{grid_error(layout):.3f}", *cells, f"{100.0 * devices.hidden().mean():.1f} %"
 
 
 def main() -> None:
@@ -59,20 +59,19 @@ def main() -> None:
     parser.add_argument("--folds", type=float, nargs="+", default=[90.0, 120.0])
     parser.add_argument("--tradeoffs", type=float, nargs="+", default=[0.05, 0.1, 0.3])
     parser.add_argument("--pinhole", action="store_true", help="of a camera with a pinhole")
+    add_json_option(parser)
     options = parser.parse_args()
     camera = Camera.c920()
     if options.pinhole:
         camera = camera.replaced(aperture_mm=0.0)
-    print("| fold | trade-off | optimised for | grid error | 300 mm: design, median, 5 % | 500 mm | hidden | s |")
-    print("|---|---|---|---|---|---|---|---|")
+    found = Rows("fold", "trade-off", "optimised for", "grid error", "300 mm", "500 mm", "devices with hidden mirrors")
     for fold in options.folds:
         for tradeoff in options.tradeoffs:
             for name, changes in ROBUST.items():
-                started = time.perf_counter()
                 spec = DesignSpec(camera=camera, fold_deg=fold, tradeoff=tradeoff, **changes)
                 layout = design(spec)
-                took = time.perf_counter() - started
-                print(f"| {fold:g}° | {tradeoff:g} | {name} | {row(layout, spec.depths_mm)} | {took:.1f} |", flush=True)
+                found.add(f"{fold:g}°", f"{tradeoff:g}", name, *row(layout, spec.depths_mm))
+    write_record(options.json, "design_robust_pinhole" if options.pinhole else "design_robust", table=found.table)
 
 
 if __name__ == "__main__":

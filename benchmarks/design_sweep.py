@@ -1,4 +1,4 @@
-"""Success of the optimiser on 70 varied specs: `python benchmarks/design_sweep.py [--out FOLDER] [--only 3x5 ..]`.
+"""Success of the optimiser on 70 varied specs: `python -m benchmarks.design_sweep [--out FOLDER] [--only 3x5 ..]`.
 
 Counts from 1x2 to 7x7, scales of 40 to 200 mm, one to three depths, gaps of 0 to 3 mm, every tradeoff, four cameras,
 both reflecting surfaces and mirrors of four to six sides: each level of each about equally often, in a fixed mixture.

@@ -1,4 +1,4 @@
-"""Detection under stress, and its speed: `python -m benchmarks.detection [LAYOUT] [--frames N]`.
+"""Detection under stress, and its speed: `python -m benchmarks.detection [LAYOUT] [--frames N] [--json FILE]`.
 
 Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
 glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
@@ -22,6 +22,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
@@ -165,8 +166,8 @@ def _without_ghost_images(
     return refined, min(spent) / len(pictures)
 
 
-def print_time(layout: Layout, target: Target, folder: Path) -> None:
-    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder.
+def print_time(layout: Layout, target: Target, folder: Path) -> list[tuple[str, ...]]:
+    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder; rows of a table.
 
     What one frame alone cannot number of a checkerboard is numbered by all of them, which is not timed.
     """
@@ -203,6 +204,7 @@ def print_time(layout: Layout, target: Target, folder: Path) -> None:
         f"found {seen.found} of {seen.visible}, rms {seen.rms_px:.4f} px, {seen.far} beyond {FALSE_PX:g} px",
         flush=True,
     )
+    rows = [_row(f"{target.kind}, {surface}-surface mirrors", float(np.mean(least)), seen)]
     if isinstance(target, AprilGrid):
         started = time.process_time()
         theirs = score([tags_by_opencv(picture, layout, target) for picture in pictures], truth_px, visible)
@@ -212,6 +214,12 @@ def print_time(layout: Layout, target: Target, folder: Path) -> None:
             f"{theirs.visible}, rms {theirs.rms_px:.4f} px, {theirs.far} beyond {FALSE_PX:g} px",
             flush=True,
         )
+        rows.append(_row(f"{target.kind}, {surface}-surface mirrors, OpenCV", spent_s, theirs))
+    return rows
+
+
+def _row(name: str, seconds: float, seen: Score) -> tuple[str, ...]:
+    return name, f"{seconds:.2f}", f"{seen.found} of {seen.visible}", f"{seen.rms_px:.3f} px", f"{seen.far}"
 
 
 def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observations:
@@ -245,15 +253,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("layout", nargs="?", type=Path, default=DEFAULT_LAYOUT)
     parser.add_argument("--frames", type=int, default=20)
+    add_json_option(parser)
     options = parser.parse_args()
     layout = Layout.load(options.layout)
     total = false = 0
     sensors: tuple[SensorName, ...] = ("c920", "poor")
+    under: dict[str, list[str]] = {}
     with TemporaryDirectory() as name:
         for seed, sensor in enumerate(sensors):
             folder = Path(name) / sensor
             for condition, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
                 total, false = total + found.found, false + found.false
+                cells = f"{found.found / found.visible:.0%}, {found.rms_px:.3f} px", f"{found.far}, {found.outlying}"
+                under.setdefault(condition, []).extend(cells)
                 print(
                     f"{sensor:5} {condition:12} found {found.found:6d} of {found.visible:6d} "
                     f"({found.found / found.visible:4.0%}), rms {found.rms_px:.4f} px, false: "
@@ -261,10 +273,16 @@ def main() -> None:
                     flush=True,
                 )
         print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
+        head = [f"`{sensor}`: {each}" for sensor in sensors for each in ("found, RMS", "false > 1 px, > 5 sigma")]
+        rows = [(condition, *cells, *[""] * (len(head) - len(cells))) for condition, cells in under.items()]
+        write_record(options.json, "detection", table=table(("", *head), rows))
+        boards: list[tuple[str, ...]] = []
         plates = [m.replaced(surface="second", thickness_mm=2.0, refractive_index=1.49) for m in layout.mirrors]
         for number, built in enumerate((layout, layout.replaced(mirrors=tuple(plates)))):
             for target in (default_board(), PLAIN, TAGS):
-                print_time(built, target, Path(name) / f"{target.kind}_{number}")
+                boards += print_time(built, target, Path(name) / f"{target.kind}_{number}")
+        columns = ("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
+        write_record(options.json, "detection_boards", table=table(columns, boards))
         files = sorted((Path(name) / "c920" / "frames").iterdir())
         pictures = [read_image(path, grey=True) for path in files]
         for workers in sorted({1, 2, cores()}):

@@ -8,13 +8,14 @@ corners are wrong: more than 1 px from where the truth has them.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.pictures import pictures_in, read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -72,7 +73,7 @@ def true_pixels(folder: Path, points: FloatArray) -> FloatArray:
     return np.array(frames)
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, record_to: Path | None) -> None:
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
     if not isinstance(board, Checkerboard):
         raise SystemExit(f"{folder / 'board.toml'}: expected a checkerboard")
@@ -81,19 +82,22 @@ def main(folder: Path) -> None:
         [read_image(path, grey=True) for path in pictures_in([folder / name])] for name in ("frames", "base")
     )
     base = detect_frames(others, layout, board, mirrored=False)
+    rows = Rows("hidden by", "found", "frames, views, corners", "wrong")
     for way in WAYS:
         random = np.random.default_rng(0)
         alone = detect_frames([hidden(each, way, layout, random) for each in pictures], layout, board, mirrored=True)
         for said, found in (("each alone", alone), ("together", numbered_together(alone, base, layout, board))):
             corners = [frame.corners for frame in found]
             off = [np.linalg.norm(o.pixels - truth_px[n][o.view, o.corner], axis=1) for n, o in enumerate(corners)]
-            print(
-                f"{way:12} {said:10} frames {sum(len(o) > 0 for o in corners):3d} of {len(corners)}, "
-                f"views {sum(len(np.unique(o.view)) for o in corners):4d}, corners {sum(map(len, corners)):6d}, "
-                f"wrong {int((np.concatenate(off) > WRONG_PX).sum())}",
-                flush=True,
-            )
+            frames, views = sum(len(o) > 0 for o in corners), sum(len(np.unique(o.view)) for o in corners)
+            wrong = int((np.concatenate(off) > WRONG_PX).sum())
+            rows.add(way, said, f"{frames}, {views}, {sum(map(len, corners))}", f"{wrong}")
+    write_record(record_to, "detection_parts", table=rows.table)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="SET")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.folder, options.json)

@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.records import Rows, Table, add_json_option, write_record
 from mirrorcam.optics.base.pictures import pictures_in, read_image
 from mirrorcam.optics.drift.drift import Drift, find_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
@@ -129,19 +130,18 @@ def of_set(folder: Path) -> list[Outcome]:
     return found
 
 
-def report(title: str, found: list[Outcome]) -> None:
-    """Print the table of a kind of recordings."""
+def report(title: str, found: list[Outcome]) -> tuple[dict[str, float], Table]:
+    """Print the table of a kind of recordings, and return its figures and itself."""
     count = sum(each.turn_deg == 0.0 for each in found)
     print(f"{title}: {count} recordings, {np.median([each.seconds for each in found]):.2f} s a frame")
-    print(f"{'turn deg':>10}{'alarms':>8}{'right only':>12}{'error deg: median':>20}{'largest':>10}{'NEES':>8}")
+    rows = Rows("turn", "alarms", "of the right mirror alone", "error, median", "largest", "NEES")
     for size in sorted({each.turn_deg for each in found}):
         some = [each for each in found if each.turn_deg == size]
         errors = [each.error_deg for each in some]
         only = "" if size == 0.0 else str(sum(each.only_right for each in some))
-        print(
-            f"{size:10g}{sum(each.alarm for each in some):8}{only:>12}{statistics.median(errors):20.4f}"
-            f"{max(errors):10.4f}{np.mean([each.nees for each in some]):8.2f}"
-        )
+        degrees = f"{statistics.median(errors):.4f}°", f"{max(errors):.4f}°"
+        nees = f"{np.mean([each.nees for each in some]):.2f}"
+        rows.add(f"{size:g}°", f"{sum(each.alarm for each in some)} of {len(some)}", only, *degrees, nees)
     still = np.sort([each.statistic for each in found if each.turn_deg == 0.0])
     high = float(np.quantile(still, 0.75))
     tail = high + float(np.mean(still[still > high]) - high) * np.log(0.25 * ONE_IN)
@@ -149,6 +149,13 @@ def report(title: str, found: list[Outcome]) -> None:
     told = sum(each.told for each in found if each.turn_deg == 0.0)
     print(f"  unmoved: largest statistics {largest}; one in {ONE_IN} by an exponential tail: {tail:.2f}")
     print(f"  texture enough to tell turns of .02 deg of all mirrors in {told} of {count}")
+    figures = {
+        "largest_statistic": float(still[-1]),
+        "one_in_10000_by_tail": tail,
+        "told_scenes": told,
+        "scenes": count,
+    }
+    return figures, rows.table
 
 
 def main() -> None:
@@ -159,6 +166,7 @@ def main() -> None:
     parser.add_argument("--unmoved", action="store_true", help="simulated recordings only as they are")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--pictures", type=Path, help="folder of pictures that serve as textures")
+    add_json_option(parser)
     given = parser.parse_args()
     files = pictures_in([given.pictures]) if given.pictures else []
     pictures = [(read_image(file, grey=True) / 255.0).astype(np.float32) for file in files]
@@ -168,9 +176,9 @@ def main() -> None:
             seeds = range(given.first, given.first + given.recordings)
             turns = (0.0,) if given.unmoved else TURNS_DEG
             found = [each for some in pool.map(partial(simulated, pictures, turns), seeds) for each in some]
-        report("simulated", found)
+        write_record(given.json, "drift_simulated", *report("simulated", found))
     for folder in given.sets:
-        report(folder.name, of_set(folder))
+        write_record(given.json, f"drift_{folder.name}", *report(folder.name, of_set(folder)))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ What changes after the calibration is not calibrated again: held-out corners are
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ import numpy as np
 from benchmarks import idealised_corners as geometry
 from benchmarks.idealised_corners import Effect, Setup
 from benchmarks.idealised_pictures import PLAIN, Flaw, Table, effects, frame_s, ghosted, psnr_db, shaded, without_tone
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
@@ -172,45 +174,49 @@ def by_formula(table: Table) -> list[tuple[Row, float]]:
     ]
 
 
-def line(row: Row, effect: Effect | None, db: float) -> str:
+def cells(row: Row, effect: Effect | None, db: float) -> tuple[str, ...]:
     """A row of the table; what exceeds a tenth of the claimed figures is bold."""
-    cells = ["0"] * 3
+    moved = ["0"] * 3
     if effect is not None:
         figures = (effect.corners_px, effect.normals_deg, effect.held_out_px)
         limits = (np.inf, max(PART * CLAIMED.normals_deg, ROUNDED_DEG), PART * CLAIMED.held_out_px)
-        cells = [
+        moved = [
             f"**{value:.4f}**" if value >= limit else f"{value:.4f}"
             for value, limit in zip(figures, limits, strict=True)
         ]
     limit_db = CLAIMED_DB - 20.0 * np.log10(PART)
     views = f"{db:.0f}" if db > limit_db else f"**{db:.0f}**"
-    return f"| {row.effect} | {row.assumed} | {' | '.join(cells)} | {views} | {row.built} |"
+    return row.effect, row.assumed, *moved, views, row.built
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_json_option(parser)
+    options = parser.parse_args()
     cv2.setNumThreads(1)
     table = Table(Setup(), SPP)
-    print(
-        "| effect | assumed | corners px | normals ° | held-out px | views dB | built |\n|---|---|---|---|---|---|---|"
-    )
+    rows = Rows("effect", "assumed", "corners px", "normals °", "held-out px", "views dB", "built")
     plain = table.setup.calibrated(table.setup.noisy(table.setup.true))
     for item in GEOMETRY:
         seen = item.seen(table.setup)
         found = table.setup.effect(seen, plain) if item.since_deg is None else table.setup.drift(seen, item.since_deg)
-        print(line(item.row, found, table.shifted_db(found.held_out_px)), flush=True)
+        rows.add(*cells(item.row, found, table.shifted_db(found.held_out_px)))
     in_pictures = effects(Setup(12, 6), {row.effect: flaw for row, flaw in PICTURES})
     for row, flaw in PICTURES:
-        print(line(row, in_pictures[row.effect], table.db(flaw)), flush=True)
+        rows.add(*cells(row, in_pictures[row.effect], table.db(flaw)))
     for row, db in by_formula(table):
-        print(line(row, None, db))
+        rows.add(*cells(row, None, db))
+    write_record(options.json, "idealisations", table=rows.table)
     print("\nFrom light to picture, one core, 1920 x 1080 of grey light:")
+    rows = Rows("", "s")
     for name in SENSORS:
-        print(f"  {name:7} {frame_s(table.setup, SENSORS[name]):.3f} s")
+        rows.add(f"`{name}`", f"{frame_s(table.setup, SENSORS[name]):.3f}")
     c920 = frame_s(table.setup, C920)
     for field in sorted(set(SensorModel.model_fields) - {"jpeg_quality"}):
-        if (value := getattr(WEBCAM, field)) != getattr(C920, field):
-            more = frame_s(table.setup, C920.replaced(**{field: value})) - c920
-            print(f"  c920 with {field} {value}: {more:+.3f} s")
+        if getattr(WEBCAM, field) != getattr(C920, field):
+            more = frame_s(table.setup, C920.replaced(**{field: getattr(WEBCAM, field)})) - c920
+            rows.add(f"`c920` with `{field}`", f"{more:+.3f}")
+    write_record(options.json, "idealisations_seconds", table=rows.table)
 
 
 if __name__ == "__main__":

@@ -7,12 +7,13 @@ all views refocused on the same plane. Planes lie at a quarter and three quarter
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.between_views import part_of, with_views_between
@@ -28,8 +29,8 @@ def psnr(picture: RenderedPicture, true: RenderedPicture) -> float:
     return float(-10.0 * np.log10(np.square(picture.image - true.image)[inner, inner].mean()))
 
 
-def compare(folder: Path) -> None:
-    """Print a row for each part of the views and each plane."""
+def compare(folder: Path, rows: Rows) -> None:
+    """Add a row for each part of the views and each plane."""
     scene = read_hci(folder)
     many = scene.light_field
     near, far = scene.depth_range_mm or (None, None)
@@ -48,11 +49,16 @@ def compare(folder: Path) -> None:
             true = refocus(many, plane)
             plain, soft = refocus(few, plane), refocus(few, plane, view_weights=aperture(few))
             reached = (psnr(each, true) for each in (plain, soft, refocus(dense, plane)))
-            shown = " ".join(f"{value:8.1f}" for value in (*reached, *spent))
-            print(f"{folder.name:12s} {few.cols}x{few.rows} {share:6.2f} {shown}")
+            shown = (f"{value:.1f}" for value in (*reached, *spent))
+            rows.add(folder.name, f"{few.cols} x {few.rows}", f"{share:.2f}", *shown)
 
 
 if __name__ == "__main__":
-    print("scene        views plane    views weighted  between  depth, s  between, s of processor time; dB against all")
-    for each in sys.argv[1:]:
-        compare(Path(each))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE")
+    add_json_option(parser)
+    options = parser.parse_args()
+    found = Rows("scene", "views", "plane", "views, dB", "weighted, dB", "between, dB", "s, depth", "s, between")
+    for each in options.scenes:
+        compare(each, found)
+    write_record(options.json, "light_field_blur", table=found.table)

@@ -1,13 +1,13 @@
 """Depth of light fields beside OpenCV's stereo and beside the truth, and how fast it is.
 
-`python benchmarks/light_field_depth.py hci FOLDER` scores depth from 3x3 of the 9x9 views of a scene in the format of
+`python -m benchmarks.light_field_depth hci FOLDER` scores depth from 3x3 of the 9x9 views of a scene in the format of
 the 4D Light Field Benchmark; a folder that does not exist gets a rendered scene in that format first (minutes).
-`... tabletop FOLDER` compares with the truth of a set of `mirrorcam scene`.
+`... tabletop FOLDER [--json FILE]` compares with the truth of a set of `mirrorcam scene`.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from itertools import product
@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
@@ -193,7 +194,8 @@ def _inner(scene: HciScene) -> HciScene:
     return replace(scene, light_field=LightField.of(views, light_field.samples[t, s], light_field.weights[t, s]))
 
 
-def scene_errors(folder: Path) -> None:
+def scene_errors(folder: Path) -> dict[str, float]:
+    """Print errors of depth of a tabletop scene; those of 300 to 500 mm are returned as the figures of a record."""
     from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet, read_map
 
     manifest = TabletopSet.load(folder)
@@ -203,6 +205,7 @@ def scene_errors(folder: Path) -> None:
     truth = read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
     matte = read_image(folder / f"truth/mask/{t}_{s}.png", grey=True) == 1
     working = found.valid & (truth >= 300.0) & (truth <= 500.0)
+    figures: dict[str, float] = {}
     for name, where in {
         "300 to 500 mm": working,
         "300 to 500 mm, matte": working & matte,
@@ -211,17 +214,31 @@ def scene_errors(folder: Path) -> None:
     }.items():
         part = (np.abs(found.depth_mm - truth) / truth)[where]
         sigmas = (np.abs(found.depth_mm - truth) / found.sigma_mm)[where]
+        figures = figures or {
+            "median_percent": 100.0 * float(np.median(part)),
+            "nine_of_ten_percent": 100.0 * float(np.quantile(part, 0.9)),
+            "beyond_2_percent_percent": 100.0 * float(np.mean(part > 0.02)),
+            "half_within_sigma": float(np.median(sigmas)),
+        }
         print(
             f"{name:30} {where.mean():5.1%} of pixels, error of depth: median {np.median(part):.3%}, 90 % below "
             f"{np.quantile(part, 0.9):.2%}, more than 2 %: {np.mean(part > 0.02):.1%}; "
             f"median {np.median(sigmas):.2f} sigma"
         )
+    return figures
 
 
-def main(arguments: list[str]) -> None:
-    job, folder = arguments
-    {"hci": hci, "tabletop": scene_errors}[job](Path(folder))
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("job", choices=("hci", "tabletop"))
+    parser.add_argument("folder", type=Path)
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.job == "hci":
+        hci(options.folder)
+    else:
+        write_record(options.json, "light_field_depth", scene_errors(options.folder))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -29,6 +29,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -164,6 +165,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE")
     parser.add_argument("--keypoints", type=int, default=600, help="of each view, at most")
+    add_json_option(parser)
     given = parser.parse_args()
     scenes = [read_recording(folder) for folder in given.scenes]
     views = scenes[0].decoder.views
@@ -171,13 +173,15 @@ def main() -> None:
         f"{', '.join(recorded.name for recorded in scenes)}: {views.rows}x{views.cols} views of {views.width_px}x"
         f"{views.height_px} px, at most {given.keypoints} keypoints a view, {cv2.getNumThreads()} threads"
     )
-    print(f"{'':28}{'accepted':>9}{'inliers':>9}{'precision':>11}{'within 1 %':>12}{'ms a frame':>12}{'frames/s':>10}")
+    rows = Rows("", "accepted", "inliers", "precision", "within 1 %", "ms a frame", "frames/s")
 
     def row(title: str, each: list[tuple[int, ...]], ms: float | None, whole_ms: float | None = None) -> None:
         accepted, inliers, finer = np.sum(each, axis=0)
-        line = f"{title:28}{accepted:9}{inliers:9}{inliers / max(accepted, 1):11.3f}{finer / max(accepted, 1):12.3f}"
-        print(line + ("" if ms is None else f"{ms:12.1f}") + ("" if whole_ms is None else f"{1e3 / whole_ms:10.1f}"))
+        shares = f"{inliers / max(accepted, 1):.3f}", f"{finer / max(accepted, 1):.3f}"
+        times = "" if ms is None else f"{ms:.1f}", "" if whole_ms is None else f"{1e3 / whole_ms:.1f}"
+        rows.add(title, f"{accepted}", f"{inliers}", *shares, *times)
 
+    slopes: list[str] = []
     for name in cast(tuple[DetectorName, ...], get_args(DetectorName)):
         try:
             detector(name, given.keypoints)
@@ -206,12 +210,12 @@ def main() -> None:
             )
         pairs_ms, find_ms, whole_ms = np.median(times, axis=0)
         for way, each in plain.items():
-            row(f"{name:6}{way}", each, pairs_ms if way.startswith("all") else None)
-        row(f"{name:6}light field", found, find_ms, whole_ms)
+            row(f"{name}: {way}", each, pairs_ms if way.startswith("all") else None)
+        row(f"{name}: light field", found, find_ms, whole_ms)
         matte, all_matte, other, all_other = np.sum(marked, axis=0)
-        print(
-            f"{'':6}two slopes: {matte} of {all_matte} on matte things, {other} of {all_other} on glossy ones and glass"
-        )
+        slopes.append(f"{name}, two slopes: {matte} of {all_matte} matte, {other} of {all_other} glossy ones and glass")
+    print("\n".join(slopes))
+    write_record(given.json, "light_field_features", table=rows.table)
 
 
 if __name__ == "__main__":

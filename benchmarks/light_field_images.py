@@ -11,8 +11,8 @@ samples in the same run; medians of 9 rounds.
 
 from __future__ import annotations
 
+import argparse
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG, Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -73,15 +74,14 @@ def decoded(folder: Path) -> LightField:
     return decoder.equalised(measure([decoder.decode(frame)])).decode(frame)
 
 
-def quality(folder: Path) -> None:
-    """Print how near pictures of a tabletop set are to what pinholes see."""
+def quality(folder: Path, rows: Rows) -> None:
+    """Add rows, and print how near pictures of a tabletop set are to what pinholes see."""
     light_field = decoded(folder)
     t, s = TabletopSet.load(folder).central_view
     true, central = true_view(folder, t, s), light_field.samples[t, s].astype(np.float64)
     print(
         f"{folder.name}: {light_field.cols}x{light_field.rows} views of {light_field.width_px}x{light_field.height_px}"
     )
-    print("  focus, mm    pixels   mean  median   central view alone, dB")
     for depth_mm in (310.0, 375.0, 500.0, 600.0):
         where = in_focus_everywhere(folder, light_field, depth_mm)
         if np.count_nonzero(where) < FEWEST_PIXELS:
@@ -89,7 +89,8 @@ def quality(folder: Path) -> None:
         plane = FocalPlane.at_depth(light_field, depth_mm)
         mean, median = (psnr(refocus(light_field, plane, combine=c).image * 255.0, true, where) for c in _COMBINE)
         alone = psnr(central, true, where)
-        print(f"  {depth_mm:9.0f} {np.count_nonzero(where):9d}  {mean:5.1f}   {median:5.1f}   {alone:5.1f}")
+        pixels = f"{np.count_nonzero(where)}"
+        rows.add(folder.name, f"{depth_mm:.0f} mm", pixels, f"{mean:.1f}", f"{median:.1f}", f"{alone:.1f}")
     depths = ViewDepths.measured(light_field)
     known = light_field.valid[t, s]
     sharp = all_in_focus(light_field, depths).image * 255.0
@@ -168,6 +169,13 @@ def costs() -> None:
 
 
 if __name__ == "__main__":
-    for each in sys.argv[1:]:
-        quality(Path(each))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", type=Path, metavar="SCENE")
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.scenes:
+        found = Rows("scene", "focus", "pixels", "mean, dB", "median, dB", "central view alone, dB")
+        for each in options.scenes:
+            quality(each, found)
+        write_record(options.json, "light_field_images", table=found.table)
     costs()

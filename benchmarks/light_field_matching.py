@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
@@ -118,22 +119,31 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keypoints", type=int, default=500)
     parser.add_argument("--seeds", type=int, default=3)
+    add_json_option(parser)
     given = parser.parse_args()
     views, count = even_views(3, 10.0), given.keypoints
     ways: dict[str, Callable[[LightField], Described]] = {
         **{name: partial(in_picture, name=name, count=count) for name in PICTURE_DETECTORS},
         "SIFT4D": partial(in_light_field, count=count),
     }
-    print(f"{'correct matches at false ones of':34}" + "".join(f"{rate:8.0%}" for rate in RATES) + f"{'cpu ms':>9}")
+    rates = " / ".join(f"{100.0 * rate:g}" for rate in RATES)
+    rows = Rows(f"correct matches at {rates} % of false ones", *ways)
+    spent_s: dict[str, list[float]] = {name: [] for name in ways}
     for title, condition in CONDITIONS.items():
         pairs = [pair_of(views, seed, *condition) for seed in range(given.seeds)]
+        cells = []
         for name, way in ways.items():
             start = time.process_time()
             found = [(way(pair.first), way(pair.second)) for pair in pairs]
-            cpu_ms = 1e3 * (time.process_time() - start) / (2 * len(pairs))
+            spent_s[name].append((time.process_time() - start) / (2 * len(pairs)))
             judged = [matched(pair, *each) for pair, each in zip(pairs, found, strict=True)]
             mean = [np.mean([correct_at(*each, rate) for each in judged]) for rate in RATES]
-            print(f"{title + ', ' + name:34}" + "".join(f"{each:8.0f}" for each in mean) + f"{cpu_ms:9.0f}", flush=True)
+            cells.append(" / ".join(f"{each:.0f}" for each in mean))
+        rows.add(title, *cells)
+    figures = {f"{name.lower()}_s": float(np.mean(each)) for name, each in spent_s.items()}
+    print("; ".join(f"{name} {each:.3g} s" for name, each in figures.items()) + " of processor time a light field")
+    write_record(given.json, "light_field_matching", table=rows.table)
+    write_record(given.json, "light_field_matching_time", figures)
 
 
 if __name__ == "__main__":

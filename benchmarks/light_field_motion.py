@@ -1,4 +1,4 @@
-"""The motion of a camera past a still scene, beside OpenCV's: `python -m benchmarks.light_field_motion [--seeds N]`.
+"""The motion of a camera past a still scene, beside OpenCV's: `python -m benchmarks.light_field_motion [--json FILE]`.
 
 A grid of 3x3 pinholes moves past rendered reliefs with cards before them, on a loop and along a line that leaves the
 first picture behind, in good light and in little. Prints of each path the drift (how far the last pose is off, in parts
@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -191,11 +192,10 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--out", type=Path, default=Path("output/motion"))
     parser.add_argument("--mirrors", action="store_true", help="frames of the mirror camera, decoded")
+    add_json_option(parser)
     given = parser.parse_args()
-    print(
-        f"{'':22}{'path mm':>8}{'drift %':>9}{'RMS mm':>8}{'NEES':>7}{'keys':>5}{'lost':>5}{'cpu ms':>8}{'1/s':>6}"
-        f"   OpenCV: {'drift %':>8}{'RMS mm':>8}{'cpu ms':>8}"
-    )
+    columns = ("", "path", "drift", "RMS error", "NEES", "key frames", "lost", "OpenCV: drift", "RMS error")
+    rows, times = Rows(*columns), []
     given.out.mkdir(parents=True, exist_ok=True)
     all_nees = []
     for filmed in sequences(given.seeds, given.frames, Layout.load(LAYOUT) if given.mirrors else None):
@@ -208,18 +208,22 @@ def main() -> None:
         other_off = _off_mm(other, filmed)
         all_nees.append(nees(filmed, poses))
         keys, lost = sum(pose.is_key for pose in poses), sum(pose.is_lost for pose in poses)
-        print(
-            f"{filmed.name:22}{path_mm:8.0f}{100 * off[-1] / path_mm:9.4f}{np.sqrt(np.nanmean(off**2)):8.3f}"
-            f"{all_nees[-1].mean():7.2f}{keys:5}{lost:5}{1e3 * cpu_s:8.0f}{rate:6.1f}"
-            f"           {100 * other_off[-1] / path_mm:8.3f}{np.sqrt(np.mean(other_off**2)):8.2f}{1e3 * other_s:8.0f}",
-            flush=True,
+        rows.add(
+            *(filmed.name, f"{path_mm:.0f} mm", f"{100 * off[-1] / path_mm:.3f} %"),
+            *(f"{np.sqrt(np.nanmean(off**2)):.2f} mm", f"{all_nees[-1].mean():.2f}", f"{keys}", f"{lost}"),
+            *(f"{100 * other_off[-1] / path_mm:.1f} %", f"{np.sqrt(np.mean(other_off**2)):.0f} mm"),
         )
+        times.append(f"{filmed.name}: {1e3 * cpu_s:.0f} ms, {rate:.1f} frames/s; OpenCV {1e3 * other_s:.0f} ms")
         name = filmed.name.replace(", ", "_").replace(" ", "_")
         times_s = (np.arange(len(poses)) / HZ).tolist()
         save_tum(given.out / f"{name}.tum", times_s, poses)
         truth = [TrackedPose(pose, np.zeros((6, 6)), 1, False) for pose in filmed.poses]
         save_tum(given.out / f"{name}_truth.tum", times_s, truth)
-    print(f"NEES of all: {np.concatenate(all_nees).mean():.2f}")
+    print("\n".join(["Processor time of a frame:", *times]))
+    nees_of_all = float(np.concatenate(all_nees).mean())
+    print(f"NEES of all: {nees_of_all:.2f}")
+    key = "light_field_motion_mirrors" if given.mirrors else "light_field_motion"
+    write_record(given.json, key, {"nees": nees_of_all}, rows.table)
 
 
 if __name__ == "__main__":

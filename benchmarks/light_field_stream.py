@@ -1,4 +1,4 @@
-"""Videos to light fields: `python benchmarks/light_field_stream.py [FRAMES] [LAYOUT]`.
+"""Videos to light fields: `python -m benchmarks.light_field_stream [FRAMES] [LAYOUT]`.
 
 Makes a H.264 and a MJPEG video of the layout's camera (a textured picture that drifts, with noise), and prints for each
 the frames per second, and the milliseconds of processor time a frame (both cores together; what is left of 1000 / 45

@@ -13,7 +13,6 @@ Peak signal-to-noise ratios are against what a camera with pixels as fine as the
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.light_field_images import plain
+from benchmarks.records import Rows, Table, add_json_option, write_record
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -218,15 +218,14 @@ METHODS: dict[str, Method] = {"bicubic": bicubic, "shift and add": shift_and_add
 
 def judged(
     name: str, light_fields: list[tuple[LightField, float]], start: tuple[int, int], folder: Path | None
-) -> None:
-    """Print figures of all methods, of several light fields the median and the worst."""
-    print(
-        f"{name}: line pairs per px of a view: star; wedge across; down   dB   contrast of the star at .5, .6, .7, .8"
-    )
+) -> Table:
+    """Print figures of all methods, of several light fields the median and the worst, and return the table."""
+    head = ("star", "wedge across; down", "PSNR, dB", "contrast of the star at .5, .6, .7, .8")
+    table = Rows(f"{name}: line pairs per px of a view", *head)
     for scale in SCALES:
         true = true_chart(scale)
         for method, made in METHODS.items():
-            rows, shown, spent = [], [], time.process_time()
+            rows, shown = [], []
             for light_field, depth_mm in light_fields:
                 whole = made(light_field, FocalPlane.at_depth(light_field, depth_mm), scale)
                 first = tuple(round(scale * each) for each in start)
@@ -234,13 +233,12 @@ def judged(
                 found = contrasts(picture, scale)
                 rows.append([resolved(each, scale) for each in found.values()] + [psnr(picture, true)])
                 shown.append([found["star"][at][0] for at in (9, 14, 19, 24)])
-            spent = (time.process_time() - spent) / len(light_fields)
             middle, worst = np.median(rows, axis=0), np.min(rows, axis=0)
-            cells = "; ".join(f"{one:.2f} ({other:.2f})" for one, other in zip(middle[:3], worst[:3], strict=True))
+            cells = [f"{one:.2f} ({other:.2f})" for one, other in zip(middle[:3], worst[:3], strict=True)]
             contrast = ", ".join(f"{each:.2f}" for each in np.median(shown, axis=0))
-            print(
-                f"{scale:g}x {method:16s} {cells}   {middle[3]:.1f} ({worst[3]:.1f})   {contrast}   {spent:.1f} s",
-                flush=True,
+            table.add(
+                *(f"{scale:g} x: {method}", cells[0], "; ".join(cells[1:]), f"{middle[3]:.1f} ({worst[3]:.1f})"),
+                contrast,
             )
             if folder is not None:
                 levels = np.clip(levels_from_light(picture), 0.0, 1.0)
@@ -248,6 +246,7 @@ def judged(
                     folder / f"{name}_{scale:g}_{method.replace(' ', '_')}.png",
                     np.rint(255.0 * levels).astype(np.uint8),
                 )
+    return table.table
 
 
 def main() -> None:
@@ -255,14 +254,16 @@ def main() -> None:
     parser.add_argument("--noise-grey", type=float, default=1.0, help="standard deviation of noise, grey levels")
     parser.add_argument("--mirrors", action="store_true", help="also in a frame of the mirror camera, decoded")
     parser.add_argument("--picture", type=Path, metavar="FOLDER", help="folder for pictures of the chart")
+    add_json_option(parser)
     options = parser.parse_args()
     if options.picture is not None:
         options.picture.mkdir(parents=True, exist_ok=True)
     every = [(ideal_views(depth_mm, options.noise_grey), depth_mm) for depth_mm in DEPTHS_MM]
-    judged("views", every, (0, 0), options.picture)
+    write_record(options.json, "light_field_super", table=judged("views", every, (0, 0), options.picture))
     if options.mirrors:
         light_field, start = mirror_views(options.noise_grey)
-        judged("mirrors", [(light_field, MIRROR_DEPTH_MM)], start, options.picture)
+        found = judged("mirrors", [(light_field, MIRROR_DEPTH_MM)], start, options.picture)
+        write_record(options.json, "light_field_super_mirrors", table=found)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.light_field_depth import BAD_PX
 from benchmarks.light_field_depth_errors import at_edges, sigma_px
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -296,14 +297,14 @@ COLUMNS = (
 )
 
 
-def report(name: str, single: Scores, filtered: Scores) -> None:
-    """Print a row: of each score that of single frames and that of filtered ones."""
+def cells_of(single: Scores, filtered: Scores) -> list[str]:
+    """Of each score that of single frames and that of filtered ones."""
     cells = []
     for field, _ in COLUMNS:
         one, two = getattr(single, field), getattr(filtered, field)
         digits = 3 if field.startswith("flicker") else 2
-        cells.append(f"{one:.{digits}f} {two:.{digits}f}" if np.isfinite(one) else "")
-    print(" | ".join([f"{name:34}", *(f"{cell:13}" for cell in cells)]), flush=True)
+        cells.append(f"{one:.{digits}f} → {two:.{digits}f}" if np.isfinite(one) else "")
+    return cells
 
 
 def speed(frames: int = 60) -> None:
@@ -359,16 +360,19 @@ def main() -> None:
     parser.add_argument("--passing", choices=get_args(Passing), default="raw", help="what pictures went through")
     parser.add_argument("--only", default="", help="videos whose name contains this")
     parser.add_argument("--best", action="store_true")
+    add_json_option(parser)
     options = parser.parse_args()
     if options.scenes == [Path("speed")]:
         speed()
         return
     camera = Camera(SENSORS[options.sensor], options.passing, "best" if options.best else "fast")
-    print(" | ".join([f"{'video: single, filtered':34}", *(f"{title:13}" for _, title in COLUMNS)]))
+    rows = Rows("video: single → filtered", *(title for _, title in COLUMNS))
     for folder in options.scenes:
         scene = read_hci(folder, every=options.every)
         for motion in (motion for motion in MOTIONS if options.only in motion.name):
-            report(f"{folder.name}, {motion.name}", *compared(scene, motion, options.every, options.frames, camera))
+            found = compared(scene, motion, options.every, options.frames, camera)
+            rows.add(f"{folder.name}, {motion.name}", *cells_of(*found))
+    write_record(options.json, "light_field_video_depth", table=rows.table)
 
 
 if __name__ == "__main__":

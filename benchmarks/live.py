@@ -23,6 +23,7 @@ import numpy as np
 import simplejpeg
 
 from benchmarks.light_field_stream import DEFAULT_LAYOUT, write_video
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.video import Video
@@ -58,7 +59,7 @@ class Steps:
         steps = np.diff(self.moments or [])
         if len(steps) < 2:
             return "none"
-        return f"{1.0 / np.mean(steps):5.1f}/s, 95 % {1.0 / np.quantile(steps, 0.95):5.1f}/s"
+        return f"{1.0 / np.mean(steps):.1f}/s, 95 % {1.0 / np.quantile(steps, 0.95):.1f}/s"
 
 
 def repeated(path: Path, to: Path, times: int) -> None:
@@ -76,8 +77,8 @@ def repeated(path: Path, to: Path, times: int) -> None:
             made.mux(packet)
 
 
-def limit(video: Path) -> None:
-    """Print what reading and encoding alone take."""
+def limit(video: Path) -> float:
+    """Frames per second of reading and encoding alone, which is printed too."""
     size, count, start = None, 0, time.perf_counter()
     for item in Video(video).frames():
         if not isinstance(item, Frame):
@@ -87,11 +88,13 @@ def limit(video: Path) -> None:
         small = cv2.resize(item.pixels, size, interpolation=cv2.INTER_AREA)
         simplejpeg.encode_jpeg(small, JPEG_QUALITY, colorsubsampling="420")
         count += 1
-    print(f"limit: reading and one JPEG of {size}, one thread: {count / (time.perf_counter() - start):.0f} frames/s")
+    rate_hz = count / (time.perf_counter() - start)
+    print(f"limit: reading and one JPEG of {size}, one thread: {rate_hz:.0f} frames/s")
+    return rate_hz
 
 
-def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], seconds: float) -> None:
-    """Print the figures of a session that shows some kinds."""
+def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], seconds: float) -> tuple[str, ...]:
+    """Print the figures of a session that shows some kinds, and return its row of the table."""
     with tempfile.TemporaryDirectory() as out, LiveEngine(request, out=Path(out)) as engine:
         engine.show(kinds)
         if "depth" in kinds:
@@ -111,6 +114,9 @@ def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], sec
             f"95 % {status.latency_p95_ms or 0.0:.0f} ms, of depth {status.depth_latency_ms or 0.0:.0f} ms; dropped "
             f"{status.dropped - dropped}; {status.memory_mb:.0f} MB{ended}{failed}"
         )
+    latency = f"{status.latency_ms or 0.0:.0f} ms, {status.latency_p95_ms or 0.0:.0f} ms"
+    late_depth = f"{status.depth_latency_ms:.0f} ms" if status.depth_latency_ms else ""
+    return name, steps[0].text, steps[1].text, latency, late_depth
 
 
 def main() -> None:
@@ -118,6 +124,7 @@ def main() -> None:
     parser.add_argument("video", nargs="?", type=Path)
     parser.add_argument("layout", nargs="?", type=Path, default=DEFAULT_LAYOUT)
     parser.add_argument("--seconds", type=float, default=10.0)
+    add_json_option(parser)
     given = parser.parse_args()
     layout = Layout.load(given.layout)
     with tempfile.TemporaryDirectory() as folder:
@@ -126,13 +133,17 @@ def main() -> None:
             write_video(Path(folder) / "once.mp4", layout.camera.width_px, layout.camera.height_px)
             video = Path(folder) / "video.mp4"
             repeated(Path(folder) / "once.mp4", video, TIMES)
-        limit(video)
+        figures = {"reading_and_jpeg_hz": limit(video)}
         request = LiveRequest(given.layout, str(video))
         fast = LiveRequest(given.layout, str(video), every=True)
-        session("frame, views, refocus, depth", request, (*DECODED, "depth"), given.seconds)
-        session("frame, views, refocus", request, DECODED, given.seconds)
-        session("depth alone", request, ("depth",), given.seconds)
-        session("as fast as it goes", fast, DECODED, given.seconds)
+        rows = [
+            session("frame, views, refocus, depth", request, (*DECODED, "depth"), given.seconds),
+            session("frame, views, refocus", request, DECODED, given.seconds),
+            session("depth alone", request, ("depth",), given.seconds),
+            session("as fast as it goes", fast, DECODED, given.seconds),
+        ]
+    head = ("shown", "views and refocused", "depth", "latency, median and 95 %", "of depth")
+    write_record(given.json, "live", figures, table(head, rows))
     print(f"wanted: views and refocus {WANTED_HZ:.0f}/s, depth {WANTED_DEPTH_HZ:.0f}/s")
 
 

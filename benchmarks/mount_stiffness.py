@@ -7,15 +7,16 @@ Needs the extra `fe`. Of the default design, of one cut in two for the bed, and 
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.elasticity.condensed_solid import POISSON, Carried, Solid, rigid_motions
 from mirrorcam.cad.elasticity.device_motions import G, discs
@@ -99,26 +100,29 @@ def ccx_sag_mm(mesh: Tetrahedra, nodes: FloatArray, fixed: NDArray[np.int64], to
 
 
 def main() -> None:
-    size_mm = float(sys.argv[1]) if len(sys.argv) > 1 else 6.0
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("size_mm", nargs="?", type=float, default=6.0, metavar="MM", help="size of the elements")
+    add_json_option(parser)
+    options = parser.parse_args()
+    size_mm: float = options.size_mm
+    rows = Rows("mirrors, scale", "section, mm", "finite elements", "stated")
     designed = {"designed": DesignSpec(), "designed, fold 90 deg": DesignSpec(scale_mm=140.0, fold_deg=90.0)}
     layouts = {f"3 x 3, {spec.scale_mm:g}, {name}": design(spec) for name, spec in designed.items()}
-    for rows, cols, scale_mm in DESIGNS:
-        layouts[f"{rows} x {cols}, {scale_mm:g}"] = parabola(rows, cols, scale_mm=scale_mm, gap_mm=2.0)
+    for count, cols, scale_mm in DESIGNS:
+        layouts[f"{count} x {cols}, {scale_mm:g}"] = parabola(count, cols, scale_mm=scale_mm, gap_mm=2.0)
     for name, layout in layouts.items():
         device = plan_device(layout, HARDWARE)
         section, stated, found = device.mount.section, device.mount.tilt_deg, tilt_deg(device, size_mm)
-        print(
-            f"{name}: {section.depth_mm:g} x {section.width_mm:.0f} mm, "
-            f"elements {found:.4f} deg, stated {stated:.4f} deg ({100.0 * (stated / found - 1.0):+.0f} %)",
-            flush=True,
-        )
+        size = f"{section.depth_mm:g} x {section.width_mm:.0f}"
+        rows.add(name, size, f"{found:.4f}°", f"{stated:.4f}° ({100.0 * (stated / found - 1.0):+.0f} %)")
+    write_record(options.json, "mount_stiffness", table=rows.table)
     if shutil.which("ccx") is None:
         print("CalculiX is not installed (apt-get install calculix-ccx)")
         return
     device = plan_device(parabola(3, 3, gap_mm=2.0), HARDWARE)
-    for size in (12.0, size_mm):
-        ours, theirs = sag_by_both_mm(device, size)
-        print(f"sag of the head, {size:g} mm: scikit-fem {1e3 * ours:.5f} um, CalculiX {1e3 * theirs:.5f} um")
+    for elements_mm in (12.0, size_mm):
+        ours, theirs = sag_by_both_mm(device, elements_mm)
+        print(f"sag of the head, {elements_mm:g} mm: scikit-fem {1e3 * ours:.5f} um, CalculiX {1e3 * theirs:.5f} um")
 
 
 if __name__ == "__main__":

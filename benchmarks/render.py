@@ -1,4 +1,4 @@
-"""Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--picture FILE]`.
+"""Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--picture FILE] [--json F]`.
 
 Times, in one run, a frame of the default camera (1920 x 1080, nine mirrors, a tilted ChArUco board) by formula and by
 the reference at several numbers of samples: the light alone, and the whole frame as a worker makes it (light, lens,
@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores, run_local
@@ -118,7 +119,7 @@ def noise_px(
     return {name: (float(np.sqrt(np.mean(m**2))), float(np.linalg.norm(m, axis=1).max())) for name, m in moved.items()}
 
 
-def main(frames: int, picture: Path | None) -> None:
+def main(frames: int, picture: Path | None, json: Path | None) -> None:
     layout, board = camera_of(3, 3), default_board()
     poses = plan_frames(layout, board, 12, np.random.default_rng(0)).poses
     by_formula = RenderSettings(renderer="fast", maps=False)
@@ -145,11 +146,13 @@ def main(frames: int, picture: Path | None) -> None:
     ratio = costs["mitsuba 16 spp"] / fast_s
     print(f"mitsuba at 16 spp / fast: {ratio:.1f} (limit >= {TIMES_FASTER:g})")
 
+    figures = {}
     for name, sensor in SENSORS.items():
         asked = tasks(layout, board, np.tile(poses, (8, 1, 1)), by_formula.replaced(sensor=sensor))
         alone = median_s(partial(rendered, asked), 2 * frames)[1]
-        together = f"{whole_frames_s(asked):6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
-        print(f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {together}")
+        figures[f"frame_{name}_s"] = together = whole_frames_s(asked)
+        by_all = f"{together:6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
+        print(f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {by_all}")
 
     for rows, cols in COUNTS:
         built = layout if (rows, cols) == (3, 3) else camera_of(rows, cols)
@@ -168,8 +171,10 @@ def main(frames: int, picture: Path | None) -> None:
     for spp in (*SAMPLES, REFERENCE_SPP):
         scenes[f"mitsuba {spp} spp"] = partial(reference.render, spp=spp // 4, seed=spp, subpixels=2)
     noise = noise_px(scenes, layout, board, poses[0])
+    lines = Rows("", "light alone", "corner noise RMS, largest")
     for by, (rms, most) in noise.items():
-        print(f"{by:16} corner noise {rms:.4f} px rms, {most:.4f} at most, for {costs[by]:.3f} s")
+        lines.add(by, f"{costs[by]:.2f} s", f"{rms:.3f}, {most:.2f} px")
+    write_record(json, "render", figures, lines.table)
     if picture is not None:
         with atomic(picture) as temporary:
             figure({by: (costs[by], *noise[by]) for by in noise}).savefig(temporary, dpi=150, format="png")
@@ -196,5 +201,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=5, help="frames that each time is the median of")
     parser.add_argument("--picture", type=Path, help="PNG file of noise against time")
+    add_json_option(parser)
     given = parser.parse_args()
-    main(given.frames, given.picture)
+    main(given.frames, given.picture, given.json)

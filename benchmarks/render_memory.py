@@ -1,4 +1,4 @@
-"""Memory of a large set: `python -m benchmarks.render_memory [--frames N] [--scale S] [--maps]`.
+"""Memory of a large set: `python -m benchmarks.render_memory [--frames N] [--scale S] [--maps] [--json F]`.
 
 Renders N frames (1,000) of the default camera by formula with all cores, its sensor scaled by S (1/4), into a temporary
 folder, and prints the resident memory of the parent and of its largest worker as frames are finished. Exits with 1
@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
@@ -50,7 +51,7 @@ def measure(request: SetRequest, out: Path, workers: int) -> dict[int, tuple[flo
     return found
 
 
-def main(frames: int, scale: float, maps: bool) -> int:
+def main(frames: int, scale: float, maps: bool, json: Path | None = None) -> int:
     layout = Layout.load(DEFAULT_LAYOUT)
     request = SetRequest(
         layout=layout.replaced(camera=layout.camera.binned(scale)),
@@ -61,8 +62,12 @@ def main(frames: int, scale: float, maps: bool) -> int:
     )
     with TemporaryDirectory() as folder:
         found = measure(request, Path(folder) / "set", cores())
+    figures: dict[str, float] = {}
     for done, (parent, worker) in found.items():
         print(f"{done:5} frames  parent {parent:6.1f} MiB  worker {worker:6.1f} MiB")
+        figures |= {f"parent_after_{done}_mib": round(parent, 1)}
+        figures |= {f"worker_after_{done}_mib": round(worker, 1)} if worker > 0.0 else {}
+    write_record(json, "render_memory", figures)
     # The last look may find the workers gone.
     looks = [look for look in found.values() if look[1] > 0.0]
     growth = [last - first for first, last in zip(looks[0], looks[-1], strict=True)]
@@ -75,5 +80,6 @@ if __name__ == "__main__":
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--scale", type=float, default=0.25)
     parser.add_argument("--maps", action="store_true")
+    add_json_option(parser)
     options = parser.parse_args()
-    sys.exit(main(options.frames, options.scale, options.maps))
+    sys.exit(main(options.frames, options.scale, options.maps, options.json))

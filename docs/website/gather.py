@@ -132,6 +132,7 @@ def gather(folder: Path, written: dict[str, str]) -> None:
     for page, text in written.items():
         tree.write(page, text)
     tree.add_wanted()
+    shutil.copyfile(docs / "measured.json", folder / "measured.json")
     for name in ("images", "schemas"):
         if (docs / name).is_dir():
             shutil.copytree(docs / name, folder / name)

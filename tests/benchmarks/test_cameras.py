@@ -14,15 +14,15 @@ from benchmarks.cameras import (
     clip_row,
     clip_table,
     failures,
-    line,
     main,
     matrix_table,
     print_table,
     row_of,
 )
+from benchmarks.records import Records
+from docs.make_measured import MEASURED
 from mirrorcam.optics.base.values import Metric
 
-DOCS = Path(__file__).parents[2] / "docs" / "cad.md"
 FAILED = {"mount.tilt_deg": Metric(value=0.06, unit="deg", limit=0.05)}
 CELLS = {
     cell.key: cell
@@ -57,7 +57,7 @@ def test_every_camera_of_the_library_gets_a_device_that_passes_every_check(name:
 
 
 def test_the_matrix_counts_what_passed_and_marks_what_did_not() -> None:
-    assert matrix_table(CELLS).splitlines() == [
+    assert matrix_table(CELLS).markdown().splitlines() == [
         "| camera | `none` | `vesa` |",
         "|---|---|---|",
         "| `brio` | 2 of 2 | **not built** |",
@@ -66,20 +66,20 @@ def test_the_matrix_counts_what_passed_and_marks_what_did_not() -> None:
 
 
 def test_checks_are_counted_by_kind_and_one_that_is_new_has_its_own_row() -> None:
-    assert checks_table(CELLS).splitlines() == [
+    assert checks_table(CELLS).markdown().splitlines() == [
         "| check | `none` | `vesa` |",
         "|---|---|---|",
         "| wall, floor | 2 of 2 | 1 of 1 |",
-        "| tools | 1 of 1 |  |",
+        "| tools | 1 of 1 | |",
         "| stiffness | **1 of 2** | 1 of 1 |",
-        "| new_check | 1 of 1 |  |",
+        "| new_check | 1 of 1 | |",
     ]
 
 
 def test_one_part_that_fails_fails_the_kind_of_check() -> None:
     walls = {"mount.wall_mm": Metric(value=1.0, unit="mm", limit=1.2, lower_is_better=False)}
     cell = Cell(camera="c920", adapter="none", passed=("camera_clip.wall_mm", "mount.floor_mm"), failed=walls)
-    assert "| wall, floor | **0 of 1** |" in checks_table({cell.key: cell})
+    assert "| wall, floor | **0 of 1** |" in checks_table({cell.key: cell}).markdown()
 
 
 def test_every_check_of_a_device_has_a_row() -> None:
@@ -89,9 +89,9 @@ def test_every_check_of_a_device_has_a_row() -> None:
 
 
 def test_masses_and_times_are_those_that_are_known() -> None:
-    table = print_table(CELLS)
+    table = print_table(CELLS).markdown()
     assert "| `c920` | 392 g, 200 g, 17:12 h | 380 g |" in table
-    assert "| `brio` | 410 g |  |" in table
+    assert "| `brio` | 410 g | |" in table
 
 
 def test_a_clip_has_a_cell_for_each_head() -> None:
@@ -99,7 +99,7 @@ def test_a_clip_has_a_cell_for_each_head() -> None:
     assert len(cells) == len(CLIP_HEAD)
     assert "0.40 %" in cells
     assert "0.030 mm, 0.075°" in cells
-    assert clip_table(CELLS).count("`c920`") == 1
+    assert clip_table(CELLS).markdown().count("`c920`") == 1
 
 
 def test_what_failed_is_told_and_ends_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,7 +111,7 @@ def test_what_failed_is_told_and_ends_the_command(tmp_path: Path, capsys: pytest
     path.write_text("".join(cell.line for cell in CELLS.values()), encoding="utf-8")
     assert main([str(path), "--tables"]) == 1
     told = capsys.readouterr()
-    assert matrix_table(CELLS) in told.out
+    assert matrix_table(CELLS).markdown() in told.out
     assert "mount.tilt_deg is 0.06 deg" in told.err
     path.write_text(CELLS["c920", "vesa"].line, encoding="utf-8")
     assert main([str(path), "--tables"]) == 0
@@ -127,11 +127,10 @@ def test_a_file_that_is_none_of_cells_is_bad_input(tmp_path: Path, capsys: pytes
 
 
 def test_the_table_of_the_documentation_has_the_form_of_the_script() -> None:
-    text = DOCS.read_text(encoding="utf-8")
-    assert line(CLIP_HEAD) in text
-    table = text[text.index(line(CLIP_HEAD)) :].split("\n\n")[0].splitlines()[2:]
-    names = [cells.split("`")[1] for cells in table]
+    documented = Records.load(MEASURED).records["cameras_clips"].table
+    assert documented is not None
+    assert documented.columns == CLIP_HEAD
+    names = [row[0].strip("`") for row in documented.rows]
     assert names == sorted(names)
     assert {"c920", "board_38"} <= set(names) <= set(CAMERAS)
-    assert {cells.count("|") for cells in table} == {len(CLIP_HEAD) + 1}
     assert len(ADAPTERS) == 9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import idealised_corners as geometry
-from benchmarks.idealisations import Row, line
+from benchmarks.idealisations import Row, cells
 from benchmarks.idealised_corners import Effect, Setup
 from benchmarks.idealised_pictures import psnr_db, without_tone
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -55,11 +55,10 @@ def test_effects_of_no_size_move_nothing(setup: Setup) -> None:
 
 def test_what_exceeds_a_tenth_of_the_claims_is_bold() -> None:
     row = Row("effect", "size", "no")
-    assert (
-        line(row, Effect(0.3, 0.0002, 0.0021), 60.0)
-        == "| effect | size | 0.3000 | **0.0002** | **0.0021** | **60** | no |"
-    )
-    assert line(row, Effect(0.3, 0.0001, 0.0019), 62.0) == "| effect | size | 0.3000 | 0.0001 | 0.0019 | 62 | no |"
+    bold = ("effect", "size", "0.3000", "**0.0002**", "**0.0021**", "**60**", "no")
+    assert cells(row, Effect(0.3, 0.0002, 0.0021), 60.0) == bold
+    plain = ("effect", "size", "0.3000", "0.0001", "0.0019", "62", "no")
+    assert cells(row, Effect(0.3, 0.0001, 0.0019), 62.0) == plain
 
 
 def test_an_error_of_a_hundredth_of_white_is_forty_decibels() -> None:
