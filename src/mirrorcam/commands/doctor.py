@@ -34,14 +34,14 @@ class DoctorOptions(Value):
 def run(options: DoctorOptions) -> int:
     """Print what is installed and the results of the tests."""
     from mirrorcam.workflow.installation import installation
-    from mirrorcam.workflow.self_tests import self_tests, testable
+    from mirrorcam.workflow.self_tests import parts_to_test, self_tests
 
     found = installation()
     if not options.as_json:
         for title, text in described(found):
             say(title, text)
     results: list[SelfTest] = []
-    for result in () if options.no_tests else self_tests(testable(found)):
+    for result in () if options.no_tests else self_tests(parts_to_test(found)):
         results.append(result)
         if not options.as_json:
             say("test", f"{result.name.ljust(10)} {'passed' if result.passed else 'FAILED'}: {_timed(result)}")

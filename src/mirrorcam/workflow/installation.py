@@ -75,7 +75,7 @@ class Installation(Value):
 
 def installation() -> Installation:
     """What is installed here; no library is imported to find out."""
-    tested = tested_versions()
+    tested = versions_tested()
     return Installation(
         version=mirrorcam.__version__,
         folder=str(Path(mirrorcam.__file__).parent),
@@ -87,7 +87,7 @@ def installation() -> Installation:
     )
 
 
-def tested_versions() -> dict[str, str]:
+def versions_tested() -> dict[str, str]:
     """Version by normalised name of every distribution that was there when the tests passed: `constraints.txt`."""
     places = (Path(folder, CONSTRAINTS) for folder in mirrorcam.__path__)  # in a checkout, the second is its root
     text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")

@@ -43,7 +43,7 @@ class SelfTest(Value):
     seconds: float
 
 
-def testable(found: Installation) -> tuple[str, ...]:
+def parts_to_test(found: Installation) -> tuple[str, ...]:
     """The tests of the parts that are installed, in the order of `TESTS`."""
     lacking = {extra.name for extra in found.extras if extra.missing}
     # Finite elements are of parts of `cad`, and meshed by a program.
