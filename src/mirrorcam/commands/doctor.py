@@ -67,7 +67,7 @@ def described(found: Installation) -> list[tuple[str, str]]:
         ("versions", f"as installed; in brackets those that were tested ({TESTED_ON}), where they differ"),
     ]
     lines += [(extra.name, _libraries(extra)) for extra in found.extras]
-    lines += [(each.name, each.path or f"not found; it is for {each.purpose}") for each in found.programs]
+    lines += [(each.name, each.path or f"not found; for {each.purpose}") for each in found.programs]
     return lines
 
 
@@ -77,7 +77,7 @@ def _libraries(extra: Extra) -> str:
         return versions
     name = f"mirrorcam[{extra.name}]" if extra.name != "base" else "mirrorcam"
     has = f"; there is {versions}" if versions else ""
-    return f'{", ".join(extra.missing)} missing, for {extra.purpose}: pip install "{name}"{has}'
+    return f'{", ".join(extra.missing)} missing; for {extra.purpose}: pip install "{name}"{has}'
 
 
 def _versions(packages: Sequence[Package]) -> str:

@@ -56,7 +56,9 @@ def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
     """Run tests by their names in `TESTS`, one after the other, each in a process of its own."""
     place = str(Path(mirrorcam.__file__).parents[1])  # where this `mirrorcam` is, is the one that is tested
     others = [path for path in [os.environ.get("PYTHONPATH")] if path]
-    surroundings = os.environ | {"PYTHONPATH": os.pathsep.join([place, *others])}
+    # With one thread for each library, as these would wait for each other on a busy machine.
+    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    surroundings = os.environ | alone | {"PYTHONPATH": os.pathsep.join([place, *others])}
     for name in names:
         code = f"from mirrorcam.workflow.self_tests import report; report({name!r})"
         began = time.monotonic()
@@ -163,7 +165,7 @@ def _calibrate() -> str:
             pose[:3, :3] @= Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
             pose[:3, 3] -= pose[:3, :3] @ board.corners_in_board_mm.mean(axis=0)
             taken.append(_frame(built, texture, board.square_mm / 32, pose, mirrored=mirrored))
-    found = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, level="paper")
+    found = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, level="joint")
     pairs = zip(found.layout.mirrors, built.mirrors, strict=True)
     worst = np.rad2deg(max(np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) for a, b in pairs))
     return expect(bool(worst < 0.05), f"normals of {len(built.mirrors)} mirrors found to {worst:.3f} deg")

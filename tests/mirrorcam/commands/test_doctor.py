@@ -32,9 +32,9 @@ def test_each_line_says_what_is_there_what_was_tested_and_what_is_missing() -> N
     lines = dict(described(FOUND))
     assert lines["mirrorcam"] == "1.2.3 in /opt/mirrorcam"
     assert lines["base"] == "numpy 2.4.6"
-    expected = 'distributed missing, for sweeps: pip install "mirrorcam[cluster]"; there is dask 2026.9 (2026.8.0)'
+    expected = 'distributed missing; for sweeps: pip install "mirrorcam[cluster]"; there is dask 2026.9 (2026.8.0)'
     assert lines["cluster"] == expected
-    assert lines["gmsh"] == "not found; it is for meshes"
+    assert lines["gmsh"] == "not found; for meshes"
 
 
 def test_the_list_is_printed_without_loading_what_it_lists(capsys: pytest.CaptureFixture[str]) -> None:
