@@ -3,7 +3,7 @@
 Needs uv (pip install uv) and a package registry; nothing is downloaded but metadata. What lacks a wheel somewhere is
 named by the resolver, and listed below the table.
 
-    python .ci/wheel_matrix.py
+    python .ci/wheel_matrix.py [options for uv, such as --offline, of what it has fetched before]
 """
 
 import os
@@ -29,7 +29,13 @@ OLDEST_MACOS = "14.0"
 def lacking(system: str, python: str, extra: str) -> str:
     """What the resolver names first as without a wheel; empty where all have one."""
     command = ["uv", "pip", "compile", "--no-config", "--quiet", "--only-binary", ":all:", "--python-platform", system]
-    command += ["--python-version", python, *(["--extra", extra] if extra else []), str(ROOT / "pyproject.toml")]
+    command += [
+        "--python-version",
+        python,
+        *(["--extra", extra] if extra else []),
+        str(ROOT / "pyproject.toml"),
+        *sys.argv[1:],
+    ]
     surroundings = os.environ | {"MACOSX_DEPLOYMENT_TARGET": OLDEST_MACOS}
     done = subprocess.run(command, capture_output=True, text=True, env=surroundings, check=False)
     if not done.returncode:
