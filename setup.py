@@ -4,6 +4,7 @@ Everything else about the distribution is in `pyproject.toml`.
 """
 
 import shutil
+from pathlib import Path
 
 from setuptools import find_packages, setup
 from setuptools.command.build_py import build_py
@@ -18,12 +19,17 @@ FOLDERS = {
 
 
 class BuildAnew(build_py):
-    """Empties `build/lib` first: what is left there of an earlier version would be packed into the wheel."""
+    """Empties `build/lib` first: what is left there of an earlier version would be packed into the wheel.
+
+    `constraints.txt`, the versions that were tested, goes into the package: `mirrorcam doctor` compares with it.
+    """
 
     def run(self) -> None:
         if not self.editable_mode:
             shutil.rmtree(self.build_lib, ignore_errors=True)
         super().run()
+        if not self.editable_mode:
+            self.copy_file("constraints.txt", str(Path(self.build_lib, "mirrorcam", "constraints.txt")))
 
 
 class EditableFromSrc(editable_wheel):

@@ -36,29 +36,14 @@ def fold_90_layout() -> Layout:
 
 @pytest.fixture(scope="session")
 def two_mirror_photos() -> list[Path]:
-    """Eight photographs of a checkerboard and two mirrors, which the project does not ship.
-
-    They are looked for in $MIRRORCAM_PHOTOS, and in data/two_mirror_photos of any folder beside the checkout.
-    """
-    named = os.environ.get("MIRRORCAM_PHOTOS")
-    folders = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/two_mirror_photos"))
-    photos = [photo for folder in folders for photo in sorted(folder.glob("photo_*.jpg"))]
-    if len(photos) != 8:
-        pytest.skip(f"{len(photos)} of 8 photographs in $MIRRORCAM_PHOTOS or beside the checkout")
-    return photos
+    """Eight photographs of a checkerboard and two mirrors."""
+    return sorted((ROOT / "tests" / "data" / "two_mirror_photos").glob("photo_*.jpg"))
 
 
 @pytest.fixture(scope="session")
 def two_mirror_video() -> Path:
-    """200 frames of a checkerboard that a hand moves before two mirrors, which the project does not ship.
-
-    They are looked for in $MIRRORCAM_VIDEO, and in data/two_mirror_video of any folder beside the checkout.
-    """
-    named = os.environ.get("MIRRORCAM_VIDEO")
-    found = [Path(named)] if named else sorted(ROOT.parent.glob("*/data/two_mirror_video/first_200_frames.mp4"))
-    if not found or not found[0].is_file():
-        pytest.skip("no first_200_frames.mp4 in $MIRRORCAM_VIDEO or beside the checkout")
-    return found[0]
+    """200 frames of a checkerboard that a hand moves before two mirrors."""
+    return ROOT / "tests" / "data" / "two_mirror_video" / "first_200_frames.mp4"
 
 
 @pytest.fixture(scope="session")

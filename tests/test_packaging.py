@@ -43,8 +43,8 @@ def built(kind: str, source: Path, out: Path) -> Path:
 
 
 def files_of_the_tree() -> set[str]:
-    """Where each module and data file of the four folders belongs in the installation."""
-    return {
+    """Where each module and data file of the four folders belongs in the installation, and the tested versions."""
+    return {"mirrorcam/constraints.txt"} | {
         Path(*package.split("."), path.relative_to(folder)).as_posix()
         for package, folder in FOLDERS.items()
         for path in folder.rglob("*")
@@ -67,7 +67,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("checkout")
     for folder in FOLDERS.values():
         shutil.copytree(folder, copy / folder.relative_to(ROOT), ignore=shutil.ignore_patterns(*NOT_SHIPPED))
-    for name in ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
+    for name in ("setup.py", "pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "constraints.txt"):
         shutil.copy(ROOT / name, copy / name)
     shutil.copytree(ROOT / "LICENSES", copy / "LICENSES")
     return copy

@@ -88,10 +88,10 @@ def distributions(*extras: str) -> tuple[str, ...]:
     These are the ones that it requires itself, and the compiled ones that those require in turn: they can change the
     results of an unchanged library.
     """
-    direct = _required(OURS, frozenset(extras))
+    direct = required(OURS, frozenset(extras))
     found, waiting = set(direct), list(direct)
     while waiting:
-        for name in _required(waiting.pop(), frozenset()):
+        for name in required(waiting.pop(), frozenset()):
             if name not in found:
                 found.add(name)
                 waiting.append(name)
@@ -110,7 +110,7 @@ def _version(distribution: str) -> str:
         return NOT_INSTALLED
 
 
-def _required(distribution: str, extras: frozenset[str]) -> set[str]:
+def required(distribution: str, extras: frozenset[str]) -> set[str]:
     """Return what a distribution requires with some of its extras; conditions on the platform are taken as met."""
     try:
         lines = metadata.requires(distribution) or []
@@ -124,14 +124,15 @@ def _required(distribution: str, extras: frozenset[str]) -> set[str]:
         only_with = set(_EXTRA.findall(condition or ""))
         if only_with and not only_with & extras:
             continue
-        if _normalised(name) == _normalised(distribution):  # an extra made of other extras
-            found |= _required(distribution, frozenset(each.strip() for each in inner.split(",")))
+        if normalised(name) == normalised(distribution):  # an extra made of other extras
+            found |= required(distribution, frozenset(each.strip() for each in inner.split(",")))
         else:
-            found.add(_normalised(name))
+            found.add(normalised(name))
     return found
 
 
-def _normalised(name: str) -> str:
+def normalised(name: str) -> str:
+    """The one spelling of a distribution's name, for comparisons."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 

@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+__version__ = "0.2.0"
+
 if not Path(__path__[0], "optics").is_dir():
     # A checkout: optics, cad and render_scenes are folders beside `src`; an installed wheel has them in here.
     __path__.append(str(Path(__file__).resolve().parents[2]))

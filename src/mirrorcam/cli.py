@@ -25,6 +25,7 @@ from tyro.conf import (
 )
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
+from mirrorcam import __version__
 from mirrorcam.commands import (
     adjust,
     board,
@@ -36,6 +37,7 @@ from mirrorcam.commands import (
     decode,
     depth,
     design,
+    doctor,
     drift,
     epi,
     evaluate,
@@ -95,6 +97,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     validate.ValidateOptions: validate.run,
     evaluate.EvaluateOptions: evaluate.run,
     score.ScoreOptions: score.run,
+    doctor.DoctorOptions: doctor.run,
 }
 COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
 """The options of each command by its name."""
@@ -133,7 +136,10 @@ class Command:
         | Annotated[validate.ValidateOptions, subcommand("validate")]
         | Annotated[evaluate.EvaluateOptions, subcommand("evaluate")]
         | Annotated[score.ScoreOptions, subcommand("score")]
+        | Annotated[doctor.DoctorOptions, subcommand("doctor")]
     ]
+    version: bool = False
+    """print the version, and do nothing else"""
     debug: bool = False
     """show the traceback of an error"""
 
@@ -239,6 +245,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     quieten_libraries()
     try:
         with interruption.remembered():
+            if "--version" in arguments:
+                print(f"mirrorcam {__version__}")
+                _flush()
+                return DONE
             command = parse(arguments)
             code = RUNNERS[type(command.command)](command.command)
             _flush()

@@ -141,7 +141,7 @@ def _linearised(
     """Standardised residuals (n, 2), their derivatives by the globals, rotations and shifts (n, 2, g), and the twist.
 
     The derivatives by pose and board neglect the views' rotations: these are far below a degree, so that the steps
-    still converge, and the residuals are exact.
+    still converge, and the residuals are exact. These are infinite where there are no derivatives.
     """
     mirrored = rows.view != DIRECT
     view = rows.view[mirrored]
@@ -149,9 +149,9 @@ def _linearised(
     arm = seen[mirrored] - views.about_mm[view]
     turned = np.einsum("nij,nj->ni", Rotation.from_rotvec(views.turns).as_matrix()[view], arm)
     seen[mirrored] = turned + views.about_mm[view] + views.shifts[view]
+    impossible = np.full((len(rows), 2), np.inf), np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
     if (seen[:, 2] <= 0).any():
-        nothing = np.full((len(rows), 2), np.inf)
-        return nothing, np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
+        return impossible
     pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
     _, by_global, by_frame = residuals_with_jacobians(estimate, rows, model.board)
     by_global[:, :, : by_intrinsics.shape[2]] = by_intrinsics
@@ -162,6 +162,8 @@ def _linearised(
         moves[number, :, 6 * view + k] = by_turn[:, :, k]
         moves[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
     every = np.concatenate([by_global[:, :, kept], moves[:, :, 6 * held :]], axis=2)
+    if not (np.isfinite(every).all() and np.isfinite(by_frame).all()):
+        return impossible  # where the planes alone show a corner outside the lens's range, they have no derivatives
     sigma = rows.sigma_px[:, None, None]
     return rows.standardised(pixels - rows.pixels), every / sigma, by_frame[:, :, :6] / sigma
 

@@ -19,9 +19,14 @@ MODULES = {
 }
 
 
+def missing_modules(extra: str) -> list[str]:
+    """The modules of an extra that cannot be imported."""
+    return [module for module in MODULES[extra] if find_spec(module) is None]
+
+
 def require(*extras: str) -> None:
     """Raise InputError, naming the command that installs them, where modules of extras are missing."""
-    missing = {extra: [module for module in MODULES[extra] if find_spec(module) is None] for extra in extras}
+    missing = {extra: missing_modules(extra) for extra in extras}
     lacking = [extra for extra, modules in missing.items() if modules]
     if lacking:
         modules = ", ".join(module for extra in lacking for module in missing[extra])

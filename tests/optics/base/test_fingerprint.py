@@ -107,7 +107,7 @@ def test_requirements_are_read_with_their_extras(
     line: str, extras: tuple[str, ...], found: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(metadata, "requires", lambda name: [line])
-    assert fingerprint._required("some", frozenset(extras)) == found
+    assert fingerprint.required("some", frozenset(extras)) == found
 
 
 def test_versions_are_the_installed_ones(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.free_views import free_views
+from mirrorcam.optics.calibration.diagnostics.free_views import _linearised, _Views, free_views
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
@@ -125,3 +125,19 @@ def test_a_direct_view_in_the_same_frame_checks_every_mirror() -> None:
     assert found.chance > 0.01
     moved = replace(seen, pixels=seen.pixels + [0.3, 0.0] * (seen.view == 1)[:, None])
     assert free_views(fit(start, moved, model), moved, model).chance < 1e-6
+
+
+def test_views_do_not_run_away_from_planes_that_the_lens_cannot_show() -> None:
+    """A view of few corners may be turned so far that its plane, left alone, shows them behind the camera."""
+    truth = corner_of_two_mirrors(90.0)
+    start = Estimate.of(truth.camera, truth.mirrors, np.array([lying(*pose) for pose in POSES]))
+    model = replace(JOINT, intrinsics=("fx_px", "fy_px"), board=Board.rigid(BOARD_SEEN_DIRECTLY.corners_in_board_mm))
+    rows = Observations.of_view(0, 0, np.arange(8), np.zeros((8, 2)))
+    nothing = _Views(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)))
+    assert np.isfinite(_linearised(start, nothing, rows, model, [0, 1], 0)[1]).all()
+    behind = np.array([[0.0, 0.0, 2.0], start.virtual_centres_in_rig_mm[1]])
+    turned = replace(start, virtual_centres_in_rig_mm=behind)
+    shifted = replace(nothing, shifts=np.array([[0.0, 0.0, 2000.0], [0.0, 0.0, 0.0]]))
+    r, by_global, _ = _linearised(turned, shifted, rows, model, [0, 1], 0)
+    assert np.isinf(r).all()
+    assert np.isfinite(by_global).all()
