@@ -15,9 +15,11 @@ import os
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 FEWEST_CORNERS, FEWEST_BOARDS = 8, 3
 GREY = 127
@@ -84,7 +86,9 @@ def main() -> int:
     return 0
 
 
-def corners(frame: np.ndarray, view: dict, target: cv2.aruco.CharucoBoard) -> tuple[np.ndarray, np.ndarray] | None:
+def corners(
+    frame: NDArray[np.uint8], view: dict[str, Any], target: cv2.aruco.CharucoBoard
+) -> tuple[NDArray[np.int32], NDArray[np.float32]] | None:
     """Numbers (n,) and pixels (n, 1, 2) of the corners in the part of the flipped frame that a mirror shows."""
     left, top = view["x"], view["y"]
     outline = np.round(np.array(view["outline_px"]) - [left, top]).astype(np.int32)
@@ -98,7 +102,7 @@ def corners(frame: np.ndarray, view: dict, target: cv2.aruco.CharucoBoard) -> tu
     return np.ravel(ids), np.float32(step_px) * np.round(pixels / step_px) if step_px else pixels
 
 
-def pose(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def pose(turn: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
     """A pose (4, 4) from a rotation vector and a shift."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
