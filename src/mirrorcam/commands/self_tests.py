@@ -204,7 +204,7 @@ def _cad() -> str:
         facet = np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")])
         corners = np.fromfile(Path(folder, "box.stl"), facet, offset=84)["numbers"][:, 1:].astype(float)
     meshed = float(np.linalg.det(corners).sum() / 6.0)
-    right = abs(meshed - 5000.0) < 0.01 and abs(part.volume - 5000.0) < 1e-6
+    right = bool(abs(meshed - 5000.0) < 0.01 and abs(part.volume - 5000.0) < 1e-6)
     return expect(right, f"a solid of {part.volume:.1f} mm3, its mesh of {meshed:.1f} mm3")
 
 
