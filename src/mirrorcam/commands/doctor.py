@@ -13,8 +13,8 @@ from mirrorcam.console.progress import say
 from mirrorcam.optics.base.values import Value
 
 if TYPE_CHECKING:
+    from mirrorcam.commands.self_tests import SelfTest
     from mirrorcam.workflow.installation import Extra, Installation, Package
-    from mirrorcam.workflow.self_tests import SelfTest
 
 TESTED_ON = "Python 3.11, Linux"
 
@@ -33,8 +33,8 @@ class DoctorOptions(Value):
 
 def run(options: DoctorOptions) -> int:
     """Print what is installed and the results of the tests."""
+    from mirrorcam.commands.self_tests import parts_to_test, self_tests
     from mirrorcam.workflow.installation import installation
-    from mirrorcam.workflow.self_tests import parts_to_test, self_tests
 
     found = installation()
     if not options.as_json:

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from mirrorcam import __version__, cli
+from mirrorcam.commands import self_tests as tests_of_parts
 from mirrorcam.commands.doctor import described
-from mirrorcam.workflow import self_tests as tests_of_parts
 from mirrorcam.workflow.installation import Extra, Installation, Package, Program
 from tests.mirrorcam.test_public_api import after
 

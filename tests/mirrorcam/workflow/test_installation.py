@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import mirrorcam
-from mirrorcam.workflow import installation as module
 from mirrorcam.workflow.extras import MODULES
 from mirrorcam.workflow.installation import PURPOSES, installation, versions_tested
 from tests.test_architecture import ROOT
@@ -41,7 +40,7 @@ def test_every_library_of_an_extra_has_a_tested_version() -> None:
 
 def test_what_is_missing_is_named_and_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mirrorcam.workflow.extras.find_spec", lambda name: None if name == "lib3mf" else object())
-    monkeypatch.setattr(module.shutil, "which", lambda command, path: None)
+    monkeypatch.setattr("shutil.which", lambda command, path: None)
     found = installation()
     missing = {extra.name: extra.missing for extra in found.extras}
     assert missing["cad"] == ("lib3mf",)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.commands import self_tests as module
+from mirrorcam.commands.self_tests import TESTS, SelfTest, expect, parts_to_test, self_tests
 from mirrorcam.optics.base.child_program import run_program
-from mirrorcam.workflow import self_tests as module
 from mirrorcam.workflow.extras import MODULES, missing_modules
 from mirrorcam.workflow.installation import Extra, Installation, Program
-from mirrorcam.workflow.self_tests import TESTS, SelfTest, expect, parts_to_test, self_tests
 
 
 def installed(*missing: str, gmsh: str | None = "/usr/bin/gmsh") -> Installation:
