@@ -33,7 +33,7 @@ class SuiteOptions(Value):
     """
 
     name: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[NAME|FILE]", help_behavior_hint="")] = (
-        Field(default=None, description="smoke, standard, large, or a TOML file like theirs")
+        Field(default=None, description="smoke, standard, or a TOML file like theirs")
     )
     copies: int = COPIES.field(1, "render so many of each set, which differ in their seeds alone")
     plan: bool = Field(default=False, description="render nothing; list the sets, what is there, and what they take")
