@@ -36,8 +36,10 @@ def main() -> int:
     target = cv2.aruco.CharucoBoard((board["cols"], board["rows"]), board["square_mm"], board["marker_mm"], dictionary)
     described = json.loads((folder / "views.json").read_text(encoding="utf-8"))
     views, size = described["views"], (described["width_px"], described["height_px"])
-    pictures = sorted((folder / "frames").iterdir())
-    frames = [cv2.flip(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), described["flip_code"]) for path in pictures]
+    pictures = (np.fromfile(path, dtype=np.uint8) for path in sorted((folder / "frames").iterdir()))
+    frames = [np.asarray(cv2.imdecode(picture, cv2.IMREAD_GRAYSCALE), dtype=np.uint8) for picture in pictures]
+    # Mirrored, the picture of a mirror is that of a camera behind it.
+    frames = [np.flip(frame, axis=described["flip_code"]) for frame in frames]
 
     cameras, poses = [], []
     for view in views:
@@ -49,7 +51,7 @@ def main() -> int:
             return 1
         guess = np.array(view["camera_matrix"])
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-            [target.getChessboardCorners()[ids] for ids, _ in seen.values()],
+            [np.array(target.getChessboardCorners())[ids] for ids, _ in seen.values()],
             [pixels for _, pixels in seen.values()],
             size,
             guess,
@@ -97,12 +99,12 @@ def corners(
     found, ids, _, _ = cv2.aruco.CharucoDetector(target).detectBoard(np.where(mask > 0, part, GREY).astype(np.uint8))
     if ids is None or len(ids) < FEWEST_CORNERS:
         return None
-    pixels = np.reshape(found, (-1, 1, 2)).astype(np.float32) + np.float32([left, top])
+    pixels = np.reshape(found, (-1, 1, 2)).astype(np.float32) + np.array([left, top], dtype=np.float32)
     step_px = float(os.environ.get("CORNER_STEP_PX", "0"))
     return np.ravel(ids), np.float32(step_px) * np.round(pixels / step_px) if step_px else pixels
 
 
-def pose(turn: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.float64]:
+def pose(turn: NDArray[Any], shift: NDArray[Any]) -> NDArray[np.float64]:
     """A pose (4, 4) from a rotation vector and a shift."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)

@@ -27,7 +27,7 @@ fi
 """
 
 
-def run(folder: Path, code: int = 0, **settings: str) -> tuple[int, list[str]]:
+def run(folder: Path, code: str = "0", **settings: str) -> tuple[int, list[str]]:
     """The script's exit code, and the calls of a program that stands in for mirrorcam."""
     calls = folder / "calls.txt"
     program = folder / "stand_in"
@@ -62,7 +62,7 @@ def test_settings_become_options(tmp_path: Path) -> None:
 def test_the_exit_code_is_that_of_the_evaluation_and_the_summary_goes_to_the_job(tmp_path: Path, code: int) -> None:
     summary = tmp_path / "summary of the job.md"
     summary.write_text("before\n", encoding="utf-8")
-    assert run(tmp_path, code, COMMAND="x", GITHUB_STEP_SUMMARY=f"{summary}")[0] == code
+    assert run(tmp_path, str(code), COMMAND="x", GITHUB_STEP_SUMMARY=f"{summary}")[0] == code
     assert summary.read_text(encoding="utf-8") == ("before\nfirst\nlast\n" if code < 2 else "before\n")
 
 

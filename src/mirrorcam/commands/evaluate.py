@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
 import tyro
 from pydantic import Field, model_validator
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mirrorcam.workflow.evaluation import Evaluation
 
 FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
-AUTO = "auto"
+AUTO: Final = "auto"
 TIMEOUT_S = Bounds(1.0, 86400.0)
 WORSE_BY = Bounds(1.0, 1000.0)
 
