@@ -52,7 +52,9 @@ GUARDED: dict[str, Guard] = {
     "docs/design.md": "tables",
     "docs/live.md": "tables",
     "docs/rendering.md": "tables",
+    "docs/scoring.md": "tables",
     "docs/studio.md": "units",
+    "docs/suites.md": "tables",
 }
 """Pages, and which of their numbers must have a comment: all, those with a unit behind, or those in tables."""
 
