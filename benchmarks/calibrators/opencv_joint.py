@@ -2,8 +2,8 @@
 
 What a user who knows better does: the lens is the same behind all mirrors, and the views are fixed to each other.
 OpenCV detects, starts with `solvePnP`, and projects with derivatives; the least squares are here. It does not know that
-cameras which are reflections of one have fewer degrees of freedom. Writes OUT, a FileStorage in YAML, and beside it
-`covariance/NAME.json`, for NEES.
+cameras which are reflections of one have fewer degrees of freedom. Writes OUT, a FileStorage in YAML, and the
+covariance for NEES: `covariance/NAME.json` beside it, or `--covariance FILE`.
 """
 
 from __future__ import annotations
@@ -193,22 +193,23 @@ def _covariance(
     return tuple(names), variance * np.linalg.inv(normal)[:kept, :kept]
 
 
-def calibrate_set(folder: Path, out: Path) -> None:
+def calibrate_set(folder: Path, out: Path, covariance_file: Path | None = None) -> None:
     """Calibrate a set from its frames, nominal layout and board; write the cameras and their covariance."""
     corners = corners_of_set(folder)
     cameras, names, covariance = calibrate_joint(corners)
     write_cameras(out, cameras, corners.size_px, corners.flip)
     stated = {"schema": "mirrorcam.covariance/1", "parameters": list(names), "covariance": covariance.tolist()}
-    write_json(out.parent / "covariance" / f"{out.stem}.json", stated)
+    write_json(covariance_file or out.parent / "covariance" / f"{out.stem}.json", stated)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--covariance", type=Path)
     options = parser.parse_args()
     try:
-        calibrate_set(options.set, options.out)
+        calibrate_set(options.set, options.out, options.covariance)
     except InputError as error:
         print(error)
         return 2

@@ -42,6 +42,7 @@ from mirrorcam.commands import (
     export,
     features,
     filter,
+    leaderboard,
     live,
     picture,
     refocus,
@@ -95,6 +96,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     validate.ValidateOptions: validate.run,
     evaluate.EvaluateOptions: evaluate.run,
     score.ScoreOptions: score.run,
+    leaderboard.LeaderboardOptions: leaderboard.run,
 }
 COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
 """The options of each command by its name."""
@@ -133,6 +135,7 @@ class Command:
         | Annotated[validate.ValidateOptions, subcommand("validate")]
         | Annotated[evaluate.EvaluateOptions, subcommand("evaluate")]
         | Annotated[score.ScoreOptions, subcommand("score")]
+        | Annotated[leaderboard.LeaderboardOptions, subcommand("leaderboard")]
     ]
     debug: bool = False
     """show the traceback of an error"""

@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import Field
 
 from mirrorcam.optics.base.files import read_model, shortened
-from mirrorcam.optics.base.names import Line
+from mirrorcam.optics.base.names import Line, Name
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.scoring.calibration_score import CalibrationScore
@@ -50,7 +50,7 @@ class Tried(Value):
         Why there is no score; empty where there is one.
     """
 
-    name: str
+    name: Name
     why: Line
     dataset_sha256: str
     seconds: float
