@@ -1,8 +1,9 @@
 """All mirrors as cameras with one lens, by mrcal: `python -m benchmarks.calibrators.mrcal_joint SET OUT`.
 
-OpenCV finds the corners, as mrcal has no detector of ChArUco boards; mrcal (https://mrcal.secretsauce.net) solves for
-one lens and a free place of each mirror, leaves out outliers, and says how certain it is. It knows boards of even
-squares alone, so no AprilGrid. `--python PYTHON` has mrcal, by default the running one or that of the system.
+OpenCV finds the corners, as mrcal has no detector of ChArUco boards, and the poses to start from: those that mrcal
+finds by itself are far off where every camera shows a corner of the picture alone. mrcal (https://mrcal.secretsauce.net)
+solves for one lens and a free place of each mirror, leaves out outliers, and says how certain it is. It knows boards of
+even squares alone, so no AprilGrid. `--python PYTHON` has mrcal, by default the running one or that of the system.
 Writes OUT, a FileStorage in YAML, and with `--covariance FILE` the covariance of its parameters.
 """
 
@@ -17,13 +18,14 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration_mrcal import LENSES, asked, python_with_mrcal
-from benchmarks.calibrators.opencv_joint import POSE
+from benchmarks.calibrators.opencv_joint import POSE, start
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, write_cameras
 from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
+from mirrorcam.optics.geometry.transforms import inverse
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"))
 MM_PER_M = 1000.0
@@ -41,7 +43,10 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
     lens = LENSES.get(layout.camera.lens_model)
     if lens is None:
         raise InputError(f"{folder}: a {layout.camera.lens_model} lens, expected one of {', '.join(LENSES)}")
-    camera = {view: number for number, view in enumerate(by_boards(corners))}
+    bundle, _, _ = start(corners)
+    order = by_boards(corners)
+    reference = bundle.views[order[0]]
+    camera = {view: number for number, view in enumerate(order)}
     frames = {frame: number for number, frame in enumerate(sorted({frame for frame, _ in corners.seen}))}
     cols, along = target.corners_across
     return {
@@ -49,6 +54,11 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
         "height_px": corners.size_px[1],
         "focal_px": float(corners.matrix[0, 0]),
         "lens": lens,
+        "start": {
+            "core": bundle.lens[:4].tolist(),
+            "places": [_in_m(bundle.views[view] @ inverse(reference)) for view in order[1:]],
+            "poses": [_in_m(reference @ pose) for pose in bundle.frames],
+        },
         "board": {"rows": along, "cols": cols, "spacing_m": target.pitch_mm / MM_PER_M},
         "corners": [
             [frames[frame], camera[view], corner, x, y, 1.0]
@@ -56,6 +66,12 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
             for corner, (x, y) in zip(board.corner.tolist(), board.pixels.tolist(), strict=True)
         ],
     }
+
+
+def _in_m(pose: FloatArray) -> list[list[float]]:
+    moved = pose.copy()
+    moved[:3, 3] /= MM_PER_M
+    return moved.tolist()
 
 
 def left_jacobian(turn: FloatArray) -> FloatArray:

@@ -74,7 +74,7 @@ class Bundle:
 
 def calibrate_joint(corners: SetCorners) -> tuple[tuple[OpencvCamera, ...], tuple[str, ...], FloatArray]:
     """The cameras, and the names and covariance of their parameters."""
-    bundle, reference, rows = _start(corners)
+    bundle, reference, rows = start(corners)
     damping = 1e-3
     cost = _cost(bundle, rows)
     for _ in range(MOST_STEPS):
@@ -97,8 +97,8 @@ def calibrate_joint(corners: SetCorners) -> tuple[tuple[OpencvCamera, ...], tupl
     return cameras, names, covariance
 
 
-def _start(corners: SetCorners) -> tuple[Bundle, int, Rows]:
-    """Poses by `solvePnP` with the lens of the data sheet."""
+def start(corners: SetCorners) -> tuple[Bundle, int, Rows]:
+    """The bundle that poses by `solvePnP` make with the lens of the data sheet, the reference view, and all corners."""
     poses = {}
     for (frame, view), board in corners.seen.items():
         points = corners.points_in_board[board.corner]

@@ -44,13 +44,20 @@ def solved(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
     """The inputs of mrcal's optimisation, with its result in them, as `mrcal-calibrate-cameras` gets there."""
     seen, keys = boards(task, weighted)
     cameras, size = int(keys[:, 1].max()) + 1, [task["width_px"], task["height_px"]]
-    core, places, poses = mrcal.seed_stereographic(
-        imagersizes=[size] * cameras,
-        focal_estimate=task["focal_px"],
-        indices_frame_camera=keys,
-        observations=seen,
-        object_spacing=task["board"]["spacing_m"],
-    )
+    if start := task.get("start"):
+        model, core = "LENSMODEL_PINHOLE", [np.array(start["core"])]
+        places, poses = (
+            np.array([mrcal.rt_from_Rt(_rows(each)) for each in start[name]]) for name in ("places", "poses")
+        )
+    else:
+        model = "LENSMODEL_STEREOGRAPHIC"
+        core, places, poses = mrcal.seed_stereographic(
+            imagersizes=[size] * cameras,
+            focal_estimate=task["focal_px"],
+            indices_frame_camera=keys,
+            observations=seen,
+            object_spacing=task["board"]["spacing_m"],
+        )
     inputs = {
         "intrinsics": np.array(core[:1]),
         "extrinsics_rt_fromref": places,
@@ -62,7 +69,7 @@ def solved(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
         ),
         "observations_point": None,
         "indices_point_camintrinsics_camextrinsics": None,
-        "lensmodel": "LENSMODEL_STEREOGRAPHIC",
+        "lensmodel": model,
         "imagersizes": np.array([size], dtype=np.int32),
         "calibration_object_spacing": task["board"]["spacing_m"],
         "do_optimize_calobject_warp": False,
@@ -127,6 +134,11 @@ def figures(inputs: dict[str, Any]) -> dict[str, Any]:
         "corners": int(used.sum()),
         "distance_m": float(np.median(distances)),
     }
+
+
+def _rows(pose: Any) -> Any:
+    """A pose (4, 4) as mrcal has it: a rotation above a shift (4, 3)."""
+    return np.vstack([np.array(pose)[:3, :3], np.array(pose)[:3, 3]])
 
 
 def _matrix(rt: Any) -> Any:

@@ -20,9 +20,10 @@ NOT_TRIED, FAILED, NONE = "not tried", "failed", "-"
 DIGITS = 3
 HOW_TO_READ = (
     "RMS px is the error, in pixels of the frame, of points in the working volume as the calibration projects them, "
-    "with the best motion of the rig taken out. Except for RMS over own sets and time, figures are over the common sets: "
-    "means, and of the worst view the largest. NEES is the error in units of the stated covariance, 1 where it is "
-    "right, and in brackets the interval of 95 of 100 right ones. Time is that of a set on the machine of whoever ran it."
+    "with the best motion of the rig taken out. Except for RMS over own sets and time, figures are over the common "
+    "sets: means, and of the worst view the largest. NEES is the error in units of the stated covariance, 1 where it "
+    "is right, and in brackets the interval of 95 of 100 right ones. Time is that of a set on the machine of whoever "
+    "ran it."
 )
 
 
