@@ -8,6 +8,7 @@
 #   COMMAND   what calibrates one set: it reads the folder $MIRRORCAM_SET and writes into the folder $MIRRORCAM_RESULT
 #   SUITE     name of a suite, or a TOML file (smoke)
 #   SUITES    folder for the rendered sets, kept between runs (mirrorcam-suites)
+#   WORKERS   sets rendered at the same time (all cores)
 #   OUT       folder for what is found: evaluation.json, summary.md, junit.xml, pictures, results (mirrorcam-evaluation)
 #   FORMAT    format of the calibrations (auto)
 #   LIMITS    TOML file of limits; BASELINE  evaluation.json of an earlier run; WORSE_BY  factor of RMS that is allowed
