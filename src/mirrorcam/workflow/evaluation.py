@@ -243,6 +243,8 @@ def _run(request: EvaluationRequest, place: Path, result: Path) -> tuple[float, 
     if code == 0:
         return seconds, ""
     said = _last_line(result / LOG)
+    for path, variable in ((seen, "$MIRRORCAM_SET"), (result.absolute(), "$MIRRORCAM_RESULT")):
+        said = said.replace(f"{path}", variable)
     ended = f"signal {-code} ended the command" if code < 0 else f"the command ended with exit code {code}"
     return seconds, ended + (f": {said}" if said else "")
 
