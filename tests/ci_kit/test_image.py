@@ -98,7 +98,8 @@ def test_the_steps_build_an_image_whose_entry_evaluates_a_calibrator(tmp_path: P
     if why := refusal():
         pytest.skip(why)
     keep = os.environ.get("MIRRORCAM_IMAGE")
-    root, started, took = Path(keep) if keep else tmp_path / "root", time.monotonic(), {}
+    root, started = Path(keep) if keep else tmp_path / "root", time.monotonic()
+    took: dict[str, float] = {}
 
     def lap(name: str) -> None:
         took[name] = round(time.monotonic() - started - sum(took.values()), 1)

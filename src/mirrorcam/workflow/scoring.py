@@ -201,8 +201,8 @@ def _names(given: Sequence[str], folders: Sequence[Path]) -> tuple[str, ...]:
 
 def write_report(report: ScoreReport, files: ScoreFiles, *, force: bool = False) -> None:
     """Write the files of a report, each atomically."""
-    texts = {files.json: report.text, files.markdown: lambda: markdown(report), files.junit: lambda: junit(report)}
-    write_texts({path: text() for path, text in texts.items() if path is not None}, "score", force=force)
+    texts = {files.json: report.text(), files.markdown: markdown(report), files.junit: junit(report)}
+    write_texts({path: text for path, text in texts.items() if path is not None}, "score", force=force)
 
 
 def refuse_files(files: ScoreFiles, *, force: bool = False) -> None:
