@@ -7,4 +7,4 @@ source=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 
 "${PYTHON:-python3}" -m venv "$folder"
 "$folder/bin/python" -m pip install --quiet --disable-pip-version-check -c "$source/constraints.txt" "$source[render,cluster]"
-"$folder/bin/mirrorcam" --version
+"$folder/bin/python" -c "from importlib.metadata import version; import mirrorcam.cli; print('mirrorcam', version('mirrorcam'))"

@@ -1,4 +1,4 @@
-"""The command line that all calibrators have: SET OUT."""
+"""The command line that all calibrators have: SET OUT, and what one adds to it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ from pathlib import Path
 from mirrorcam.optics.base.values import InputError
 
 
-def run(description: str | None, calibrate_set: Callable[[Path, Path], None]) -> int:
-    """Calibrate the set of the command line and write the file that it names; 2 where that cannot be done."""
+def run(
+    description: str | None,
+    calibrate: Callable[[argparse.Namespace], object],
+    add_options: Callable[[argparse.ArgumentParser], object] = lambda parser: None,
+) -> int:
+    """Calibrate `set` of the command line and write the file `out` that it names; 2 where that cannot be done."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
     parser.add_argument("out", type=Path)
+    add_options(parser)
     options = parser.parse_args()
     try:
-        calibrate_set(options.set, options.out)
+        calibrate(options)
     except InputError as error:
         print(error)
         return 2

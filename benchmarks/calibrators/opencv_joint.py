@@ -2,8 +2,8 @@
 
 What a user who knows better does: the lens is the same behind all mirrors, and the views are fixed to each other.
 OpenCV detects, starts with `solvePnP`, and projects with derivatives; the least squares are here. It does not know that
-cameras which are reflections of one have fewer degrees of freedom. Writes OUT, a FileStorage in YAML, and beside it
-`covariance/NAME.json`, for NEES.
+cameras which are reflections of one have fewer degrees of freedom. Writes OUT, a FileStorage in YAML, and the
+covariance for NEES: `covariance/NAME.json` beside it, or `--covariance FILE`.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Bundle:
 
 def calibrate_joint(corners: SetCorners) -> tuple[tuple[OpencvCamera, ...], tuple[str, ...], FloatArray]:
     """The cameras, and the names and covariance of their parameters."""
-    bundle, reference, rows = _start(corners)
+    bundle, reference, rows = start(corners)
     damping = 1e-3
     cost = _cost(bundle, rows)
     for _ in range(MOST_STEPS):
@@ -97,8 +97,8 @@ def calibrate_joint(corners: SetCorners) -> tuple[tuple[OpencvCamera, ...], tupl
     return cameras, names, covariance
 
 
-def _start(corners: SetCorners) -> tuple[Bundle, int, Rows]:
-    """Poses by `solvePnP` with the lens of the data sheet."""
+def start(corners: SetCorners) -> tuple[Bundle, int, Rows]:
+    """The bundle that poses by `solvePnP` make with the lens of the data sheet, the reference view, and all corners."""
     poses = {}
     for (frame, view), board in corners.seen.items():
         points = corners.points_in_board[board.corner]
@@ -190,14 +190,20 @@ def _covariance(
     return tuple(names), np.asarray(variance * np.linalg.inv(normal)[:kept, :kept], dtype=np.float64)
 
 
-def calibrate_set(folder: Path, out: Path) -> None:
+def calibrate_set(folder: Path, out: Path, covariance_file: Path | None = None) -> None:
     """Calibrate a set from its frames, nominal layout and board; write the cameras and their covariance."""
     corners = corners_of_set(folder)
     cameras, names, covariance = calibrate_joint(corners)
     write_cameras(out, cameras, corners.size_px, corners.flip)
     stated = {"schema": "mirrorcam.covariance/1", "parameters": list(names), "covariance": covariance.tolist()}
-    write_json(out.parent / "covariance" / f"{out.stem}.json", stated)
+    write_json(covariance_file or out.parent / "covariance" / f"{out.stem}.json", stated)
 
 
 if __name__ == "__main__":
-    sys.exit(run(__doc__, calibrate_set))
+    sys.exit(
+        run(
+            __doc__,
+            lambda given: calibrate_set(given.set, given.out, given.covariance),
+            lambda parser: parser.add_argument("--covariance", type=Path),
+        )
+    )

@@ -85,4 +85,4 @@ def calibrate_set(folder: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run(__doc__, calibrate_set))
+    sys.exit(run(__doc__, lambda given: calibrate_set(given.set, given.out)))

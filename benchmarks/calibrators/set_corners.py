@@ -9,13 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import inside
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.exports.virtual_cameras import Flip, VirtualCamera, virtual_cameras
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board
-from mirrorcam.render_scenes.sets.dataset import Dataset
 
 FEWEST = 8
 """Corners of a board that are worth a pose."""
@@ -62,15 +60,21 @@ class SetCorners:
 
 
 def corners_of_set(folder: Path) -> SetCorners:
-    """Find the corners in a rendered set; raises InputError for a board that OpenCV has no detector of."""
-    dataset, layout = Dataset.load(folder), Layout.load(folder / "layout.json")
+    """Find the corners in the `frames` of a rendered set, of which nothing but `layout.json` and `board.toml` is read.
+
+    Raises InputError for a set without frames, and for a board that OpenCV has no detector of.
+    """
+    layout = Layout.load(folder / "layout.json")
+    frames = sorted((folder / "frames").glob("*"))
+    if not frames:
+        raise InputError(f"{folder}: no frames, expected pictures in the folder frames")
     board = load_board(folder / "board.toml")
     if not isinstance(board, Charuco | Checkerboard):
         raise InputError(f"{folder}: an AprilGrid, expected a ChArUco board or a checkerboard")
     views = virtual_cameras(layout)
     seen = {}
-    for frame, name in enumerate(dataset.frame_names):
-        flipped = np.ascontiguousarray(views[0].flipped(read_image(inside(folder, name), grey=True)))
+    for frame, path in enumerate(frames):
+        flipped = np.ascontiguousarray(views[0].flipped(read_image(path, grey=True)))
         for number, view in enumerate(views):
             found = _in_view(flipped, view, board)
             if found is not None:

@@ -1,4 +1,6 @@
-"""What mrcal makes of corners: `PYTHON mrcal_solver.py IN.json OUT.json`; part of `benchmarks.calibration_mrcal`.
+"""What mrcal makes of corners: `PYTHON mrcal_solver.py IN.json OUT.json`.
+
+Part of `benchmarks.calibration_mrcal`, and of `benchmarks.calibrators.mrcal_joint`, whose task has no calibrations.
 
 Runs in any interpreter that has mrcal, and needs nothing of this project.
 
@@ -21,6 +23,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 SMALL = 1e-6  # lens numbers to start from
+FEWEST = 4  # corners of a board that fix its pose
 FAR = 1e6  # px: a radius that takes the whole picture
 
 
@@ -41,13 +44,20 @@ def solved(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
     """The inputs of mrcal's optimisation, with its result in them, as `mrcal-calibrate-cameras` gets there."""
     seen, keys = boards(task, weighted)
     cameras, size = int(keys[:, 1].max()) + 1, [task["width_px"], task["height_px"]]
-    core, places, poses = mrcal.seed_stereographic(
-        imagersizes=[size] * cameras,
-        focal_estimate=task["focal_px"],
-        indices_frame_camera=keys,
-        observations=seen,
-        object_spacing=task["board"]["spacing_m"],
-    )
+    if start := task.get("start"):
+        model, core = "LENSMODEL_PINHOLE", [np.array(start["core"])]
+        places, poses = (
+            np.array([mrcal.rt_from_Rt(_rows(each)) for each in start[name]]) for name in ("places", "poses")
+        )
+    else:
+        model = "LENSMODEL_STEREOGRAPHIC"
+        core, places, poses = mrcal.seed_stereographic(
+            imagersizes=[size] * cameras,
+            focal_estimate=task["focal_px"],
+            indices_frame_camera=keys,
+            observations=seen,
+            object_spacing=task["board"]["spacing_m"],
+        )
     inputs = {
         "intrinsics": np.array(core[:1]),
         "extrinsics_rt_fromref": places,
@@ -59,7 +69,7 @@ def solved(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
         ),
         "observations_point": None,
         "indices_point_camintrinsics_camextrinsics": None,
-        "lensmodel": "LENSMODEL_STEREOGRAPHIC",
+        "lensmodel": model,
         "imagersizes": np.array([size], dtype=np.int32),
         "calibration_object_spacing": task["board"]["spacing_m"],
         "do_optimize_calobject_warp": False,
@@ -77,11 +87,29 @@ def solved(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
     mrcal.optimize(**inputs)
     inputs["do_apply_outlier_rejection"] = True
     mrcal.optimize(**inputs)
+    if leave_out_lost(inputs):
+        inputs["do_apply_outlier_rejection"] = False
+        mrcal.optimize(**inputs)
     return inputs
 
 
+def leave_out_lost(inputs: dict[str, Any]) -> bool:
+    """Take out boards of which too few corners are left to tell a pose; whether there are any."""
+    left = inputs["observations_board"][..., 2] > 0.0
+    kept = left.sum(axis=(1, 2)) >= FEWEST
+    indices = inputs["indices_frame_camintrinsics_camextrinsics"][kept]
+    frames, indices[:, 0] = np.unique(indices[:, 0], return_inverse=True)
+    inputs["observations_board"] = np.ascontiguousarray(inputs["observations_board"][kept])
+    inputs["indices_frame_camintrinsics_camextrinsics"] = np.ascontiguousarray(indices)
+    inputs["frames_rt_toref"] = np.ascontiguousarray(inputs["frames_rt_toref"][frames])
+    return not bool(kept.all())
+
+
 def figures(inputs: dict[str, Any]) -> dict[str, Any]:
-    """Lens with its standard deviations, places of the cameras, residuals."""
+    """Lens with its standard deviations, places of the cameras, covariance of both, residuals.
+
+    The covariance is that of the lens, and of turn (a Rodrigues vector) and shift (m) of every camera but the first.
+    """
     _, residuals, _, factorization = mrcal.optimizer_callback(**inputs)
     seen = inputs["observations_board"]
     weight = seen[..., 2].ravel()
@@ -90,21 +118,27 @@ def figures(inputs: dict[str, Any]) -> dict[str, Any]:
     states = mrcal.num_states(**inputs)
     scale = np.sqrt(np.sum(scaled**2) / (scaled.size - states))
     lens = inputs["intrinsics"][0]
-    unit = np.eye(len(lens), states)  # the lens is the first of the state
-    packed = factorization.solve_xt_JtJ_bt(unit)[:, : len(lens)]
+    kept = len(lens) + inputs["extrinsics_rt_fromref"].size  # these are the first of the state
+    packed = factorization.solve_xt_JtJ_bt(np.eye(kept, states))[:, :kept]
     sizes = np.ones(states)
     mrcal.unpack_state(sizes, **inputs)
-    sizes = sizes[: len(lens)]
+    covariance = scale**2 * packed * np.outer(sizes[:kept], sizes[:kept])
     rigid = [np.eye(4), *(_matrix(mrcal.Rt_from_rt(place)) for place in inputs["extrinsics_rt_fromref"])]
     distances = [np.linalg.norm(pose[3:]) for pose in inputs["frames_rt_toref"]]
     return {
         "lens": lens.tolist(),
-        "sigma": (scale * np.sqrt(np.diag(packed)) * sizes).tolist(),
+        "sigma": np.sqrt(np.diag(covariance)[: len(lens)]).tolist(),
+        "covariance": covariance.tolist(),
         "cameras": [place.tolist() for place in rigid],
         "rms_px": np.sqrt(np.mean((scaled / weight[used, None]) ** 2, axis=0)).tolist(),
         "corners": int(used.sum()),
         "distance_m": float(np.median(distances)),
     }
+
+
+def _rows(pose: Any) -> Any:
+    """A pose (4, 4) as mrcal has it: a rotation above a shift (4, 3)."""
+    return np.vstack([np.array(pose)[:3, :3], np.array(pose)[:3, 3]])
 
 
 def _matrix(rt: Any) -> Any:
@@ -175,4 +209,7 @@ def solutions(task: dict[str, Any]) -> dict[str, Any]:
 
 if __name__ == "__main__":
     read, written = (Path(name) for name in sys.argv[1:])
-    written.write_text(json.dumps(solutions(json.loads(read.read_text()))))
+    task = json.loads(read.read_text())
+    alone = "calibrations" not in task
+    answer = {"found": {"mrcal": figures(solved(task, weighted=False))}} if alone else solutions(task)
+    written.write_text(json.dumps(answer))

@@ -44,6 +44,7 @@ from mirrorcam.commands import (
     export,
     features,
     filter,
+    leaderboard,
     live,
     picture,
     refocus,
@@ -98,6 +99,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     evaluate.EvaluateOptions: evaluate.run,
     score.ScoreOptions: score.run,
     doctor.DoctorOptions: doctor.run,
+    leaderboard.LeaderboardOptions: leaderboard.run,
 }
 COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
 """The options of each command by its name."""
@@ -137,6 +139,7 @@ class Command:
         | Annotated[evaluate.EvaluateOptions, subcommand("evaluate")]
         | Annotated[score.ScoreOptions, subcommand("score")]
         | Annotated[doctor.DoctorOptions, subcommand("doctor")]
+        | Annotated[leaderboard.LeaderboardOptions, subcommand("leaderboard")]
     ]
     version: bool = False
     """print the version, and do nothing else"""

@@ -15,7 +15,7 @@ from typing import Literal
 from pydantic import Field
 
 from mirrorcam.optics.base.files import read_model, shortened
-from mirrorcam.optics.base.names import Line
+from mirrorcam.optics.base.names import Line, Name
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.scoring.calibration_score import CalibrationScore
@@ -50,7 +50,7 @@ class Tried(Value):
         Why there is no score; empty where there is one.
     """
 
-    name: str
+    name: Name
     why: Line
     dataset_sha256: str
     seconds: float
@@ -243,6 +243,8 @@ def _run(request: EvaluationRequest, place: Path, result: Path) -> tuple[float, 
     if code == 0:
         return seconds, ""
     said = _last_line(result / LOG)
+    for path, variable in ((seen, "$MIRRORCAM_SET"), (result.absolute(), "$MIRRORCAM_RESULT")):
+        said = said.replace(f"{path}", variable)
     ended = f"signal {-code} ended the command" if code < 0 else f"the command ended with exit code {code}"
     return seconds, ended + (f": {said}" if said else "")
 

@@ -22,7 +22,7 @@ from mirrorcam.optics.scoring.matched_views import ViewsFile
 from mirrorcam.optics.scoring.report_texts import junit, markdown
 from mirrorcam.optics.scoring.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of, scored_set
 from mirrorcam.optics.scoring.stated_covariance import with_covariance
-from mirrorcam.workflow.output_folder import output_folder
+from mirrorcam.workflow.output_folder import refuse_texts, write_texts
 
 TRUTH = "truth/layout.json"
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
@@ -204,19 +204,12 @@ def _names(given: Sequence[str], folders: Sequence[Path]) -> tuple[str, ...]:
 
 def write_report(report: ScoreReport, files: ScoreFiles, *, force: bool = False) -> None:
     """Write the files of a report, each atomically."""
-    texts = ((files.json, report.text()), (files.markdown, markdown(report)), (files.junit, junit(report)))
-    for path, text in texts:
-        if path is not None:
-            with output_folder(path.parent, "score", force=force) as output:
-                output.refuse_others(glob.escape(path.name))
-                with output.staged(complete=False) as folder:
-                    (folder / path.name).write_text(text, encoding="utf-8")
+    texts = {files.json: report.text(), files.markdown: markdown(report), files.junit: junit(report)}
+    write_texts({path: text for path, text in texts.items() if path is not None}, "score", force=force)
 
 
 def refuse_files(files: ScoreFiles, *, force: bool = False) -> None:
     """Raise InputError, before any work, where a file of a report would replace one of the user's, or another."""
     if len(set(files.paths)) < len(files.paths):
         raise InputError("--json, --markdown and --junit name one file twice, expected different ones")
-    for path in files.paths:
-        with output_folder(path.parent, "score", force=force) as output:
-            output.refuse_others(glob.escape(path.name))
+    refuse_texts(files.paths, "score", force=force)

@@ -65,6 +65,7 @@ def test_a_command_sees_no_truth_and_its_output_is_kept(suite: FinishedSuite, tm
     ("command", "failure"),
     [
         ("echo so >&2; echo it is >&2; exit 3", "the command ended with exit code 3: it is"),
+        ('echo "$MIRRORCAM_SET/x"; exit 1', "the command ended with exit code 1: $MIRRORCAM_SET/x"),
         ("kill -9 $$", "signal 9 ended the command"),
         ("true", "the command left no file in $MIRRORCAM_RESULT, expected its calibration there"),
         ('echo no > "$MIRRORCAM_RESULT/a.yaml"', "$MIRRORCAM_RESULT"),

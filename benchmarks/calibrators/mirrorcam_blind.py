@@ -1,0 +1,39 @@
+"""This project's own calibration: `python -m benchmarks.calibrators.mirrorcam_blind SET OUT [--without-base]`.
+
+What `mirrorcam calibrate` does with a set's frames, those of the bare camera, nominal layout and board. Writes OUT, a
+`layout.json` with its covariance, and prints its alarms, with which the command would end with exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.calibrators.command_line import run
+from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
+
+
+def calibrate_set(folder: Path, out: Path, *, without_base: bool = False) -> tuple[str, ...]:
+    """Calibrate a set, write the layout, and return the alarms."""
+    base = folder / "base"
+    found = calibrate_files(
+        CalibrationRequest(
+            board=folder / "board.toml",
+            pictures=(folder / "frames",),
+            layout=folder / "layout.json",
+            base_pictures=(base,) if base.is_dir() and not without_base else (),
+        )
+    )
+    found.layout.save(out)
+    return () if found.diagnostics is None else found.diagnostics.alarms
+
+
+def calibrate(options: argparse.Namespace) -> None:
+    """Calibrate as the command line asks, and print the alarms."""
+    for alarm in calibrate_set(options.set, options.out, without_base=options.without_base):
+        print(f"alarm: {alarm}")
+
+
+if __name__ == "__main__":
+    sys.exit(run(__doc__, calibrate, lambda parser: parser.add_argument("--without-base", action="store_true")))

@@ -1,0 +1,110 @@
+"""Calibrators on rendered suites, and the leaderboard: `python -m benchmarks.leaderboard SUITE... --out FOLDER`.
+
+SUITE is a `NAME.suite.json` that `mirrorcam suite` wrote. Each calibrator of `CALIBRATORS` is run on each suite by
+`mirrorcam evaluate`, as anyone's is; an evaluation that is in FOLDER already is not made again. Then
+`mirrorcam leaderboard` makes `FOLDER/index.html`, and `leaderboard.md` and `leaderboard.json`, of all of them.
+docs/leaderboard.md has what came of `benchmarks/leaderboard.toml`, fourteen sets of the suite `standard`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.calibration_mrcal import python_with_mrcal
+
+ROOT = Path(__file__).parents[1]
+EVALUATION = "evaluation.json"
+TOO_BAD = 2
+"""Exit code of bad input, after which there is no evaluation."""
+
+
+@dataclass(frozen=True)
+class Calibrator:
+    """A module of `benchmarks.calibrators`, what it writes, and further options."""
+
+    name: str
+    module: str
+    writes: str = "cameras.yaml"
+    options: str = ""
+
+    @property
+    def command(self) -> str:
+        """The line for the shell."""
+        python = shlex.quote(sys.executable)
+        line = f'{python} -m benchmarks.calibrators.{self.module} "$MIRRORCAM_SET" "$MIRRORCAM_RESULT/{self.writes}"'
+        return f"{line} {self.options}".rstrip()
+
+
+COVARIANCE = '--covariance "$MIRRORCAM_RESULT/covariance.json"'
+CALIBRATORS = {
+    "mirrorcam": Calibrator("MirrorCam", "mirrorcam_blind", "layout.json"),
+    "mirrorcam-no-base": Calibrator(
+        "MirrorCam, no bare pictures", "mirrorcam_blind", "layout.json", options="--without-base"
+    ),
+    "mrcal": Calibrator("mrcal, one lens", "mrcal_joint", options=COVARIANCE),
+    "opencv-joint": Calibrator("OpenCV, joint", "opencv_joint", options=COVARIANCE),
+    "opencv-per-view": Calibrator("OpenCV, each view alone", "opencv_per_view"),
+}
+"""By the names of their folders."""
+NOT_RUN = {
+    "Kalibr": "it is distributed neither by PyPI, whose package kalibr is another program, nor by Debian, and is built "
+    "inside ROS 1; its results are read by mirrorcam score where someone has it"
+}
+NO_MRCAL = "no interpreter here has it: Debian's package is python3-mrcal, and PyPI had no wheel for this Python"
+
+
+def evaluated(calibrator: Calibrator, suite: Path, folder: Path, timeout_s: float) -> Path:
+    """Evaluate a calibrator on a suite, unless that was done; the path of the evaluation. Raises SystemExit."""
+    path = folder / EVALUATION
+    if path.exists():
+        return path
+    line = [sys.executable, "-m", "mirrorcam", "evaluate", str(suite), "--command", calibrator.command]
+    done = subprocess.run(
+        [*line, "--out", str(folder), "--timeout-s", f"{timeout_s:g}"],
+        check=False,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode >= TOO_BAD or not path.exists():
+        raise SystemExit(f"{calibrator.name} on {suite}: {done.stderr[-500:]}")
+    print(f"{calibrator.name} on {suite.name}: done", flush=True)
+    return path
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("suites", type=Path, nargs="+", metavar="SUITE")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", nargs="+", choices=tuple(CALIBRATORS), default=tuple(CALIBRATORS))
+    parser.add_argument("--at-once", type=int, default=1, help="evaluations at the same time; times are longer then")
+    parser.add_argument("--timeout-s", type=float, default=600.0)
+    options = parser.parse_args()
+    not_run = dict(NOT_RUN)
+    chosen = {name: CALIBRATORS[name] for name in options.only}
+    if "mrcal" in chosen and python_with_mrcal(None) is None:
+        not_run[chosen.pop("mrcal").name] = NO_MRCAL
+    jobs = [(name, suite.resolve()) for suite in options.suites for name in chosen]
+
+    def done(job: tuple[str, Path]) -> str:
+        name, suite = job
+        folder = options.out.resolve() / suite.name.removesuffix(".suite.json") / name
+        return f"{chosen[name].name}={evaluated(chosen[name], suite, folder, options.timeout_s)}"
+
+    with ThreadPoolExecutor(options.at_once) as pool:
+        evaluations = list(pool.map(done, jobs))
+    page, tables = options.out / "index.html", options.out / "leaderboard"
+    line = [sys.executable, "-m", "mirrorcam", "leaderboard", *evaluations]
+    line += ["--not-run", *(f"{name}={why}" for name, why in not_run.items())]
+    line += ["--out", str(page), "--markdown", f"{tables}.md", "--json", f"{tables}.json"]
+    return subprocess.run(line, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
