@@ -50,6 +50,7 @@ GUARDED: dict[str, Guard] = {
     "docs/cad.md": "tables",
     "docs/calibration.md": "tables",
     "docs/design.md": "tables",
+    "docs/leaderboard.md": "tables",
     "docs/live.md": "tables",
     "docs/rendering.md": "tables",
     "docs/scoring.md": "tables",

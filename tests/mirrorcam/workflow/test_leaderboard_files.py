@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def scored(name: str, rms_px: float) -> ScoredSet:
     )
 
 
-def evaluation(errors: dict[str, float | None], command: str = "run") -> Evaluation:
+def evaluation(errors: Mapping[str, float | None], command: str = "run") -> Evaluation:
     """One whose sets have these errors; None: failed."""
     given = {name: value for name, value in errors.items() if value is not None}
     scores = ScoreReport(
@@ -57,7 +58,7 @@ def evaluation(errors: dict[str, float | None], command: str = "run") -> Evaluat
     )
 
 
-def written(path: Path, errors: dict[str, float | None], command: str = "run", **changed: Any) -> Path:
+def written(path: Path, errors: Mapping[str, float | None], command: str = "run", **changed: Any) -> Path:
     content = json.loads(evaluation(errors, command).text()) | changed
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
