@@ -77,8 +77,7 @@ def _in_m(pose: FloatArray) -> list[list[float]]:
 
 def left_jacobian(turn: FloatArray) -> FloatArray:
     """The turn on the left (3, 3) for each change of a Rodrigues vector (3,): exp(J dr) exp(r) = exp(r + dr)."""
-    x, y, z = turn
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    across = _cross(turn)
     angle = float(np.linalg.norm(turn))
     if angle < 1e-6:
         return np.eye(3) + across / 2.0
@@ -89,11 +88,23 @@ def left_jacobian(turn: FloatArray) -> FloatArray:
     )
 
 
+def _cross(vector: FloatArray) -> FloatArray:
+    """The matrix (3, 3) of the cross product with a vector (3,) on the left."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def covariance_of(covariance: FloatArray, places: FloatArray, lens: int) -> FloatArray:
-    """mrcal's covariance of a lens and places (n, 4, 4) but the first, as turns on the left and shifts in mm."""
+    """mrcal's covariance of a lens and places (n, 4, 4) but the first, m, as a covariance that is scored has it.
+
+    There, points in a camera's frame are turned about its origin, then shifted: where a Rodrigues vector changes, the
+    shift in mrcal's place, which stays, is what turns with it less that.
+    """
     slopes = [np.eye(lens)]
     for place in places[1:]:
-        slopes += [left_jacobian(Rotation.from_matrix(place[:3, :3]).as_rotvec()), MM_PER_M * np.eye(3)]
+        turned = left_jacobian(Rotation.from_matrix(place[:3, :3]).as_rotvec())
+        shifted = MM_PER_M * np.hstack([_cross(place[:3, 3]) @ turned, np.eye(3)])
+        slopes.append(np.vstack([np.hstack([turned, np.zeros((3, 3))]), shifted]))
     slope = block_diag(*slopes)
     return np.asarray(slope @ covariance @ slope.T)
 

@@ -242,6 +242,16 @@ def _cluster() -> str:
     return expect(answer == 6, f"a worker of this process answered {answer}")
 
 
+def _remote() -> str:
+    import fsspec
+
+    with fsspec.open("memory://mirrorcam-doctor/part", "wb") as file:
+        file.write(b"stored")
+    with fsspec.open("memory://mirrorcam-doctor/part", "rb") as file:
+        back = file.read()
+    return expect(back == b"stored", f"{len(back)} bytes stored in memory and read")
+
+
 def _parquet() -> str:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -294,6 +304,7 @@ TESTS: dict[str, Callable[[], str]] = {
     "render": _render,
     "fe": _fe,
     "cluster": _cluster,
+    "remote": _remote,
     "parquet": _parquet,
     "robot": _robot,
     "view": _view,

@@ -25,6 +25,7 @@ PURPOSES = {
     "render": "synthetic sets and scenes: mirrorcam render, scene, picture, validate, run",
     "fe": "mirrorcam cad --elastic (with the program gmsh)",
     "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
+    "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
     "parquet": "mirrorcam sweep --table parquet",
     "robot": "ROS 2 bags: mirrorcam decode --mcap",
     "view": "mirrorcam decode --view, in rerun's viewer",

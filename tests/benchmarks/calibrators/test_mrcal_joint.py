@@ -19,7 +19,7 @@ from mirrorcam.optics.exports.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.targets import Checkerboard
-from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from mirrorcam.optics.scoring.calibration_score import score_calibration
 from mirrorcam.optics.scoring.camera_files.registry import read_rig
 from mirrorcam.optics.scoring.stated_covariance import with_covariance
@@ -41,12 +41,18 @@ def test_a_change_of_a_rodrigues_vector_is_a_turn_on_the_left(turn: list[float])
 
 
 def test_shifts_become_millimetres_and_the_lens_stays() -> None:
-    places = np.array([np.eye(4), rigid(Rotation.from_rotvec([0.1, 0.2, -0.3]).as_matrix(), np.array([1.0, 2.0, 3.0]))])
-    found = covariance_of(np.eye(4 + 6), places, 4)
-    jacobian = left_jacobian(np.array([0.1, 0.2, -0.3]))
+    """Against finite differences of a place: turned about the camera, then shifted."""
+    turn, shift_m, step = np.array([0.1, 0.2, -0.3]), np.array([1.0, 2.0, 3.0]), 1e-6
+    place = rigid(Rotation.from_rotvec(turn).as_matrix(), shift_m)
+    found = covariance_of(np.eye(4 + 6), np.array([np.eye(4), place]), 4)
+    slopes = np.empty((6, 6))
+    for number, change in enumerate(step * np.eye(6)):
+        moved = rigid(Rotation.from_rotvec(turn + change[:3]).as_matrix(), shift_m + change[3:]) @ inverse(place)
+        slopes[:3, number] = Rotation.from_matrix(moved[:3, :3]).as_rotvec() / step
+        slopes[3:, number] = 1000.0 * moved[:3, 3] / step
     assert found[:4, :4] == pytest.approx(np.eye(4))
-    assert found[4:7, 4:7] == pytest.approx(jacobian @ jacobian.T)
-    assert found[7:, 7:] == pytest.approx(1e6 * np.eye(3))
+    assert found[:4, 4:] == pytest.approx(np.zeros((4, 6)))
+    assert found[4:, 4:] == pytest.approx(slopes @ slopes.T, rel=1e-4, abs=1.0)
 
 
 def seen_corners() -> SetCorners:

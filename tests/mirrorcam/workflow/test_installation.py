@@ -17,7 +17,8 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["p
 
 
 def test_every_extra_is_told_of_with_what_it_is_for() -> None:
-    assert set(PURPOSES) == {"base", *EXTRAS} - {"all", "dev"}
+    """But of those that only work on the project itself needs, and of all together."""
+    assert set(PURPOSES) == {"base", *EXTRAS} - {"all", "dev", "docs"}
     assert set(MODULES) == set(PURPOSES) - {"base"}
 
 
