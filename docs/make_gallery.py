@@ -95,9 +95,7 @@ def record_of(gallery: Gallery) -> str:
     """What docs/gallery.md shows of a run, in Markdown: all pictures, where it was made, and the table."""
     count = number_word(len(gallery.cards))
     took = sum(work.total("processor_s") for work in gallery.work.values())
-    made = (
-        f"Made on {gallery.date} with {gallery.slicer} on a machine with {gallery.machine}, of commit {gallery.commit}"
-    )
+    made = f"Made on {gallery.date} on a machine with {gallery.machine}, of commit {gallery.commit}"
     return (
         f"![The {count} devices, from the front and from the side](images/{OVERVIEW.name})\n\n"
         f"{made}, with {gallery.slicer}, in {took / 60.0:.0f} minutes of one core.\n\n{table_of(gallery)}"
