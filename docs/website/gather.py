@@ -132,7 +132,8 @@ def gather(folder: Path, written: dict[str, str]) -> None:
     for page, text in written.items():
         tree.write(page, text)
     tree.add_wanted()
-    shutil.copyfile(docs / "measured.json", folder / "measured.json")
+    for path in sorted((*docs.glob("*.json"), *docs.glob("*.toml"))):
+        shutil.copyfile(path, folder / path.name)
     for name in ("images", "schemas"):
         if (docs / name).is_dir():
             shutil.copytree(docs / name, folder / name)
