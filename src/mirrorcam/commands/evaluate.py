@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
 from pydantic import Field, model_validator
 
-from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.commands.option_texts import (
+    AUTO,
+    FILE,
+    FORCE,
+    FormatOption,
+    LimitsOption,
+    PicturesOption,
+    UnitOption,
+    ViewsOption,
+)
 from mirrorcam.console.progress import long_work, print_table, say
 from mirrorcam.optics.base.bounds import Bounds
 from mirrorcam.optics.base.values import Value
@@ -16,8 +25,6 @@ from mirrorcam.optics.base.values import Value
 if TYPE_CHECKING:
     from mirrorcam.workflow.evaluation import Evaluation
 
-FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
-AUTO: Final = "auto"
 TIMEOUT_S = Bounds(1.0, 86400.0)
 WORSE_BY = Bounds(1.0, 1000.0)
 
@@ -34,19 +41,11 @@ class EvaluateOptions(Value):
         "its calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
     )
     timeout_s: float = TIMEOUT_S.field(600.0, "seconds that the command may take on one set")
-    format: Literal["auto", "kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"] = Field(
-        default=AUTO, description="format of the calibrations; auto: as their content says"
-    )
-    unit: Literal["auto", "mm", "cm", "m", "none"] = Field(
-        default=AUTO, description="unit of their poses; none: they have no scale; auto: as the format has it"
-    )
-    pictures: Literal["auto", "flipped", "left-right", "top-bottom", "as-is"] = Field(
-        default=AUTO, description="how their pictures came from frames; auto: flipped so that views are upright"
-    )
-    views: Annotated[Path | None, FILE] = Field(
-        default=None, description="TOML file that says which camera is which mirror, where names do not"
-    )
-    limits: Annotated[Path | None, FILE] = Field(default=None, description="TOML file of limits: FIGURE = NUMBER")
+    format: FormatOption = AUTO
+    unit: UnitOption = AUTO
+    pictures: PicturesOption = AUTO
+    views: ViewsOption = None
+    limits: LimitsOption = None
     baseline: Annotated[Path | None, FILE] = Field(
         default=None, description="evaluation.json of an earlier run, to show the change against"
     )

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from pydantic import Field
 
-from mirrorcam.commands.option_texts import FORCE
+from mirrorcam.commands.option_texts import (
+    AUTO,
+    FILE,
+    FORCE,
+    FormatOption,
+    LimitsOption,
+    PicturesOption,
+    UnitOption,
+    ViewsOption,
+)
 from mirrorcam.console.progress import print_table, say
 from mirrorcam.optics.base.bounds import DEPTH_MM
 from mirrorcam.optics.base.values import Value
@@ -16,10 +25,8 @@ from mirrorcam.optics.base.values import Value
 if TYPE_CHECKING:
     from mirrorcam.optics.scoring.score_report import ScoredSet, ScoreReport
 
-AUTO: Literal["auto"] = "auto"
 LEFT_OUT = ("median_px", "bias_x_px", "bias_y_px")
 """Figures of views that a terminal is too narrow for; the files of the report have them."""
-FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
 
 
 class ScoreOptions(Value):
@@ -32,25 +39,17 @@ class ScoreOptions(Value):
         min_length=1,
         description="the calibration of each set; or one folder that holds one for each, by the name of the set",
     )
-    format: Literal["auto", "kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"] = Field(
-        default=AUTO, description="format of the calibration; auto: as its content says"
-    )
-    unit: Literal["auto", "mm", "cm", "m", "none"] = Field(
-        default=AUTO, description="unit of its poses; none: they have no scale; auto: as the format has it"
-    )
-    pictures: Literal["auto", "flipped", "left-right", "top-bottom", "as-is"] = Field(
-        default=AUTO, description="how its pictures came from frames; auto: flipped so that views are upright"
-    )
-    views: Annotated[Path | None, FILE] = Field(
-        default=None, description="TOML file that says which camera is which mirror, where names do not"
-    )
+    format: FormatOption = AUTO
+    unit: UnitOption = AUTO
+    pictures: PicturesOption = AUTO
+    views: ViewsOption = None
     covariance: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...", help_behavior_hint="")] = Field(
         default=(), description="covariance of the calibration's parameters, JSON, for NEES; a layout.json has its own"
     )
     distance_mm: Annotated[
         float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(that of the set's layout)")
     ] = DEPTH_MM.field(None, "working distance from each view")
-    limits: Annotated[Path | None, FILE] = Field(default=None, description="TOML file of limits: FIGURE = NUMBER")
+    limits: LimitsOption = None
     json_file: Annotated[Path | None, tyro.conf.arg(name="json", metavar="FILE", help_behavior_hint="")] = Field(
         default=None, description="file to write the report to as JSON"
     )
