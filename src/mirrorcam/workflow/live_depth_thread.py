@@ -42,9 +42,11 @@ class DepthThread:
             return self._on and self._input is None and self._pictures.wanted("depth")
 
     def switch(self, on: bool) -> None:
-        """Measure depth, or do not."""
+        """Measure depth, or do not: what waits is then dropped, and what is being measured is not shown."""
         with self._worker.changed:
             self._on = on
+            if not on:
+                self._input = None
 
     def give(self, shown: Shown, samples: NDArray[np.uint8]) -> None:
         """Have depth measured in the samples (t, s, v, u, 3) of a frame next."""
@@ -66,8 +68,10 @@ class DepthThread:
         while (given := self._next()) is not None:
             shown, samples = given
             found: DepthPicture = process.call(measure_depth, samples)
-            self._meters.note_depth(shown, found.median_mm)
-            self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
+            with self._worker.changed:
+                if self._on:
+                    self._meters.note_depth(shown, found.median_mm)
+                    self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
 
     def _next(self) -> tuple[Shown, NDArray[np.uint8]] | None:
         """What was given last, once there is something; None where no more is wanted."""
