@@ -40,8 +40,6 @@ SMALL: dict[str, Any] = {
     "board": {"kind": "charuco", "cols": 8, "rows": 6, "square_mm": 30.0, "marker_mm": 22.5},
     "frames": 3,
     "base_frames": 1,
-    # One in 200 lenses of the default tolerances folds inside the sensor, so that the set is refused.
-    "tolerances": {"distortion_sigma": [0.0] * 5},
 }
 """Sets of four pictures of 240 x 135 pixels through nine mirrors."""
 PAPER_SETS = 10_000

@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
-from mirrorcam.optics.geometry.sub_images import sub_images
+from mirrorcam.optics.geometry.sub_images import covers_sensor, sub_images
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
 DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens that covers the sensor
@@ -176,14 +176,6 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     )
 
 
-def _covers_sensor(camera: Camera) -> bool:
-    """Return whether every pixel at the border of the sensor has a viewing ray."""
-    x, y = np.linspace(0.0, camera.width_px - 1.0, 33), np.linspace(0.0, camera.height_px - 1.0, 33)
-    edges = [np.stack(np.broadcast_arrays(x, row), axis=1) for row in (y[0], y[-1])]
-    edges += [np.stack(np.broadcast_arrays(column, y), axis=1) for column in (x[0], x[-1])]
-    return bool(np.isfinite(camera.normalized_from_pixels(np.concatenate(edges))).all())
-
-
 def _off_sensor(layout: Layout) -> int | None:
     """The first mirror that does not appear on the sensor."""
     return next((index for index, shown in enumerate(sub_images(layout)) if shown.is_empty), None)
@@ -220,7 +212,7 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
             if error.title == Camera.__name__:
                 blame = f"focal_percent {tolerances.focal_percent}: {reason}"
             continue
-        if not _covers_sensor(built.camera):
+        if not covers_sensor(built.camera):
             blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
         elif (lost := _off_sensor(built)) is not None:
             blame = (

@@ -34,13 +34,21 @@ def vertices(polygon: Polygon) -> FloatArray:
     return np.array(polygon.exterior.coords).reshape(-1, 2)[:-1]
 
 
-def sensor_polygon(camera: Camera) -> Polygon:
-    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
+def _sensor_border(camera: Camera) -> FloatArray:
+    """The border (n, 2) of the sensor in normalized coordinates, not finite where the lens folds inside it."""
     w, h = camera.width_px - 0.5, camera.height_px - 0.5
     border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
-    if not camera.is_undistorted:
-        border = _subdivided(border)
-    normalized = camera.normalized_from_pixels(border)
+    return camera.normalized_from_pixels(border if camera.is_undistorted else _subdivided(border))
+
+
+def covers_sensor(camera: Camera) -> bool:
+    """Whether all of the sensor, out to the edges of its outermost pixels, has viewing rays."""
+    return bool(np.isfinite(_sensor_border(camera)).all())
+
+
+def sensor_polygon(camera: Camera) -> Polygon:
+    """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates."""
+    normalized = _sensor_border(camera)
     if not np.isfinite(normalized).all():
         raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
     return Polygon(normalized)

@@ -12,7 +12,8 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
+from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations, perturbed_camera
+from mirrorcam.optics.geometry.sub_images import covers_sensor
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 
@@ -75,6 +76,13 @@ def test_what_cannot_be_built_is_refused_in_one_line(
     with pytest.raises(InputError, match=named) as error:
         draw_as_built(fold_90_layout, tolerances, np.random.default_rng(0))
     assert "\n" not in str(error.value)
+
+
+def test_a_lens_that_folds_in_the_outermost_half_pixel_is_drawn_again(default_layout: Layout) -> None:
+    coarse = default_layout.replaced(camera=default_layout.camera.binned(0.125))
+    first = draw_perturbations(Tolerances(), len(coarse.mirrors), 1, np.random.default_rng(127))
+    assert not covers_sensor(perturbed_camera(coarse.camera, first, 0))
+    assert covers_sensor(draw_as_built(coarse, Tolerances(), np.random.default_rng(127)).camera)
 
 
 def test_no_device_is_drawn_around_bent_mirrors(default_layout: Layout) -> None:
