@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
-from benchmarks.records import Rows, Table, add_json_option, write_record
+from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
 from mirrorcam.optics.base.calls import in_turn
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
@@ -51,23 +51,26 @@ def cold_s(rows: int, cols: int) -> float:
 
 
 def speed() -> Table:
-    """Print the times that are asked for."""
-    rows = Rows("design(spec)", "median", "fastest", "slowest", "first in a fresh process", "limit")
+    """Print the times that are asked for; those of one process are the table."""
+    rows = Rows("one process", "median", "fastest", "slowest", "first in a fresh process", "limit")
     with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
         for count, limit_s in LIMITS_S.items():
             spec = DesignSpec(rows=count[0], cols=count[1])
-            for processes, make in (("1 process", in_turn), ("2 processes", calls)):
-                if make is not in_turn:
-                    design(spec, make)
-                times = [seconds_of(partial(design, spec, make)) for _ in range(RUNS[count])]
-                cold = f"{cold_s(*count):.2f} s" if make is in_turn else ""
-                figures = (f"{each:.2f} s" for each in (statistics.median(times), min(times), max(times)))
-                rows.add(f"{count[0]} x {count[1]}, {processes}, {len(times)} runs", *figures, cold, f"{limit_s:g} s")
+            times = [seconds_of(partial(design, spec, in_turn)) for _ in range(RUNS[count])]
+            seconds = (statistics.median(times), min(times), max(times), cold_s(*count))
+            figures = (f"{each:.{2 if each < 4.0 else 1}f} s" for each in seconds)
+            rows.add(f"{count[0]} {TIMES} {count[1]}, {len(times)} runs", *figures, f"{limit_s:g} s")
+            design(spec, calls)
+            times = [seconds_of(partial(design, spec, calls)) for _ in range(RUNS[count])]
+            print(f"in two processes: {statistics.median(times):.2f} s, {min(times):.2f} to {max(times):.2f} s")
     return rows.table
 
 
-def growth(picture: Path | None) -> float:
-    """Print times and sizes over the mirror count, and draw them; the power of the count by which times grow."""
+def growth(picture: Path | None) -> tuple[float, dict[str, float]]:
+    """Print times and sizes over the mirror count, and draw them.
+
+    The power of the count by which times grow, and figures of 2 and 36 mirrors.
+    """
     print(f"\n{'count':6} {'unknowns':>8} {'constraints':>11} {'median s':>8}  of {GROWTH_RUNS} runs")
     mirrors, times, sizes = [], [], []
     for rows, cols in GROWTH:
@@ -87,7 +90,9 @@ def growth(picture: Path | None) -> float:
     print(f"time grows like mirrors^{slope:.2f}")
     if picture:
         draw(np.array(mirrors), np.array(times), np.array(sizes), slope, picture)
-    return slope
+    two, many = mirrors.index(2), mirrors.index(36)
+    figures = {"two_mirrors_s": medians[two], "thirty_six_mirrors_s": medians[many]}
+    return slope, figures | dict(zip(("thirty_six_unknowns", "thirty_six_constraints"), sizes[many], strict=True))
 
 
 def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float, path: Path) -> None:
@@ -127,6 +132,8 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     if not arguments.only_peers:
         found = speed()
-        write_record(arguments.json, "design_speed", {"growth_power": growth(arguments.picture)}, found)
+        power, figures = growth(arguments.picture)
+        write_record(arguments.json, "design_speed", {"growth_power": power}, found)
+        write_record(arguments.json, "design_growth", figures)
     if not arguments.skip_peers:
-        peers(arguments.cap)
+        write_record(arguments.json, "design_peers", table=peers(arguments.cap))

@@ -16,6 +16,7 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
 
+from benchmarks.records import TIMES, Table, table
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.program.design_problem import Problem, overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
@@ -190,8 +191,9 @@ def peer_trace(count: tuple[int, int], method: str, cap_s: float) -> Trace:
     return Trace(seconds, objectives, missed, ending)
 
 
-def peers(cap_s: float) -> None:
-    """Print what SciPy's solvers reach on the same programs."""
+def peers(cap_s: float) -> Table:
+    """Print what SciPy's solvers reach on the same programs; seconds and their ratio to those of IPOPT."""
+    rows = []
     print(f"\nthe same program, SciPy {version('scipy')}; near: within {NEAR:.0%} of IPOPT, none missed by {HELD:g}")
     head = (
         f"{'count':6} {'solver':13} {'s until near':>12} {'ratio':>8} {'objective':>10} {'missed':>8} {'iterates':>8}"
@@ -207,6 +209,7 @@ def peers(cap_s: float) -> None:
         name, best = f"{count[0]}x{count[1]}", question.value(x)
         tail = f"{best:10.5f} {question.missed(x):8.1e} {outcome.iterations:8}  {outcome.status}"
         print(f"{name:6} {'IPOPT':13} {ipopt_s:12.3f} {1.0:8.1f} {tail}", flush=True)
+        cells = [f"{count[0]} {TIMES} {count[1]}, {len(question.kept)} unknowns", f"{ipopt_s:.2f} s"]
         for method in PEERS:
             trace = peer_trace(count, method, cap_s)
             reached = trace.reached_s(best)
@@ -219,4 +222,9 @@ def peers(cap_s: float) -> None:
             last = f"{trace.objectives[-1]:10.5f} {trace.missed[-1]:8.1e}" if trace.seconds else f"{'none':>10} {'':8}"
             line = f"{taken:>12} {sign + format(least_s / ipopt_s, '.1f'):>8} {last} {len(trace.seconds):8}"
             print(f"{name:6} {method:13} {line}  {trace.ending}", flush=True)
+            ratio = least_s / ipopt_s
+            never = f"not within {least_s:.0f} s, more than {ratio:.0f}"
+            cells.append(never if reached is None else f"{reached:.{2 if reached < 1.0 else 1}f} s, {ratio:.1f}")
+        rows.append(cells)
     print(f"asked: a ratio of at least {ASKED_RATIO:g}")
+    return table(("", "IPOPT", *PEERS), rows)

@@ -1,20 +1,21 @@
 """Previews of designs beside the exact ones: `python -m benchmarks.design_preview [--rows N] [--cols N]`.
 
 For typical steps of one parameter, the preview from the design before the step alone, and from the designs before and
-at twice the step. Prints the errors of its figures, the largest distance of a mirror's corner from the exact design's,
-the largest gap that it misses, and the time of one preview.
+at twice the step. Prints the errors of their grid error and efficiencies; of the latter, how far corners of mirrors are
+from the exact design's and the largest gap that it misses; and the time of one preview.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.records import Rows, add_json_option, short, write_record
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
@@ -43,11 +44,26 @@ GAPS = ("smallest_gap_mm", "smallest_seen_gap_mm")
 designed = cache(design)
 
 
-def errors(found: Layout, exact: Layout, spec: DesignSpec) -> tuple[str, ...]:
-    """A preview's errors: grid error, pixel efficiency at each depth, corner in mm, gap that is missed in mm."""
+@dataclass(frozen=True)
+class Errors:
+    """A preview's errors: grid error, pixel efficiency at each depth, corners, and the gap that is missed."""
+
+    grid: float
+    shares: tuple[float, ...]
+    rms_mm: float
+    most_mm: float
+    missed_mm: float
+
+    def __str__(self) -> str:
+        shares = " / ".join(short(each, sign="+") for each in self.shares)
+        return f"{short(self.grid, sign='+')}, {shares}"
+
+
+def errors(found: Layout, exact: Layout, spec: DesignSpec) -> Errors:
+    """A preview's errors against the exact design."""
     metrics, truth = evaluate(found, spec.depths_mm), exact.metrics
     names = [f"pixel_efficiency_{depth:g}mm" for depth in spec.depths_mm]
-    shares = " / ".join(f"{metrics[name].value - truth[name].value:+.3f}" for name in names)
+    shares = tuple(metrics[name].value - truth[name].value for name in names)
     corners = [
         np.linalg.norm(a.outline_in_rig_mm - b.outline_in_rig_mm, axis=1)
         for a, b in zip(found.mirrors, exact.mirrors, strict=True)
@@ -56,8 +72,7 @@ def errors(found: Layout, exact: Layout, spec: DesignSpec) -> tuple[str, ...]:
     missed = max((verdict[name].limit or 0.0) - verdict[name].value for name in GAPS)
     rms = float(np.sqrt(np.mean(np.square(corners))))
     grid = grid_error(found) - grid_error(exact)
-    lengths = (rms, float(np.max(corners)), max(missed, 0.0))
-    return f"{grid:+.4f}", shares, *(f"{each:.2f} mm" for each in lengths)
+    return Errors(grid, shares, rms, float(np.max(corners)), max(missed, 0.0))
 
 
 def main() -> None:
@@ -68,19 +83,28 @@ def main() -> None:
     add_json_option(parser)
     arguments = parser.parse_args()
     base = DesignSpec(rows=arguments.rows, cols=arguments.cols)
-    head = ("grid error", "efficiency", "corners, rms", "largest", "gap missed")
-    rows = Rows("step", "from", *head, "preview")
+    nearest = "from the default alone: grid error, efficiency"
+    rows = Rows("step", nearest, "between it and twice the step", "corners, rms", "gap missed")
+    took_ms, most_mm = [], []
     for name, step, twice in STEPS:
         spec = base.replaced(**step)
-        exact = designed(spec)
-        for label, specs in (("nearest", [base]), ("between", [base, base.replaced(**twice)])):
+        exact, found = designed(spec), []
+        for specs in ([base], [base, base.replaced(**twice)]):
             solved = [designed(each) for each in specs]
             started = time.perf_counter()
-            found = preview(spec, solved)
-            took_ms = 1e3 * (time.perf_counter() - started)
-            cells = [""] * len(head) if found is None else errors(found, exact, spec)
-            rows.add(name, label, *cells, f"{took_ms:.1f} ms")
+            shown = preview(spec, solved)
+            took_ms.append(1e3 * (time.perf_counter() - started))
+            if shown is None:
+                raise RuntimeError(f"{name}: no preview from {len(solved)} designs")
+            found.append(errors(shown, exact, spec))
+        between = found[-1]
+        most_mm.append(between.most_mm)
+        missed = f"{between.missed_mm:.2f} mm" if between.missed_mm >= 0.005 else "0"
+        rows.add(name, *map(str, found), f"{between.rms_mm:.2f} mm", missed)
+    figures = {"corner_off_mm": max(most_mm), "preview_least_ms": min(took_ms), "preview_most_ms": max(took_ms)}
+    print(figures)
     write_record(arguments.json, "design_preview", table=rows.table)
+    write_record(arguments.json, "design_preview_choices", figures)
 
 
 if __name__ == "__main__":

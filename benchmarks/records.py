@@ -11,6 +11,7 @@ import datetime
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,6 +25,9 @@ from mirrorcam.optics.base.values import Value
 from mirrorcam.optics.base.worker_pool import cores
 
 ROOT = Path(__file__).parents[1]
+
+TIMES, SIGMA = "\N{MULTIPLICATION SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
+"""For texts of tables: a linter takes these letters for x and o."""
 
 
 class Machine(Value):
@@ -124,6 +128,13 @@ def _dumped(value: Any, indent: int = 0) -> str:
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """A table of texts."""
     return Table(columns=tuple(columns), rows=tuple(map(tuple, rows)))
+
+
+def short(value: float, decimals: int = 3, sign: str = "") -> str:
+    """A number without the zero before its point, as tables of shares have it; with `sign` "+", and 0 without one."""
+    text = f"{value:{sign}.{decimals}f}"
+    text = text if float(text) else text.lstrip("+-")
+    return re.sub(r"^([+-]?)0\.", r"\1.", text)
 
 
 class Rows:
