@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import cv2
@@ -18,6 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from benchmarks.records import TIMES, add_json_option, short, table, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.depth_sigma import WINDOW_PX, depth_sigma_mm
 from mirrorcam.optics.design.optimise import design
@@ -125,11 +127,43 @@ def _matched(picture: FloatArray, places: list[list[NDArray[np.float32]]], depth
     return np.asarray(depths.mean() - slope / (2.0 * curve))
 
 
-def main(exposures: int) -> None:
+TITLES = (
+    "sigma of depth at 300 / 500 mm",
+    "usable efficiency at 300 / 500 mm",
+    f"field of view, x {TIMES} y",
+    f"baselines, x {TIMES} y",
+    "grid error",
+)
+
+
+def figures_of(layout: Layout) -> tuple[str, ...]:
+    """A layout's figures, in the order of `TITLES`."""
+
+    def of(pattern: str, places: Sequence[object]) -> list[float]:
+        return [layout.metrics[pattern.format(place)].value for place in places]
+
+    sigmas, shares = (of(name, ("300", "500")) for name in ("depth_sigma_{}mm", "usable_efficiency_{}mm"))
+    return (
+        " / ".join(map(short, sigmas)) + " mm",
+        " / ".join(map(short, shares)),
+        f" {TIMES} ".join(f"{each:.1f}°" for each in of("fov_{}_deg", "xy")),
+        f" {TIMES} ".join(f"{each:.0f}" for each in of("baseline_{}_mm", "xy")) + " mm",
+        short(layout.metrics["grid_error"].value),
+    )
+
+
+def main(exposures: int, json: Path | None) -> None:
+    head, columns, rendered_rows = [""], [], []
+    gains: dict[str, float] = {}
     for fold in FOLDS_DEG:
         layouts = tuple(design(DesignSpec(fold_deg=fold, objective=goal)) for goal in OBJECTIVES)
         chosen = " and ".join(f"{fold_deg_of(layout):.0f}" for layout in layouts)
         print(f"\nfold {fold}: {chosen} deg")
+        for goal, layout in zip(OBJECTIVES, layouts, strict=True):
+            title = f"fold {fold:g}°: " if isinstance(fold, float) else "fold auto: "
+            found_deg = "" if isinstance(fold, float) else f" ({fold_deg_of(layout):.0f}°)"
+            head.append((title if goal == "overlap" else "") + goal + found_deg)
+            columns.append(figures_of(layout))
         print(f"{'':26} overlap   depth")
         for name in layouts[0].metrics:
             if name.startswith(SHOWN):
@@ -143,15 +177,26 @@ def main(exposures: int) -> None:
                 for layout, expected in zip(layouts, predicted, strict=True)
             ]
             textured = np.max(measured, axis=0) < 5.0 * np.median(measured)
-            ratio, found = (np.median((b / a)[textured]) for a, b in (predicted, measured))
+            ratio, found = (float(np.median((b / a)[textured])) for a, b in (predicted, measured))
+            name = f"{fold:g}" if isinstance(fold, float) else fold
+            of_layouts = [layout.metrics[f"depth_sigma_{depth:g}mm"].value for layout in layouts]
+            gains[f"gain_{name}_{depth:g}mm_percent"] = 100.0 * (1.0 - of_layouts[1] / of_layouts[0])
+            rendered_rows.append((f"fold {name}{'°' * isinstance(fold, float)}, {depth:g} mm", ratio, found))
             print(
                 f"{depth:g} mm: sigma of depth over that of the design for overlap, predicted {ratio:.3f}, measured "
                 f"{found:.3f} ({found / ratio - 1.0:+.1%}), medians of {textured.sum()} of {textured.size} windows; "
                 f"measured {np.median(measured[0][textured]):.4f} and {np.median(measured[1][textured]):.4f} mm"
             )
+    rows = [(title, *cells) for title, *cells in zip(TITLES, *columns, strict=True)]
+    write_record(json, "design_depth", gains, table(head, rows))
+    apart = max(100.0 * abs(found / ratio - 1.0) for _, ratio, found in rendered_rows)
+    cells = [(name, short(ratio), short(found)) for name, ratio, found in rendered_rows]
+    write_record(json, "design_depth_rendered", {"apart_percent": apart}, table(("", "predicted", "measured"), cells))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--exposures", type=int, default=40)
-    main(parser.parse_args().exposures)
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.exposures, options.json)

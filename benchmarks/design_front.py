@@ -1,4 +1,4 @@
-"""Pixel efficiency against grid error: `python -m benchmarks.design_front [--workers N] [--picture FILE]`.
+"""Pixel efficiency against grid error: `python -m benchmarks.design_front [--picture FILE]`.
 
 3x3, C920, scale 80 mm, spacing 1 mm, at depths 300 and 500 mm and at 400 mm alone: what `design` answers over the
 tradeoffs, at folds of 90, 105 and 120 degrees, with mirrors of 4, 5 and 6 corners and with the two depths weighed
@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.records import Table, add_json_option, short, table, write_record
 from mirrorcam.optics.base.calls import Call
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import FloatArray
@@ -152,6 +153,51 @@ def compared(name: str, front: Sequence[Point], depths_mm: tuple[float, ...]) ->
 Fronts = dict[tuple[float, ...], dict[str, list[Point]]]
 
 
+TABLED = {
+    "90°": "fold 90 deg, 4 corners",
+    "90°, 6 corners": "fold 90 deg, 6 corners",
+    "105°": "fold 105 deg, 4 corners",
+    "120°": "fold 120 deg, 4 corners",
+}
+"""Fronts of the table, by the titles of their columns."""
+
+
+def tabled(found: Fronts) -> Table:
+    """Efficiencies at the prototype's grid errors, and their gains."""
+    rows = []
+    for depths, points in PROTOTYPE.items():
+        alone = f", {depths[0]:g} mm alone" if len(depths) == 1 else ""
+        for error, theirs in points:
+            cells = [short(error) + alone, " / ".join(short(share, 2) for share in theirs)]
+            for name in TABLED.values():
+                ours = efficiency_at(found[depths][name], error)
+                gains = " / ".join(f"{100.0 * gain:+.0f}" for gain in ours / np.array(theirs) - 1.0)
+                cells.append(f"{' / '.join(map(short, ours))}, {gains} %")
+            rows.append(cells)
+    return table(("grid error", "prototype", *TABLED), rows)
+
+
+def gains_of(found: Fronts) -> dict[str, float]:
+    """Gains at a fold of 90 degrees, in percent: of the mean, at the farther depth, by weights, and by more starts."""
+    both = next(iter(PROTOTYPE))
+    ours, more = (found[both][f"fold 90 deg, {name}"] for name in ("4 corners", "more starts"))
+    gains, mean, by_starts = [], [], []
+    for error, theirs in PROTOTYPE[both]:
+        here = efficiency_at(ours, error)
+        gains.append(100.0 * (here / np.array(theirs) - 1.0))
+        mean.append(100.0 * float(here.mean() / np.mean(theirs) - 1.0))
+        by_starts.append(100.0 * abs(float(efficiency_at(more, error).mean() / here.mean() - 1.0)))
+    far = [float(gain[-1]) for gain in gains]
+    figures = {"mean_gain_least_percent": min(mean), "mean_gain_most_percent": max(mean)}
+    figures |= {"gain_500mm_least_percent": min(far), "gain_500mm_most_percent": max(far)}
+    for ratio, (error, theirs) in zip(WEIGHED, (PROTOTYPE[both][0], PROTOTYPE[both][-1]), strict=True):
+        weighed = 100.0 * (efficiency_at(found[both][f"fold 90 deg, weighed {ratio}"], error) / np.array(theirs) - 1.0)
+        name = f"weighted_{ratio.replace(' : ', '_')}"
+        figures |= {f"{name}_grid_error": error}
+        figures |= {f"{name}_gain_{depth:g}mm_percent": float(g) for depth, g in zip(both, weighed, strict=True)}
+    return figures | {"more_starts_percent": float(np.nanmax(by_starts))}
+
+
 def fronts(workers: int) -> Fronts:
     """All fronts by depths and name, made in `workers` processes."""
     asked = {
@@ -250,7 +296,7 @@ def draw(found: Fronts, path: Path) -> None:
         figure.savefig(temporary, dpi=110)
 
 
-def main(workers: int, picture: Path | None) -> None:
+def main(workers: int, picture: Path | None, json: Path | None) -> None:
     print(f"IPOPT of CasADi {version('casadi')}; {len(TRADEOFFS)} tradeoffs from {TRADEOFFS[0]} to {TRADEOFFS[-1]}")
     found = fronts(workers)
     for depths, named in found.items():
@@ -263,6 +309,7 @@ def main(workers: int, picture: Path | None) -> None:
         print("\nat the prototype's grid error: efficiency, gain at each depth")
         for name, front in named.items():
             print("\n".join(compared(name, front, depths)))
+    write_record(json, "design_front", gains_of(found), tabled(found))
     if picture:
         draw(found, picture)
 
@@ -271,5 +318,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--picture", type=Path, help="a PNG to write")
+    add_json_option(parser)
     arguments = parser.parse_args()
-    main(arguments.workers, arguments.picture)
+    main(arguments.workers, arguments.picture, arguments.json)

@@ -27,7 +27,8 @@ from benchmarks.design_account import (
     prices,
     rolls_deg,
 )
-from benchmarks.design_front import Point, designed, efficiency_at, searched, upper
+from benchmarks.design_front import PROTOTYPE, Point, designed, efficiency_at, searched, upper
+from benchmarks.records import Table, add_json_option, short, table, write_record
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
@@ -162,6 +163,101 @@ def draw_folds(found: dict[int, list[Point]], layouts: dict[int, Layout], path: 
         figure.savefig(temporary, dpi=110)
 
 
+PRICED = (
+    "gap",
+    "gap as seen",
+    "overlap",
+    "sensor's borders",
+    "light out, light in",
+)
+"""Families of constraints in the table; those of the size and depth of mirrors are added together below them."""
+TABLED_FOLDS = (75, 90, 105, 120, 135)
+LEFT_OUT = {
+    "all constraints": "none",
+    "no gaps": "gaps",
+    "no gaps, thin, any size": "gaps, thickness, sizes",
+    "only disjoint sub-images": "all but disjoint sub-images",
+    "the same, 6 corners": "the same, six corners",
+}
+"""What the rows of the table call the fronts of `relaxations`."""
+
+
+def table_of_budgets(budgets: dict[float, Budget]) -> Table:
+    """Shares of the sensor by trade-off."""
+    parts = {
+        "common to all views at both depths": [b.both for b in budgets.values()],
+        "common at one depth only": [b.one for b in budgets.values()],
+        "rest of the sub-images": [b.rest for b in budgets.values()],
+        "between sub-images": [b.between for b in budgets.values()],
+    }
+    first, *others = (f"{tradeoff:g}" for tradeoff in budgets)
+    rows = [(name, *map(short, shares)) for name, shares in parts.items()]
+    return table(("share of the sensor", f"trade-off {first}", *others), rows)
+
+
+def table_of_prices(found: dict[str, Price]) -> Table:
+    """Active constraints of families and what they cost together."""
+    rows = []
+    for title in PRICED:
+        prices = [found[name] for name in title.split(", ")]
+        counts = ", ".join(f"{each.active} of {each.of}" for each in prices)
+        rows.append((title, counts, f"{sum(each.price for each in prices):.2f}"))
+    cuts = [price for name, price in found.items() if name.startswith("cut")]
+    active, price = sum(each.active for each in cuts), sum(each.price for each in cuts)
+    rows.append(("size, depth, convexity", f"{active}", f"{price:.2f}" if price >= 0.005 else "0"))
+    return table(("constraint at the optimum, 90°", "active, of all", "sum of multipliers"), rows)
+
+
+def table_of_fronts(fronts: dict[str, list[Point]]) -> Table:
+    """Mean efficiency at equal grid error, with more and more left out."""
+    rows = []
+    for name, title in LEFT_OUT.items():
+        cells = []
+        for error in EQUAL_ERRORS:
+            mean, all_kept = (efficiency_at(fronts[each], error).mean() for each in (name, "all constraints"))
+            cells.append(short(mean) + ("" if title == "none" else f", {100.0 * (mean / all_kept - 1.0):+.1f} %"))
+        rows.append((title, *cells))
+    first, second = EQUAL_ERRORS
+    return table(("constraints left out", f"mean efficiency at grid error {first:g}", f"at {second:g}"), rows)
+
+
+def table_of_folds(found: dict[int, list[Point]]) -> Table:
+    """Efficiencies at equal grid error over the fold."""
+    rows = [
+        (f"{fold}°", *(" / ".join(map(short, efficiency_at(found[fold], error))) for error in EQUAL_ERRORS))
+        for fold in TABLED_FOLDS
+    ]
+    return table(("fold", *(f"grid error {error:g}" for error in EQUAL_ERRORS)), rows)
+
+
+def roll_figures(folded: dict[int, Layout]) -> dict[str, float]:
+    """Rolls of the outer columns: by the law for equally wide columns, measured, and by the law where they are."""
+    figures = {}
+    for fold in (90, 120):
+        layout = folded[fold]
+        camera, cols = layout.camera, layout.cols
+        middle = (1.0 - 1.0 / cols) * camera.width_px / 2.0 / camera.fx_px
+        outer = [k for k in range(len(layout.mirrors)) if k % cols in (0, cols - 1)]
+        figures[f"roll_bound_{fold}_deg"] = float(np.degrees(middle / np.tan(np.radians(fold) / 2.0)))
+        for name, rolls in (("roll", rolls_deg(layout)), ("middles", expected_rolls_deg(layout, fold))):
+            if name == "roll" or fold == 90:
+                each = np.abs(rolls[outer])
+                figures |= {f"{name}_{fold}_least_deg": each.min(), f"{name}_{fold}_most_deg": each.max()}
+    return figures
+
+
+def single_figures(single: dict[str, list[Point]]) -> dict[str, float]:
+    """Mean efficiency at one depth with everything left out, and what it is more than with nothing left out."""
+    figures = {}
+    for error in EQUAL_ERRORS:
+        most, kept = (efficiency_at(single[name], error).mean() for name in ("the same, 6 corners", "all constraints"))
+        name = f"{100.0 * error:02.0f}"
+        figures |= {f"all_left_out_400mm_at_{name}": most}
+        figures |= {f"all_left_out_gain_at_{name}_percent": 100.0 * (most / kept - 1.0)}
+    error, (efficiency,) = PROTOTYPE[(SINGLE_MM,)][0]
+    return figures | {"prototype_400mm": efficiency, "prototype_400mm_grid_error": error}
+
+
 def print_budgets(budgets: dict[float, Budget]) -> None:
     print("tradeoff  both depths  one only  rest of sub-images  between  mean efficiency")
     for tradeoff, budget in budgets.items():
@@ -207,7 +303,7 @@ def print_folds(found: dict[int, list[Point]]) -> None:
         print(f"{fold:4}  " + "  ".join(f"{share:17}" for share in shares))
 
 
-def main(workers: int, pictures: Path | None) -> None:
+def main(workers: int, pictures: Path | None, json: Path | None) -> None:
     spec = DesignSpec(camera=Camera.c920().replaced(aperture_mm=0.0), fold_deg=90.0)
     layouts = {tradeoff: design(spec.replaced(tradeoff=tradeoff)) for tradeoff in (0.1, 0.3, 0.5, 0.9)}
     budgets = {tradeoff: budget_of(layout, spec.depths_mm) for tradeoff, layout in layouts.items()}
@@ -217,6 +313,8 @@ def main(workers: int, pictures: Path | None) -> None:
     problem = overlap_problem(spec, seed_of(spec, working_mm), neighbour_pairs(spec.arrangement))
     found = prices(spec, problem, problem.solver.optimise().values)
     print_prices(found)
+    write_record(json, "design_limits_budget", table=table_of_budgets(budgets))
+    write_record(json, "design_limits_constraints", table=table_of_prices(found))
     folded = {90: layouts[0.3]} | {fold: design(spec.replaced(fold_deg=float(fold))) for fold in (75, 120)}
     for fold, layout in folded.items():
         measured, expected = rolls_deg(layout), expected_rolls_deg(layout, fold)
@@ -225,9 +323,17 @@ def main(workers: int, pictures: Path | None) -> None:
     fronts = bounds(spec, workers)
     print_fronts(fronts)
     print(f"{SINGLE_MM:g} mm alone:")
-    print_fronts(bounds(spec.replaced(depths_mm=(SINGLE_MM,)), workers))
+    single = bounds(spec.replaced(depths_mm=(SINGLE_MM,)), workers)
+    print_fronts(single)
+    write_record(json, "design_limits_prices", table=table_of_fronts(fronts))
+    figures = {
+        "parallax_bound_small_angles": parallax_bound(layouts[0.3], spec.depths_mm),
+        "parallax_bound": parallax_bound(layouts[0.3], spec.depths_mm, densities(layouts[0.3], spec.depths_mm)),
+    }
+    write_record(json, "design_limits", roll_figures(folded) | single_figures(single) | figures)
     folds = over_folds(spec, workers)
     print_folds(folds)
+    write_record(json, "design_limits_folds", table=table_of_folds(folds))
     if pictures:
         draw_limits(fronts, budgets, found, pictures / "design_limits.png")
         draw_folds(folds, folded, pictures / "design_fold.png")
@@ -237,5 +343,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--pictures", type=Path, help="a folder for design_limits.png and design_fold.png")
+    add_json_option(parser)
     arguments = parser.parse_args()
-    main(arguments.workers, arguments.pictures)
+    main(arguments.workers, arguments.pictures, arguments.json)

@@ -15,7 +15,7 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.records import Rows, add_json_option, short, write_record
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.worker_pool import call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
@@ -37,6 +37,16 @@ LENSES = {
 """Apertures, as f-numbers of a C920's focal length, and focus, mm."""
 BUILT_MM = (40.0, 50.0, 60.0, 80.0, 100.0, 120.0, 150.0)
 COLOURS = ("#0077bb", "#000000", "#cc3311", "#ee7733", "#009988")
+
+OF_TABLE, TABLED_MM = "f/2", (40.0, 60.0, 80.0, 100.0, 120.0, 150.0)
+NAMES = {
+    "f/4": "f4",
+    "f/1": "f1",
+    "f/2": "f2",
+    "f/2, in focus at 250 mm": "focus_250mm",
+    "f/2, in focus far away": "focus_far",
+}
+"""Lenses by names of their figures."""
 
 Fold = float | Literal["auto"]
 
@@ -142,7 +152,7 @@ def draw(built: dict[str, list[Point]], found: dict[tuple[float, str], list[Poin
 
 def figures_of(point: Point) -> tuple[str, ...]:
     """Fold, grid error, and the efficiency as of a pinhole and as usable."""
-    return f"{point.fold_deg:g}°", f"{point.grid_error:.3f}", f"{point.pinhole:.3f}", f"{point.usable:.3f}"
+    return f"{point.fold_deg:g}°", f"{point.grid_error:.3f}", short(point.pinhole), short(point.usable)
 
 
 def main(fold: Fold, workers: int, picture: Path | None, json: Path | None) -> None:
@@ -151,13 +161,24 @@ def main(fold: Fold, workers: int, picture: Path | None, json: Path | None) -> N
     for (scale, name), points in found.items():
         for point in points:
             rows.add(f"{scale:g} mm", name, *figures_of(point))
-    write_record(json, "design_pupil_fronts", table=rows.table)
-    print()
-    rows = Rows("lens", "scale", "best fold", "grid error", "as of a pinhole", "usable")
+    head = ("scale", "best fold", "grid error", "as of a pinhole", "usable")
     for name, points in built.items():
+        print(f"\n{name}")
+        rows = Rows(*head)
         for scale, point in zip(BUILT_MM, points, strict=True):
-            rows.add(name, f"{scale:g} mm", *figures_of(point))
-    write_record(json, "design_pupil", table=rows.table)
+            if scale in TABLED_MM or name != OF_TABLE:
+                rows.add(f"{scale:g} mm", *figures_of(point))
+        if name == OF_TABLE:
+            write_record(json, "design_pupil", table=rows.table)
+    gains = gained(found)
+    print(
+        "gains by optimising for the whole pupil: " + ", ".join(f"{scale:g} mm {gains[scale]:+.3f}" for scale in gains)
+    )
+    at_80 = {name: points[BUILT_MM.index(80.0)].usable for name, points in built.items()}
+    figures = {f"usable_{short_name}": at_80[name] for name, short_name in NAMES.items()}
+    nearer = [gains[scale] for scale in (60.0, 80.0)]
+    figures |= {"gain_least": min(nearer), "gain_most": max(nearer)}
+    write_record(json, "design_pupil_lenses", figures)
     if picture:
         draw(built, found, picture)
 

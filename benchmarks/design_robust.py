@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.records import Rows, add_json_option, short, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
@@ -49,8 +49,9 @@ def row(layout: Layout, depths_mm: tuple[float, ...]) -> tuple[str, ...]:
     cells = []
     for depth_mm in depths_mm:
         values = usable(alone, depth_mm)[0], *np.percentile(usable(devices, depth_mm), [50.0, 5.0])
-        cells.append(" / ".join(f"{value:.3f}" for value in values))
-    return f"{grid_error(layout):.3f}", *cells, f"{100.0 * devices.hidden().mean():.1f} %"
+        cells.append(" / ".join(map(short, values)))
+    hidden = 100.0 * devices.hidden().mean()
+    return short(grid_error(layout)), *cells, f"{hidden:g} %" if hidden else "0"
 
 
 def main() -> None:
@@ -70,7 +71,7 @@ def main() -> None:
             for name, changes in ROBUST.items():
                 spec = DesignSpec(camera=camera, fold_deg=fold, tradeoff=tradeoff, **changes)
                 layout = design(spec)
-                found.add(f"{fold:g}°", f"{tradeoff:g}", name, *row(layout, spec.depths_mm))
+                found.add(f"{fold:g}°", short(tradeoff, 2).rstrip("0"), name, *row(layout, spec.depths_mm))
     write_record(options.json, "design_robust_pinhole" if options.pinhole else "design_robust", table=found.table)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.figures.sweep_figure import pareto
 from mirrorcam.optics.base.worker_pool import Died, cores
 from mirrorcam.optics.design.spec_grid import Outcome
@@ -127,7 +128,7 @@ def print_sums(outcomes: Sequence[Outcome], times: dict[tuple[int, int], list[fl
         print(f"{rows}x{cols}: median {statistics.median(each):6.2f} s  longest {max(each):6.2f} s")
 
 
-def main(folder: Path, only: Sequence[str], workers: int) -> None:
+def main(folder: Path, only: Sequence[str], workers: int, record_to: Path | None) -> None:
     listed = specs()
     chosen = [
         spec
@@ -153,6 +154,7 @@ def main(folder: Path, only: Sequence[str], workers: int) -> None:
         outcomes = sweep(chosen, output, noted)
     print(f"{len(outcomes)} specs, {workers} workers, {time.perf_counter() - started:.1f} s")
     print_sums(outcomes, times)
+    write_record(record_to, "design_sweep", {"solved": sum(outcome.status == "solved" for outcome in outcomes)})
     write_table(folder / "sweep.csv", table_of(outcomes))
     if any(outcome.status == "solved" for outcome in outcomes):
         pareto(outcomes, folder / "pareto.png")
@@ -163,6 +165,7 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, help="a folder to keep, where an interrupted run is continued")
     parser.add_argument("--only", nargs="*", default=[], help="counts (3x5) or numbers of specs")
     parser.add_argument("--workers", type=int, default=min(2, cores()))
+    add_json_option(parser)
     arguments = parser.parse_args()
     with TemporaryDirectory() as temporary:
-        main(arguments.out or Path(temporary), arguments.only, arguments.workers)
+        main(arguments.out or Path(temporary), arguments.only, arguments.workers, arguments.json)
