@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -89,6 +90,17 @@ def fronts(fold: Fold, workers: int) -> dict[tuple[float, str], list[Point]]:
     for (scale, name, _), point in zip(keys, answers, strict=True):
         found.setdefault((scale, name), []).append(point)
     return found
+
+
+def gained(plain: list[Point], whole: list[Point]) -> list[float]:
+    """What a front for the whole pupil has more than one for a pinhole, where the grid may be uneven.
+
+    At the grid errors of its designs of the two lowest trade-offs, as far as the other front reaches there.
+    """
+    front = sorted((point.grid_error, point.usable) for point in plain)
+    errors, shares = zip(*front, strict=True)
+    reached = [point for point in whole[:2] if errors[0] <= point.grid_error <= errors[-1]]
+    return [point.usable - float(np.interp(point.grid_error, errors, shares)) for point in reached]
 
 
 def over_scales(fold: Fold, workers: int) -> dict[str, list[Point]]:
@@ -170,13 +182,12 @@ def main(fold: Fold, workers: int, picture: Path | None, json: Path | None) -> N
                 rows.add(f"{scale:g} mm", *figures_of(point))
         if name == OF_TABLE:
             write_record(json, "design_pupil", table=rows.table)
-    gains = gained(found)
-    print(
-        "gains by optimising for the whole pupil: " + ", ".join(f"{scale:g} mm {gains[scale]:+.3f}" for scale in gains)
-    )
+    gains = {scale: gained(found[scale, "pinhole"], found[scale, "whole pupil"]) for scale in SCALES_MM}
+    for scale, each in gains.items():
+        print(f"{scale:g} mm: {', '.join(f'{gain:+.3f}' for gain in each)} by optimising for the whole pupil")
     at_80 = {name: points[BUILT_MM.index(80.0)].usable for name, points in built.items()}
     figures = {f"usable_{short_name}": at_80[name] for name, short_name in NAMES.items()}
-    nearer = [gains[scale] for scale in (60.0, 80.0)]
+    nearer = [gain for scale in (60.0, 80.0) for gain in gains[scale]]
     figures |= {"gain_least": min(nearer), "gain_most": max(nearer)}
     write_record(json, "design_pupil_lenses", figures)
     if picture:
