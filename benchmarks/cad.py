@@ -1,4 +1,4 @@
-"""Time to build every file of a device: `python -m benchmarks.cad [LAYOUT ...]`.
+"""Time to build every file of a device: `python -m benchmarks.cad [LAYOUT ...] [--json F]`.
 
 For each layout, in one run: by all cores into an empty folder (beside the limit set for that number of mirrors),
 again over the same folder (all parts taken over), and by one process, where it is noted what the time goes to.
@@ -7,8 +7,8 @@ By default the layout of the tests, 3x3, and the default design of 5x5 mirrors.
 
 from __future__ import annotations
 
+import argparse
 import functools
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.cad import device_files, part_files
 from mirrorcam.cad.assembly import catalogue
 from mirrorcam.cad.assembly.device_plan import Device
@@ -74,8 +75,8 @@ def account(layout: Layout, out: Path) -> tuple[float, dict[str, float]]:
     return whole, spent
 
 
-def measure(layout: Layout, folder: Path) -> None:
-    """Build a layout in three ways below a folder, and print the times."""
+def measure(layout: Layout, folder: Path) -> dict[str, float]:
+    """Build a layout in three ways below a folder, and print the times; seconds by names of ways."""
     first = seconds(lambda: build_parts(layout, folder / "first", workers=cores()))
     again = seconds(lambda: build_parts(layout, folder / "again", previous=folder / "first", workers=cores()))
     alone, spent = account(layout, folder / "alone")
@@ -86,17 +87,34 @@ def measure(layout: Layout, folder: Path) -> None:
     print(f"  one process     {alone:6.1f} s, of which")
     for step, taken in sorted(spent.items(), key=lambda item: -item[1]):
         print(f"    {step:24} {taken:6.2f} s {taken / alone:5.0%}", flush=True)
+    solids_s = sum(taken for step, taken in spent.items() if step.startswith("solid of "))
+    return {"first": first, "again": again, "one_process": alone, "solids": solids_s}
 
 
-def main(layouts: list[Layout]) -> None:
+def main(layouts: list[Layout]) -> list[dict[str, float]]:
+    """Seconds of each layout."""
     print(f"{cores()} cores, slicer: {slicer_version() or 'none'}")
+    found = []
     for layout in layouts:
         with TemporaryDirectory() as name:
-            measure(layout, Path(name))
+            found.append(measure(layout, Path(name)))
+    return found
 
 
 if __name__ == "__main__":
-    main(
-        [Layout.load(Path(path)) for path in sys.argv[1:]]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("layouts", type=Path, nargs="*", metavar="LAYOUT")
+    add_json_option(parser)
+    options = parser.parse_args()
+    if options.layouts and options.json:
+        parser.error("--json is for the default layouts")
+    seconds_by_way = main(
+        [Layout.load(path) for path in options.layouts]
         or [Layout.load(DEFAULT_LAYOUT), design(DesignSpec(rows=5, cols=5))]
     )
+    if not options.layouts:
+        three, five = seconds_by_way
+        figures = {"three_s": three["first"], "five_s": five["first"]}
+        figures |= {"three_again_s": three["again"], "five_again_s": five["again"]}
+        figures |= {"one_process_s": three["one_process"], "solids_s": three["solids"]}
+        write_record(options.json, "cad_speed", figures)

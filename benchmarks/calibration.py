@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.records import add_json_option, table, write_record
+from benchmarks.records import SIGMA, add_json_option, table, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -149,8 +149,8 @@ def limit(json: Path | None) -> bool:
         ("RMSE / bound, worst normal, worst distance", f"{worst} (each ± {spread:.3f} from {TRIALS} trials)", "1.05"),
         ("the same, paired with the linear estimate of the same noise", tight, ""),
         ("NEES per degree of freedom", f"{nees:.3f}", "0.95 to 1.05"),
-        ("weakest direction, sampled / predicted sigma", f"{sampled / claimed:.3f}", "within 10 %"),
-        ("1 % outliers of 20 sigma, normals, distances", f"{cost} of clean", "1.1"),
+        (f"weakest direction, sampled / predicted {SIGMA}", f"{sampled / claimed:.3f}", "within 10 %"),
+        (f"1 % outliers of 20 {SIGMA}, normals, distances", f"{cost} of clean", "1.1"),
     ]
     write_record(json, "calibration_bound", table=table(("", "", "limit"), rows))
     return bool(good)

@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from benchmarks.records import add_json_option, table, write_record
+from benchmarks.records import SIGMA, add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.base.worker_pool import cores
@@ -50,7 +50,7 @@ RUNS, TIMED_FRAMES = 3, 4
 PLAIN = Checkerboard(cols=20, rows=13, square_mm=12.0)
 TAGS = AprilGrid(cols=10, rows=7, tag_mm=18.0, spacing=0.3)
 PEER_WINDOW = (2, 2)  # half of OpenCV's window around a corner, px
-CONDITIONS = ("as it is", "glare", "motion blur", "dim", "JPEG 40", "all at once")
+CONDITIONS = ("undisturbed", "glare", "motion blur", "dim", "JPEG 40", "all at once")
 
 
 def degraded(grey: Grey, condition: str, random: np.random.Generator) -> Grey:
@@ -166,10 +166,26 @@ def _without_ghost_images(
     return refined, min(spent) / len(pictures)
 
 
-def print_time(layout: Layout, target: Target, folder: Path) -> list[tuple[str, ...]]:
-    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder; rows of a table.
+@dataclass(frozen=True)
+class Timed:
+    """Processor time of a frame and the score of a set; what numbering by all frames and ghost images add to a frame.
 
-    What one frame alone cannot number of a checkerboard is numbered by all of them, which is not timed.
+    Of AprilGrids also rows of what OpenCV finds.
+    """
+
+    seconds: float
+    numbering_s: float
+    ghosts_s: float
+    rows: tuple[tuple[str, ...], ...]
+
+
+BOARDS = {"charuco": "ChArUco", "checkerboard": "checkerboard", "aprilgrid": "AprilGrid"}
+
+
+def timed(layout: Layout, target: Target, folder: Path) -> Timed:
+    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder.
+
+    What one frame alone cannot number of a checkerboard is numbered by all of them, which is not in the time of one.
     """
     request = SetRequest(
         layout=layout,
@@ -191,8 +207,10 @@ def print_time(layout: Layout, target: Target, folder: Path) -> list[tuple[str, 
             spent.append(time.process_time() - started)
         found.append(frame)
         least.append(min(spent))
+    started = time.process_time()
     if isinstance(target, Checkerboard):
         found = numbered_together(found, [], layout, target)
+    numbering_s = (time.process_time() - started) / len(pictures)
     with np.load(folder / "truth" / "corners.npz") as truth:
         truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
     corners, ghosts_s = _without_ghost_images([frame.corners for frame in found], pictures, folder, target)
@@ -204,7 +222,9 @@ def print_time(layout: Layout, target: Target, folder: Path) -> list[tuple[str, 
         f"found {seen.found} of {seen.visible}, rms {seen.rms_px:.4f} px, {seen.far} beyond {FALSE_PX:g} px",
         flush=True,
     )
-    rows = [_row(f"{target.kind}, {surface}-surface mirrors", float(np.mean(least)), seen)]
+    name = BOARDS[target.kind]
+    tags = f", {target.cols} x {target.rows} tags" if isinstance(target, AprilGrid) else ""
+    rows = [_row(f"{name}{tags}", float(np.mean(least)), seen)]
     if isinstance(target, AprilGrid):
         started = time.process_time()
         theirs = score([tags_by_opencv(picture, layout, target) for picture in pictures], truth_px, visible)
@@ -214,8 +234,8 @@ def print_time(layout: Layout, target: Target, folder: Path) -> list[tuple[str, 
             f"{theirs.visible}, rms {theirs.rms_px:.4f} px, {theirs.far} beyond {FALSE_PX:g} px",
             flush=True,
         )
-        rows.append(_row(f"{target.kind}, {surface}-surface mirrors, OpenCV", spent_s, theirs))
-    return rows
+        rows.append(_row(f"{name}, OpenCV", spent_s, theirs))
+    return Timed(float(np.mean(least)), numbering_s, ghosts_s, tuple(rows))
 
 
 def _row(name: str, seconds: float, seen: Score) -> tuple[str, ...]:
@@ -256,14 +276,16 @@ def main() -> None:
     add_json_option(parser)
     options = parser.parse_args()
     layout = Layout.load(options.layout)
-    total = false = 0
+    counts: dict[str, int] = {}
     sensors: tuple[SensorName, ...] = ("c920", "poor")
     under: dict[str, list[str]] = {}
     with TemporaryDirectory() as name:
         for seed, sensor in enumerate(sensors):
             folder = Path(name) / sensor
             for condition, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
-                total, false = total + found.found, false + found.false
+                counted = {"corners": found.found, "beyond_1px": found.far, "false": found.false}
+                counted |= {f"corners_{sensor}": found.found, f"beyond_5_sigma_{sensor}": found.outlying}
+                counts |= {name: counts.get(name, 0) + value for name, value in counted.items()}
                 cells = f"{found.found / found.visible:.0%}, {found.rms_px:.3f} px", f"{found.far}, {found.outlying}"
                 under.setdefault(condition, []).extend(cells)
                 print(
@@ -272,17 +294,31 @@ def main() -> None:
                     f"{found.far} beyond {FALSE_PX:g} px, {found.outlying} beyond {FALSE_SIGMAS:g} sigma",
                     flush=True,
                 )
+        total, false = counts["corners"], counts.pop("false")
         print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
-        head = [f"`{sensor}`: {each}" for sensor in sensors for each in ("found, RMS", "false > 1 px, > 5 sigma")]
-        rows = [(condition, *cells, *[""] * (len(head) - len(cells))) for condition, cells in under.items()]
-        write_record(options.json, "detection", table=table(("", *head), rows))
+        false_head = f"false > {FALSE_PX:g} px, > {FALSE_SIGMAS:g} {SIGMA}"
+        head = [f"{prefix}`{sensor}`: found, RMS" for prefix, sensor in zip(("sensor ", ""), sensors, strict=True)]
+        columns = ("", *(each for title in head for each in (title, false_head)))
+        write_record(options.json, "detection", table=table(columns, [(name, *under[name]) for name in under]))
+        times: dict[str, float] = {}
         boards: list[tuple[str, ...]] = []
         plates = [m.replaced(surface="second", thickness_mm=2.0, refractive_index=1.49) for m in layout.mirrors]
         for number, built in enumerate((layout, layout.replaced(mirrors=tuple(plates)))):
             for target in (default_board(), PLAIN, TAGS):
-                boards += print_time(built, target, Path(name) / f"{target.kind}_{number}")
+                found_of = timed(built, target, Path(name) / f"{target.kind}_{number}")
+                if number == 0:
+                    boards += found_of.rows
+                    times[f"{target.kind}_s"] = found_of.seconds
+                    times |= {"checkerboard_numbering_s": found_of.numbering_s} if target is PLAIN else {}
+                elif target.kind == "charuco":
+                    times["ghosts_s"] = found_of.ghosts_s
         columns = ("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
         write_record(options.json, "detection_boards", table=table(columns, boards))
+        shares = {
+            f"beyond_5_sigma_{sensor}_in_10000": 1e4 * counts[f"beyond_5_sigma_{sensor}"] / counts[f"corners_{sensor}"]
+            for sensor in sensors
+        }
+        write_record(options.json, "detection_counts", counts | shares | times)
         files = sorted((Path(name) / "c920" / "frames").iterdir())
         pictures = [read_image(path, grey=True) for path in files]
         for workers in sorted({1, 2, cores()}):

@@ -172,8 +172,12 @@ def main(frames: int, picture: Path | None, json: Path | None) -> None:
         scenes[f"mitsuba {spp} spp"] = partial(reference.render, spp=spp // 4, seed=spp, subpixels=2)
     noise = noise_px(scenes, layout, board, poses[0])
     lines = Rows("", "light alone", "corner noise RMS, largest")
+    names = {"fast": "fast"} | {f"mitsuba {spp} spp": f"{spp}" for spp in SAMPLES}
+    names[f"mitsuba {SAMPLES[0]} spp"] = f"mitsuba, {SAMPLES[0]} samples per pixel"
     for by, (rms, most) in noise.items():
-        lines.add(by, f"{costs[by]:.2f} s", f"{rms:.3f}, {most:.2f} px")
+        seconds = f"{costs[by]:.{2 if costs[by] < 1.0 else 1}f} s" + (" per frame" if by == "fast" else "")
+        times = f" ({ratio:.0f} times `fast`)" if by == "mitsuba 16 spp" else ""
+        lines.add(names[by], seconds + times, f"{rms:.{3 if rms < 0.1 else 2}f}, {most:.2f} px")
     write_record(json, "render", figures, lines.table)
     if picture is not None:
         with atomic(picture) as temporary:
