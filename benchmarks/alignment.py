@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from benchmarks.records import add_json_option, table, write_record
+from benchmarks.records import SIGMA, add_json_option, table, write_record
 from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice, EdgePoints
 from mirrorcam.optics.alignment.edge_profiles import stations
@@ -51,12 +52,12 @@ SAID = {
 HEAD = (
     "frames",
     "error, right / down",
-    "stated sigma",
-    "error against the mean",
+    f"stated {SIGMA}",
     "squared error over variance",
     "told",
 )
 SMALLER = 0.5
+EDGES_PX = (0.05, 0.1)
 DRAWS = 50
 
 
@@ -130,8 +131,17 @@ def edge_errors_px(truth: Layout, found: Alignment) -> FloatArray:
     return joined[np.isfinite(joined)]
 
 
-def case(name: str, layout: Layout, devices: int, first: int) -> tuple[str, ...]:
-    """Print the figures of a case, and return its row of the table."""
+@dataclass(frozen=True)
+class Found:
+    """A row of the table, the least and largest error about an axis, and what tilts differ from the mean of all."""
+
+    row: tuple[str, ...]
+    axes_deg: tuple[float, float]
+    against_mean_deg: float
+
+
+def case(name: str, layout: Layout, devices: int, first: int) -> Found:
+    """Print the figures of a case, and return them."""
     smaller = SMALLER if name == "scene" else 1.0
     errors = BuildErrors()
     aligner: Any = SceneAligner(layout, errors) if name == "scene" else EdgeAligner(layout, errors)
@@ -173,7 +183,8 @@ def case(name: str, layout: Layout, devices: int, first: int) -> tuple[str, ...]
     ratio = np.mean((every[kept] / stated[kept]) ** 2)
     sigmas = " / ".join(f"{each:.2f}°" for each in stated_rms)
     share = f"{100 * np.mean(told):.0f} %"
-    return SAID[name], f"{right:.2f}° / {down:.2f}°", sigmas, f"{together:.2f}°", f"{ratio:.2f}", share
+    row = (SAID[name], f"{right:.2f}° / {down:.2f}°", sigmas, f"{ratio:.2f}", share)
+    return Found(row, (float(min(right, down)), float(max(right, down))), float(together))
 
 
 def main() -> None:
@@ -185,14 +196,23 @@ def main() -> None:
     add_json_option(parser)
     given = parser.parse_args()
     layout = Layout.load(given.layout)
-    for edge_px in (0.05, 0.1):
-        bound = bound_deg(layout, BuildErrors(), edge_px)
+    limits: dict[float, FloatArray] = {}
+    for edge_px in EDGES_PX:
+        limits[edge_px] = bound = bound_deg(layout, BuildErrors(), edge_px)
         print(
             f"bound of edges known to {edge_px} px: right {bound[:, 0].min():.2f} to {bound[:, 0].max():.2f}, "
             f"down {bound[:, 1].min():.2f} to {bound[:, 1].max():.2f} deg; before: {BuildErrors().tilt_deg} deg"
         )
-    rows = [case(name, layout, given.devices, given.first) for name in given.cases or CASES]
-    write_record(given.json, "alignment", table=table(HEAD, rows))
+    found = {name: case(name, layout, given.devices, given.first) for name in given.cases or CASES}
+    write_record(given.json, "alignment", table=table(HEAD, [each.row for each in found.values()]))
+    sharpest = np.median(limits[EDGES_PX[0]], axis=0)
+    figures = {"edge_lifted_mm": 10.0 * float(np.tan(np.radians(0.4)))}
+    figures |= {"bound_least_deg": float(sharpest.min()), "bound_most_deg": float(sharpest.max())}
+    if "scene" in found:
+        least, most = found["scene"].axes_deg
+        figures |= {"points_least_deg": least, "points_most_deg": most}
+        figures |= {"points_against_mean_deg": found["scene"].against_mean_deg}
+    write_record(given.json, "alignment_bounds", figures)
 
 
 if __name__ == "__main__":

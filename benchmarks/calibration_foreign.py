@@ -16,13 +16,13 @@ import argparse
 import json
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.records import add_json_option, write_record
+from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
@@ -34,8 +34,9 @@ AXES = ("x_mm", "y_mm", "z_mm")
 
 
 def true_values(truth: dict[str, Any]) -> dict[str, float]:
-    """True intrinsics and virtual centres by the names of a calibration's parameters."""
+    """True intrinsics, virtual centres and thickness of plates by the names of a calibration's parameters."""
     values = dict(zip(LENS, (*truth["K"], *truth["D"]), strict=True))
+    values |= {"sheet_mm": truth["sheet"]} if truth["sheet"] else {}
     for index, centre in enumerate(truth["C"]):
         values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
     return values
@@ -47,6 +48,8 @@ def found_values(layout: Layout) -> dict[str, float]:
     for index, mirror in enumerate(layout.mirrors):
         centre = mirror.virtual_centre_in_rig_mm.tolist()
         values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
+    if layout.mirrors[0].is_second_surface:
+        values["sheet_mm"] = float(np.mean([mirror.thickness_mm for mirror in layout.mirrors]))
     return values
 
 
@@ -80,7 +83,33 @@ def worst_normal_deg(layout: Layout, truth: dict[str, Any]) -> float:
     return float(np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max()))
 
 
-def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> dict[str, float]:
+TITLES = {
+    "a_ch": "ChArUco",
+    "a_cb": "checkerboard, often in part",
+    "s2_ch": "ChArUco, 2 mm acrylic, second surface",
+}
+"""Columns of the table."""
+WAS = {
+    ("a_ch", "dropped"): "4.7 %",
+    ("a_cb", "dropped"): "7.0 % of 2,304",
+    ("s2_ch", "nees"): "144",
+    ("s2_ch", "thickness"): "1.933 ± 0.024",
+}
+"""What the table says of the calibration before corners were weighed and found in parts of boards."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Cells of the table: corners dropped, errors of normals and distances, NEES, thickness and verdict."""
+
+    dropped: str
+    worst: str
+    nees: str
+    thickness: str
+    verdict: str
+
+
+def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     """Print the figures of one calibration, and return them."""
     layout, true = calibration.layout, np.array(truth["C"])
     found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
@@ -88,29 +117,55 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> dict[st
     level = "" if calibration.diagnostics is None else calibration.diagnostics.level
     everything, mirrors, lens = (
         nees(layout, truth, counts)
-        for counts in (lambda name: True, lambda name: name.startswith("mirror "), lambda name: name in LENS)
+        for counts in (
+            lambda name: name != "sheet_mm",
+            lambda name: name.startswith("mirror "),
+            lambda name: name in LENS,
+        )
     )
+    with_sheet = nees(layout, truth, lambda _: True)
     print(
         f"  {how}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, normals "
         f"{worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
     )
-    print(f"    NEES per parameter {everything:.2f}, of mirrors {mirrors:.2f}, of intrinsics {lens:.2f}")
+    print(
+        f"    NEES per parameter {everything:.2f}, with the thickness {with_sheet:.2f}, of mirrors {mirrors:.2f}, of "
+        f"intrinsics {lens:.2f}"
+    )
     if truth["sheet"]:
         print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
     verdict = check_solution(calibration, view_figures(calibration))
     print(f"    {STATES[verdict.state]}{''.join(f'; {reason}' for reason in verdict.reasons)}")
-    return {
-        "dropped_percent": 100.0 * float(np.mean(~calibration.inliers)),
-        "corners": len(calibration.inliers),
-        "worst_normal_deg": worst_normal_deg(layout, truth),
-        "worst_distance_mm": float(distance_mm),
-        "nees_per_parameter": everything,
-        "nees_of_mirrors": mirrors,
-        "nees_of_lens": lens,
+    dropped = f"{100.0 * np.mean(~calibration.inliers):.2f} % of {len(calibration.inliers):,}"
+    return Report(
+        dropped,
+        f"{worst_normal_deg(layout, truth):.4f}°, {distance_mm:.4f} mm",
+        f"{everything:.2f}{f', with the thickness {with_sheet:.2f}' if truth['sheet'] else ''}",
+        thickness(layout).replace("+-", "±") if truth["sheet"] else "",
+        f"{STATES[verdict.state]}{''.join(f': {reason}' for reason in verdict.reasons[:1])}",
+    )
+
+
+def tabled(found: dict[str, Report]) -> Table:
+    """The table, a column for each set."""
+    rows = {
+        "corners dropped": "dropped",
+        "worst normal, distance": "worst",
+        "NEES per parameter": "nees",
+        "thickness (truth 2.000 mm), from a layout that says first surface": "thickness",
+        "verdict": "verdict",
     }
+
+    def cell(name: str, part: str) -> str:
+        was = WAS.get((name, part))
+        return f"{getattr(found[name], part)}{f' (was {was})' if was else ''}"
+
+    cells = [(title, *(cell(name, part) for name in found)) for title, part in rows.items()]
+    return table(("", *(TITLES.get(name, name) for name in found)), cells)
 
 
 def main(folders: list[Path], record_to: Path | None) -> None:
+    reports: dict[str, Report] = {}
     for folder in folders:
         request = CalibrationRequest(
             pictures=(folder / "frames",),
@@ -128,11 +183,11 @@ def main(folders: list[Path], record_to: Path | None) -> None:
                 layout.with_surface("first").save(Path(kept) / "layout.json")
                 as_first = calibrate_files(replace(request, layout=Path(kept) / "layout.json", surface="second"))
         truth = json.loads((folder / "truth" / "truth.json").read_text())
-        figures = report("as the layout says", found, truth)
+        reports[folder.name] = report("as the layout says", found, truth)
         if as_first is not None:
-            more = report("from a first-surface layout, --surface second", as_first, truth)
-            figures |= {f"from_first_surface.{name}": value for name, value in more.items()}
-        write_record(record_to, f"calibration_foreign_{folder.name}", figures)
+            first = report("from a first-surface layout, --surface second", as_first, truth)
+            reports[folder.name] = replace(reports[folder.name], thickness=first.thickness)
+    write_record(record_to, "calibration_foreign", table=tabled(reports))
 
 
 if __name__ == "__main__":

@@ -136,8 +136,19 @@ def write_layouts(folder: Path) -> None:
         nominal.replaced(camera=camera).save(folder / f"{name}.json")
 
 
+SHOWN = {"plain": "none", "prism": "thin prism", "spline": "spline, field of 0.4 px"}
+
+
+def shown_as(folder: Path) -> tuple[str, str]:
+    """The lens of a set, by the start of its folder's name up to a full stop, and renderer and numbers of frames."""
+    dataset = Dataset.load(folder)
+    lens = folder.name.partition(".")[0]
+    counts = f"{len(dataset.frame_names)} + {len(dataset.base_names)}"
+    return SHOWN.get(lens, lens), f"{dataset.settings.renderer}, {counts}"
+
+
 def main(folders: list[Path], json: Path | None) -> int:
-    rows = Rows("set", "level found", "rms px", "held out px", "floor px", "ratio", "bias px")
+    rows = Rows("lens", "renderer, frames", "level found", "rms px", "held out px", "floor px", "ratio", "bias px")
     passed = True
     for folder in folders:
         found = measured(folder)
@@ -145,7 +156,7 @@ def main(folders: list[Path], json: Path | None) -> int:
         ratio = found.held_out_px / found.floor_px
         figures = (f"{each:.4f}" for each in (found.rms_px, found.held_out_px, found.floor_px))
         bias = f"{found.bias_px:.4f}{'' if found.passed else ', past a limit'}"
-        rows.add(folder.name, f"`{found.level}`", *figures, f"{ratio:.3f}", bias)
+        rows.add(*shown_as(folder), f"`{found.level}`", *figures, f"{ratio:.3f}", bias)
     write_record(json, "calibration_lenses", table=rows.table)
     return 0 if passed else 1
 
