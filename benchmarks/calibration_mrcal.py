@@ -1,4 +1,4 @@
-"""mrcal as a referee: `python -m benchmarks.calibration_mrcal CORNERS SET [--python PYTHON]`.
+"""mrcal as a referee: `python -m benchmarks.calibration_mrcal CORNERS SET [CORNERS SET ...]`.
 
 CORNERS is a table of corners, as `mirrorcam calibrate` writes one (`corners.csv`); SET a folder with the `layout.json`
 and `board.toml` that it was made with and, where it is known, `truth/truth.json` (`benchmarks.calibration_foreign`).
@@ -23,12 +23,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.calibration_foreign import LENS
+from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_files import load_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -39,6 +41,7 @@ from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_f
 
 SOLVER = Path(__file__).parent / "referees" / "mrcal_solver.py"
 LENSES = {"brown_conrady": "LENSMODEL_OPENCV5", "rational": "LENSMODEL_OPENCV8", "thin_prism": "LENSMODEL_OPENCV12"}
+OWN = "this project"
 LEAST_PX = 1e-3  # standard deviation of a number in pixels; distortion is known better
 MOST_PLACES = 400
 """Corners of a mirror where projections are compared."""
@@ -132,19 +135,78 @@ def figures_of(found: Calibration, seconds: float) -> dict[str, Any]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("corners", type=Path)
-    parser.add_argument("set", type=Path)
+    parser.add_argument("pairs", type=Path, nargs="+", metavar="CORNERS SET")
     parser.add_argument("--python")
+    add_json_option(parser)
     options = parser.parse_args()
+    if len(options.pairs) % 2:
+        parser.error("expected pairs of CORNERS and SET")
     judge = python_with_mrcal(options.python)
     if judge is None:
         print(f"mrcal: not there in {options.python or 'this or the system python3'}; --python PYTHON names another")
         return 2
     try:
-        return compare(options.corners, options.set, judge)
+        pairs = zip(options.pairs[::2], options.pairs[1::2], strict=True)
+        found = [compare(corners, folder, judge) for corners, folder in pairs]
     except InputError as error:
         print(error)
         return 2
+    if options.json:
+        write_record(options.json, "calibration_mrcal", *recorded(found))
+    return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What was found of a set: its kind of board, all corners, calibrations by name, the lens's names and the truth.
+
+    `off_px` has, by name, how far each is from the truth: over the picture, and in all mirrors where these are known.
+    """
+
+    board: str
+    corners: int
+    calibrations: dict[str, dict[str, Any]]
+    names: tuple[str, ...]
+    truth: dict[str, Any]
+    off_px: dict[str, tuple[float, float | None]]
+
+    @property
+    def glass(self) -> bool:
+        """Whether its mirrors are plates, of which no calibration has places of cameras to compare."""
+        return "cameras" not in self.truth.get("truth", {})
+
+
+def recorded(found: list[Compared]) -> tuple[dict[str, float], Table]:
+    """Figures, and a table with three columns for each set of first-surface mirrors."""
+    figures, columns, cells = {}, [""], []
+    for each in found:
+        names = list(each.calibrations)
+        if each.glass:
+            figures["acrylic_lens_mrcal_px"] = each.off_px[names[1]][0]
+            figures["acrylic_lens_own_px"] = each.off_px[names[0]][0]
+            continue
+        columns += [f"{each.board}: {names[0]}", *names[1:]]
+        cells += [_cells(each, name) for name in names]
+        left_out = 1.0 - each.calibrations[names[1]]["corners"] / each.corners
+        figures[f"left_out_{each.board.lower()}_percent"] = 100.0 * left_out
+    lens = next(each.truth["truth"]["lens"] for each in found if not each.glass)
+    true = dict(zip(LENS, lens, strict=True))
+    titles = ["corners used", "RMS x / y, px"]
+    titles += [f"{name.removesuffix('_px')}, px (truth {true[name]:g})" for name in ("fx_px", "cy_px")]
+    titles += ["from the truth, picture", "from the truth, mirrors", "seconds"]
+    return figures, table(columns, zip(titles, *cells, strict=True))
+
+
+def _cells(compared: Compared, name: str) -> tuple[str, ...]:
+    found = compared.calibrations[name]
+    numbers = []
+    for wanted in ("fx_px", "cy_px"):
+        place = compared.names.index(wanted)
+        numbers.append(f"{found['lens'][place]:.3f} ± {found['sigma'][place]:.3f}")
+    picture, mirrors = compared.off_px[name]
+    seconds = f"{found['seconds']:.1f}" + (", with model selection" if name == OWN else "")
+    off = (f"{picture:.4f}", "" if mirrors is None else f"{mirrors:.4f}")
+    return (f"{found['corners']:,}", "{:.4f} / {:.4f}".format(*found["rms_px"]), *numbers, *off, seconds)
 
 
 def known_of(folder: Path) -> dict[str, Any]:
@@ -157,8 +219,8 @@ def known_of(folder: Path) -> dict[str, Any]:
     return {"truth": {"lens": lens} | ({} if truth["sheet"] else {"cameras": cameras_m(np.array(truth["C"]))})}
 
 
-def compare(corners: Path, folder: Path, judge: str) -> int:
-    """Calibrate by both and print the table."""
+def compare(corners: Path, folder: Path, judge: str) -> Compared:
+    """Calibrate by both and print the figures."""
     layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
     if isinstance(target, AprilGrid):
         raise InputError(f"{folder / 'board.toml'}: an AprilGrid, expected a board of even squares, as mrcal has them")
@@ -174,15 +236,26 @@ def compare(corners: Path, folder: Path, judge: str) -> int:
     truth = known_of(folder)
     task = task_of(corners, layout, target) | {
         "lens": LENSES[found.layout.camera.lens_model],
-        "calibrations": truth | {"this project": ours},
+        "calibrations": truth | {OWN: ours},
     }
     answer = asked(judge, task)
     print(f"{folder.name}: {len(task['corners'])} corners")
-    print_table({"this project": ours} | answer["found"], found, truth)
+    print_table({OWN: ours} | answer["found"], found, truth)
     for each in answer["differences"]:
         device = "" if each["device_px"] is None else f", in all mirrors {each['device_px']:.4f} px"
         print(f"  {each['of'][1]} from {each['of'][0]}: over the picture {each['lens_px']:.4f} px{device}")
-    return 0
+    return Compared(
+        board={"charuco": "ChArUco"}.get(target.kind, target.kind),
+        corners=len(task["corners"]),
+        calibrations={OWN: ours} | answer["found"],
+        names=tuple(found.layout.camera.intrinsic_names),
+        truth=truth,
+        off_px={
+            each["of"][1]: (each["lens_px"], each["device_px"])
+            for each in answer["differences"]
+            if each["of"][0] == "truth"
+        },
+    )
 
 
 def asked(python: str, task: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ figure stands that of views with free poses, which no mirror model can improve o
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from benchmarks.direct_prediction import (
     refitted,
     twice_reflected,
 )
+from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import confirm
@@ -45,6 +46,11 @@ def rms(errors: FloatArray) -> str:
     return "{:6.3f} {:6.3f}".format(*np.sqrt(np.mean(known**2, axis=0))) if len(known) else "     -      -"
 
 
+def cell(errors: FloatArray) -> str:
+    """The same as a cell of the table."""
+    return " / ".join(rms(errors).split())
+
+
 def start_of(found: Calibration, board: Board, *, plate: bool) -> Estimate:
     estimate = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
     if not plate:
@@ -61,7 +67,18 @@ def apart(observations: Observations) -> Observations:
     )
 
 
-def main(folder: Path) -> None:
+SHOWN = {
+    "as drawn, first-surface": "board as drawn, first-surface mirrors",
+    "+ camera turned back": "camera rotation between photographs compensated",
+    "+ second-surface": "second-surface glass mirrors",
+    "+ corners of the board free": "board corners estimated",
+    "+ camera turns in each photo": "camera turns in each photograph",
+    "+ board bows in each photo": "board bows in each photograph",
+}
+"""Rows of the table by the labels that are printed."""
+
+
+def main(folder: Path, json: Path | None) -> None:
     photos = sorted(folder.glob("*.jpg"))
     pictures = [read_image(photo, grey=True) for photo in photos]
     found = calibrate_with_direct_view(pictures, TARGET, mirrors=2, names=[photo.name for photo in photos])
@@ -82,6 +99,7 @@ def main(folder: Path) -> None:
 
     print("\nrms per axis, px (x y)           all            direct         mirror 0       mirror 1       predicted*")
     fold = np.arange(len(photos))
+    table_rows: list[tuple[str, str, str]] = []
     for label, rows, board, plate in (
         ("as drawn, first-surface", as_seen, drawn, False),
         ("+ camera turned back", steady, drawn, False),
@@ -94,6 +112,8 @@ def main(folder: Path) -> None:
         errors, _ = predicted_mirrored(solution.estimate, rows, model, fold)
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)] + [errors]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
+        if label in SHOWN:
+            table_rows.append((SHOWN[label], cell(solution.residuals), cell(errors)))
     shaped = Board.rigid(free.shaped(solution.estimate.shape))
     own, floor = refitted(found, steady, drawn, ("board", "sheet")), np.empty((0, 2))
     for label, addition in (("+ camera turns in each photo", "turn"), ("+ board bows in each photo", "bow")):
@@ -103,8 +123,12 @@ def main(folder: Path) -> None:
         of_views = [solution.inliers & (steady.view == v) for v in (DIRECT, 0, 1)]
         parts = [solution.residuals[rows] for rows in (solution.inliers, *of_views)]
         print(f"{label:32}" + "  ".join(rms(part) for part in (*parts, errors)))
+        table_rows.append((SHOWN[label], cell(parts[0]), cell(errors)))
         floor = prediction_floor(own, steady, fold)
+    outliers = int((~solution.inliers).sum())
     print(f"{'the last, simulated':32}" + " " * 60 + rms(floor))
+    table_rows.append(("the last model, simulated", "", cell(floor)))
+    apart_cells = []
     solution = fit(
         start_of(found, free, plate=True), as_seen, Model(INTRINSICS, thickness=True, curvature=False, board=free)
     )
@@ -117,6 +141,8 @@ def main(folder: Path) -> None:
         solution = fit(start, rows, Model(INTRINSICS, thickness=False, curvature=False, board=board, mirrors=False))
         parts = [solution.residuals] + [solution.residuals[rows.view == v] for v in (DIRECT, 0, 1)]
         print(f"{label:32}" + "  ".join(rms(part) for part in parts))
+        apart_cells.append(cell(solution.residuals))
+    table_rows.append(("an independent pose per view: board as drawn; estimated", "; ".join(apart_cells), ""))
     print("* mirrored corners of each photograph, from its direct view alone; the rest from the other photographs")
     print("** every view a pose of its own: what is left is paper, lens and finding")
 
@@ -131,6 +157,21 @@ def main(folder: Path) -> None:
         cells = [rms(errors[here & (steady.view == v)]) for v in (0, 1)] + [rms(off)]
         print(f"{photo.name:32}" + "  ".join(cells) + f"  ({len(off)})")
     print(f"{'all':32}" + "  ".join(rms(errors[steady.view == v]) for v in (0, 1)) + f"  {rms(np.concatenate(twice))}")
+    every = np.concatenate(twice)
+    both_x_px, both_y_px = np.sqrt(np.mean(every**2, axis=0))
+    known = errors[np.isfinite(errors).all(axis=1)]
+    figures = {
+        "corners_found": len(steady),
+        "corners": views * len(corners),
+        "outliers": outliers,
+        "predicted_px": float(np.sqrt(np.mean(known**2))),
+        "both_mirrors_x_px": float(both_x_px),
+        "both_mirrors_y_px": float(both_y_px),
+        "both_mirrors_corners": len(every),
+        "phone_turned_px": float(turned_px(turns, camera.fx_px).max()),
+    }
+    columns = ("model", "all views", "mirrored corners of photographs left out")
+    write_record(json, "calibration_photos", figures, table(columns, table_rows))
 
 
 def turned_px(turns: FloatArray, focal_px: float) -> FloatArray:
@@ -154,6 +195,8 @@ def seen_twice(picture: np.ndarray, estimate: Estimate, free: Board, turn: Float
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        raise SystemExit(__doc__)
-    main(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.folder, options.json)

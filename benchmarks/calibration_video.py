@@ -7,13 +7,14 @@ the direct view alone. Beside that stands the floor: the same of corners that th
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.direct_prediction import predicted_mirrored, prediction_floor, refitted
+from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
@@ -37,10 +38,10 @@ FIGURES = (
 def rms(errors: FloatArray) -> str:
     """Root mean square of (n, 2), x / y, without rows of NaN."""
     known = errors[np.isfinite(errors).all(axis=1)]
-    return "{:6.3f} {:6.3f}".format(*np.sqrt(np.mean(known**2, axis=0)))
+    return "{:.3f} / {:.3f} px".format(*np.sqrt(np.mean(known**2, axis=0)))
 
 
-def main(clip: Path, target: Checkerboard) -> None:
+def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     taken = calibration_pictures([clip], 30, on_video=print)
     pictures = taken.read()
     started = time.perf_counter()
@@ -63,21 +64,36 @@ def main(clip: Path, target: Checkerboard) -> None:
     fitted = refitted(every, rows, Board.rigid(target.corners_in_board_mm), found.diagnostics.level.split("+")[1:])
     frames = len(fitted.solution.estimate.rig_from_board)
     late = np.arange(frames) >= 2 * frames // 3
-    print(f"\nlast third, {late.sum()} of {frames} frames, by a fit to the others, px          x      y")
+    print(f"\nlast third, {late.sum()} of {frames} frames, by a fit to the others, px")
     left = held_out(fitted.solution.estimate, rows, fitted.model, late)
-    print(f"pose and bow from all views of the frame                         {rms(left.residuals[left.inliers])}")
     fold = np.where(late, 0, 1)
     shown = late[rows.frame]
     errors, _ = predicted_mirrored(fitted.solution.estimate, rows, fitted.model, fold)
     floor = prediction_floor(fitted, rows, fold)
-    print(f"mirrored corners, pose and bow from the direct view alone        {rms(errors[shown])}")
-    print(f"the same, simulated                                              {rms(floor[np.tile(shown, 3)])}")
+    value = {name: metric.value for name, metric in found.metrics.items()}
+    counts = f"{value['corners']:.0f} corners, {value['outliers']:.0f} outliers"
+    whole = f"{value['rms_x_px']:.3f} / {value['rms_y_px']:.3f} px"
+    angle = f"{value['mirrors_0_1_angle_deg']:.2f} ± {value['mirrors_0_1_angle_sigma_deg']:.2f}°"
+    rows_of = Rows("", "x / y")
+    rows_of.add(f"reprojection, {counts}", whole)
+    rows_of.add(
+        "last third of the frames, by a fit to the others: pose and bow from all views",
+        rms(left.residuals[left.inliers]),
+    )
+    rows_of.add("mirrored corners of the last third, pose and bow from the direct view alone", rms(errors[shown]))
+    rows_of.add("the same, simulated", rms(floor[np.tile(shown, 3)]))
+    rows_of.add("angle between the mirrors", angle)
+    figures = {"readout_of_interval": value["shutter_readout"], "near_far_ratio": value["split_near_ratio"]}
+    write_record(json, "calibration_video", figures, rows_of.table)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in {2, 3}:
-        raise SystemExit(__doc__)
-    board = load_board(Path(sys.argv[2])) if len(sys.argv) == 3 else BOARD
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clip", type=Path)
+    parser.add_argument("board", type=Path, nargs="?", metavar="BOARD.toml")
+    add_json_option(parser)
+    options = parser.parse_args()
+    board = load_board(options.board) if options.board else BOARD
     if not isinstance(board, Checkerboard):
-        raise SystemExit("expected a checkerboard")
-    main(Path(sys.argv[1]), board)
+        parser.error("expected a checkerboard")
+    main(options.clip, board, options.json)

@@ -182,7 +182,7 @@ def device_difference_px(task: dict[str, Any], a: dict[str, Any], b: dict[str, A
 def solutions(task: dict[str, Any]) -> dict[str, Any]:
     """What mrcal finds, and how all calibrations differ, those of the task included."""
     found = {}
-    for name, weighted in (("mrcal", False), ("mrcal, weighted", True)):
+    for name, weighted in (("mrcal", False), ("mrcal, corners weighted", True)):
         started = time.perf_counter()
         found[name] = figures(solved(task, weighted))
         found[name]["seconds"] = time.perf_counter() - started
