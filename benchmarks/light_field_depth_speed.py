@@ -7,18 +7,20 @@ for more pixels and for more views over the same baselines. Times are medians; a
 
 from __future__ import annotations
 
+import argparse
 import resource
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
 from benchmarks.light_field_depth import DEFAULT_LAYOUT
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import choose_views
@@ -134,8 +136,8 @@ def times(light_field: LightField, rounds: int) -> dict[str, list[float]]:
     return {name: each[1:] for name, each in found.items()}
 
 
-def main(arguments: list[str]) -> None:
-    rounds = int(arguments[0]) if arguments else 10
+def main(rounds: int, json: Path | None) -> None:
+    figures: dict[str, float] = {}
     print(f"{cv2.getNumThreads()} threads; medians of {rounds} rounds, ms; in brackets, times one pair, times remaps")
     for count, width, height in CASES:
         light_field, truth = cards(views_of(count, width, height))
@@ -145,10 +147,24 @@ def main(arguments: list[str]) -> None:
         pair, bare = middle["one StereoSGBM pair"], middle["bare remap"]
         texts = [f"{name} {value:.0f} ({value / pair:.1f}, {value / bare:.0f})" for name, value in middle.items()]
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        seconds = {prefix: middle[name] / 1e3 for prefix, name in (("", "best"), ("fast_", "fast"))}
+        if (width, height) == (400, 240):
+            figures |= {f"{prefix or 'views_'}{count}x{count}_s": each for prefix, each in seconds.items()}
+        if count == 3:
+            figures |= {f"{prefix}width_{width}_s": each for prefix, each in seconds.items()}
+        if (count, width) == (3, 400):
+            figures |= {f"{prefix}times_one_pair": 1e3 * each / pair for prefix, each in seconds.items()}
+            figures |= {f"{prefix}times_remaps": 1e3 * each / bare for prefix, each in seconds.items()}
         rates = ", ".join(f"{1e3 / middle[name]:.1f}/s {name}" for name in ("best", "fast"))
         print(f"{count}x{count} views of {width}x{height} px: {', '.join(texts)}; {rates}; ", end="")
         print(f"off by more than 2 %: {wrong:.1%}; {peak:.0f} MiB at most so far")
 
+    write_record(json, "light_field_depth_speed", figures)
+
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rounds", type=int, nargs="?", default=10, metavar="ROUNDS")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.rounds, options.json)

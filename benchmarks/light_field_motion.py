@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.records import Rows, Table, add_json_option, table, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -186,6 +186,41 @@ def sequences(seeds: int, frames: int, layout: Layout | None = None) -> Iterator
                     yield film_by_mirrors(f"mirrors, {name}", path, layout, seed, noise_grey)
 
 
+@dataclass(frozen=True)
+class Sums:
+    """What is told of a sequence."""
+
+    path_mm: float
+    drift_percent: float
+    rms_mm: float
+    nees: float
+    keys: int
+    opencv_drift_percent: float
+    opencv_rms_mm: float
+
+
+def by_kind(sums: dict[str, list[Sums]]) -> Table:
+    """A row for each kind of sequence, with the figures of all its scenes; once where all are alike."""
+
+    def of(each: list[Sums], name: str, digits: int) -> str:
+        texts = [f"{getattr(one, name):.{digits}f}" for one in each]
+        return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+
+    rows = [
+        (
+            kind,
+            f"{of(each, 'path_mm', 0)} mm",
+            f"{of(each, 'drift_percent', 3)} %",
+            f"{of(each, 'rms_mm', 2)} mm",
+            of(each, "nees", 2),
+            of(each, "keys", 0),
+            f"{of(each, 'opencv_drift_percent', 1)} %; {of(each, 'opencv_rms_mm', 0)} mm",
+        )
+        for kind, each in sums.items()
+    ]
+    return table(("", "path", "drift", "RMS error", "NEES", "key frames", "OpenCV: drift, RMS"), rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3, help="scenes of each kind")
@@ -197,7 +232,7 @@ def main() -> None:
     columns = ("", "path", "drift", "RMS error", "NEES", "key frames", "lost", "OpenCV: drift", "RMS error")
     rows, times = Rows(*columns), []
     given.out.mkdir(parents=True, exist_ok=True)
-    all_nees = []
+    all_nees, sums = [], dict[str, list[Sums]]()
     for filmed in sequences(given.seeds, given.frames, Layout.load(LAYOUT) if given.mirrors else None):
         start = time.perf_counter()
         poses, cpu_s = tracked(filmed)
@@ -213,6 +248,17 @@ def main() -> None:
             *(f"{np.sqrt(np.nanmean(off**2)):.2f} mm", f"{all_nees[-1].mean():.2f}", f"{keys}", f"{lost}"),
             *(f"{100 * other_off[-1] / path_mm:.1f} %", f"{np.sqrt(np.mean(other_off**2)):.0f} mm"),
         )
+        sums.setdefault(filmed.name.rpartition(" ")[0], []).append(
+            Sums(
+                path_mm=path_mm,
+                drift_percent=float(100 * off[-1] / path_mm),
+                rms_mm=float(np.sqrt(np.nanmean(off**2))),
+                nees=float(all_nees[-1].mean()),
+                keys=keys,
+                opencv_drift_percent=float(100 * other_off[-1] / path_mm),
+                opencv_rms_mm=float(np.sqrt(np.mean(other_off**2))),
+            )
+        )
         times.append(f"{filmed.name}: {1e3 * cpu_s:.0f} ms, {rate:.1f} frames/s; OpenCV {1e3 * other_s:.0f} ms")
         name = filmed.name.replace(", ", "_").replace(" ", "_")
         times_s = (np.arange(len(poses)) / HZ).tolist()
@@ -222,8 +268,10 @@ def main() -> None:
     print("\n".join(["Processor time of a frame:", *times]))
     nees_of_all = float(np.concatenate(all_nees).mean())
     print(f"NEES of all: {nees_of_all:.2f}")
-    key = "light_field_motion_mirrors" if given.mirrors else "light_field_motion"
-    write_record(given.json, key, {"nees": nees_of_all}, rows.table)
+    if given.mirrors:
+        write_record(given.json, "light_field_motion_mirrors", {"nees": nees_of_all}, rows.table)
+    else:
+        write_record(given.json, "light_field_motion", {"nees": nees_of_all}, by_kind(sums))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.light_field_images import plain
-from benchmarks.records import Rows, Table, add_json_option, write_record
+from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -216,12 +216,20 @@ def psnr(picture: Picture, true: FloatArray) -> float:
 METHODS: dict[str, Method] = {"bicubic": bicubic, "shift and add": shift_and_add, "refocus --scale": ours}
 
 
+def _title(method: str, scale: float) -> str:
+    """The name of a row; the first of a scale says it."""
+    if method == "bicubic":
+        return f"{scale:g} {TIMES}: central view, bicubic"
+    return f"`refocus --scale {scale:g}`" if method == "refocus --scale" else "shift-and-add"
+
+
 def judged(
     name: str, light_fields: list[tuple[LightField, float]], start: tuple[int, int], folder: Path | None
 ) -> Table:
     """Print figures of all methods, of several light fields the median and the worst, and return the table."""
     head = ("star", "wedge across; down", "PSNR, dB", "contrast of the star at .5, .6, .7, .8")
-    table = Rows(f"{name}: line pairs per px of a view", *head)
+    print(f"{name}: line pairs per px of a view")
+    table = Rows("", *head)
     for scale in SCALES:
         true = true_chart(scale)
         for method, made in METHODS.items():
@@ -237,7 +245,7 @@ def judged(
             cells = [f"{one:.2f} ({other:.2f})" for one, other in zip(middle[:3], worst[:3], strict=True)]
             contrast = ", ".join(f"{each:.2f}" for each in np.median(shown, axis=0))
             table.add(
-                *(f"{scale:g} x: {method}", cells[0], "; ".join(cells[1:]), f"{middle[3]:.1f} ({worst[3]:.1f})"),
+                *(_title(method, scale), cells[0], "; ".join(cells[1:]), f"{middle[3]:.1f} ({worst[3]:.1f})"),
                 contrast,
             )
             if folder is not None:
@@ -263,7 +271,11 @@ def main() -> None:
     if options.mirrors:
         light_field, start = mirror_views(options.noise_grey)
         found = judged("mirrors", [(light_field, MIRROR_DEPTH_MM)], start, options.picture)
-        write_record(options.json, "light_field_super_mirrors", table=found)
+        last = found.rows[-len(METHODS) :]
+        names = ("bicubic", "shift_and_add", f"scale_{SCALES[-1]:g}")
+        figures = {f"mirrors_{name}_star": float(row[1].split()[0]) for name, row in zip(names, last, strict=True)}
+        figures |= {f"mirrors_{name}_db": float(row[3].split()[0]) for name, row in zip(names, last, strict=True)}
+        write_record(options.json, "light_field_super_mirrors", figures)
 
 
 if __name__ == "__main__":
