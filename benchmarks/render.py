@@ -146,13 +146,22 @@ def main(frames: int, picture: Path | None, json: Path | None) -> None:
     ratio = costs["mitsuba 16 spp"] / fast_s
     print(f"mitsuba at 16 spp / fast: {ratio:.1f} (limit >= {TIMES_FASTER:g})")
 
-    figures = {}
+    figures: dict[str, float] = {}
+    alone_s: dict[str, float] = {}
     for name, sensor in SENSORS.items():
         asked = tasks(layout, board, np.tile(poses, (8, 1, 1)), by_formula.replaced(sensor=sensor))
-        alone = median_s(partial(rendered, asked), 2 * frames)[1]
+        alone_s[name] = alone = median_s(partial(rendered, asked), 2 * frames)[1]
         figures[f"frame_{name}_s"] = together = whole_frames_s(asked)
         by_all = f"{together:6.3f} s by {cores()} workers (limit {LIMIT_S:g})"
         print(f"whole frame, fast, {name:6} {alone:6.3f} s in one process, {by_all}")
+
+    with_maps = [
+        FrameTask.model_validate_json(each)
+        for each in tasks(layout, board, poses, by_formula.replaced(sensor=SENSORS["c920"], maps=True))
+    ]
+    asked = [each.replaced(map_name=f"{each.name}.exr").model_dump_json() for each in with_maps]
+    maps_s = median_s(partial(rendered, asked), frames)[1] - alone_s["c920"]
+    print(f"maps of the truth, one process: {maps_s:6.3f} s more")
 
     for rows, cols in COUNTS:
         built = layout if (rows, cols) == (3, 3) else camera_of(rows, cols)
@@ -179,6 +188,7 @@ def main(frames: int, picture: Path | None, json: Path | None) -> None:
         times = f" ({ratio:.0f} times `fast`)" if by == "mitsuba 16 spp" else ""
         lines.add(names[by], seconds + times, f"{rms:.{3 if rms < 0.1 else 2}f}, {most:.2f} px")
     write_record(json, "render", figures, lines.table)
+    write_record(json, "render_maps", {"truth_maps_s": maps_s})
     if picture is not None:
         with atomic(picture) as temporary:
             figure({by: (costs[by], *noise[by]) for by in noise}).savefig(temporary, dpi=150, format="png")

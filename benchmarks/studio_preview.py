@@ -18,6 +18,7 @@ import argparse
 import importlib.util
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.base.files import write_bytes
 from mirrorcam.optics.base.pictures import encoded_image
 from mirrorcam.optics.design.optimise import design
@@ -53,19 +55,53 @@ FRAME_PX, VIEW_PX, TALL_PX = 360, 330, 206
 JPEG_QUALITY = 88
 
 
-def times_s(job: Callable[[], object], rounds: int) -> tuple[str, float]:
-    """Median and 95th percentile of the seconds of a job, by the clock and by the processor, and the last of them."""
+@dataclass(frozen=True)
+class Times:
+    """Medians and 95th percentiles of the seconds of a job, by the clock and by the processor."""
+
+    clock: float
+    clock_95: float
+    processor: float
+    processor_95: float
+
+    def __str__(self) -> str:
+        return (
+            f"p50 {self.clock:.3f} p95 {self.clock_95:.3f} s (processor {self.processor:.3f}, {self.processor_95:.3f})"
+        )
+
+
+def times_s(job: Callable[[], object], rounds: int) -> Times:
+    """How long a job takes."""
     times = []
     for _ in range(rounds):
         started = time.perf_counter(), time.process_time()
         job()
         times.append((time.perf_counter() - started[0], time.process_time() - started[1]))
     (clock, processor), (clock_95, processor_95) = np.percentile(times, [50.0, 95.0], axis=0)
-    text = f"p50 {clock:.3f} p95 {clock_95:.3f} s (processor {processor:.3f}, {processor_95:.3f})"
-    return text, float(processor_95)
+    return Times(float(clock), float(clock_95), float(processor), float(processor_95))
 
 
-def of_reference(frame: PreviewFrame) -> str:
+@dataclass(frozen=True)
+class Compared:
+    """A preview beside the reference at the same size."""
+
+    build_s: float
+    four_samples_s: float
+    many_samples_s: float
+    other_percent: float
+    median_mm: float
+    most_mm: float
+    correlation: float
+
+    def __str__(self) -> str:
+        return (
+            f"reference {self.build_s:.2f} s to build, {self.four_samples_s:.2f} s at 4 and {self.many_samples_s:.2f} "
+            f"s at {REFERENCE_SPP} samples; other object {self.other_percent:.3f} % of pixels, depth off by "
+            f"{self.median_mm:.1g} mm, 99 % within {self.most_mm:.1g}, correlation {self.correlation:.3f}"
+        )
+
+
+def of_reference(frame: PreviewFrame) -> Compared:
     """How a preview of the tabletop compares with the reference at the same size, and how long that takes."""
     from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, TabletopScene
     from mirrorcam.render_scenes.truth.pixel_maps import pixel_rays
@@ -85,11 +121,14 @@ def of_reference(frame: PreviewFrame) -> str:
     same = both & (hits.object_index == light.thing)
     error = np.abs(hits.points[same] @ layout.view_from_rig[2] - light.depth_mm[same])
     grey = [np.clip(picture, 0.0, 1.0).mean(axis=2).ravel() for picture in (radiance, light.radiance)]
-    return (
-        f"reference {built - started:.2f} s to build, {four - built:.2f} s at 4 and {many - four:.2f} s at "
-        f"{REFERENCE_SPP} samples; other object {100 * (1 - same.sum() / both.sum()):.3f} % of pixels, "
-        f"depth off by {np.median(error):.1g} mm, 99 % within {np.percentile(error, 99.0):.1g}, "
-        f"correlation {np.corrcoef(*grey)[0, 1]:.3f}"
+    return Compared(
+        build_s=built - started,
+        four_samples_s=four - built,
+        many_samples_s=many - four,
+        other_percent=100.0 * float(1.0 - same.sum() / both.sum()),
+        median_mm=float(np.median(error)),
+        most_mm=float(np.percentile(error, 99.0)),
+        correlation=float(np.corrcoef(*grey)[0, 1]),
     )
 
 
@@ -118,9 +157,11 @@ def draw(path: Path, layouts: dict[str, Layout]) -> None:
     write_bytes(path, encoded_image(np.vstack(rows), path.suffix, JPEG_QUALITY))
 
 
-def main(layouts: dict[str, Layout], rounds: int = ROUNDS) -> int:
+def main(layouts: dict[str, Layout], rounds: int = ROUNDS, json: Path | None = None) -> int:
     """Print the figures; 1 where previews of the tabletop by 3 x 3 mirrors take more of a processor than they may."""
     late = False
+    figures: dict[str, float] = {}
+    correlations = []
     has_mitsuba = importlib.util.find_spec("mitsuba") is not None
     for number, (name, layout) in enumerate(layouts.items()):
         started = time.perf_counter()
@@ -128,17 +169,30 @@ def main(layouts: dict[str, Layout], rounds: int = ROUNDS) -> int:
         if number == 0:
             print(f"first call of the process: {time.perf_counter() - started:.2f} s")
         for subject in ("tabletop", "board"):
-            text, seconds = times_s(partial(preview_frame, layout, subject), rounds)
-            print(f"{name:15} {subject:8} {text}")
-            late |= subject == "tabletop" and layout.rows * layout.cols == 9 and seconds > LIMIT_S
+            taken = times_s(partial(preview_frame, layout, subject), rounds)
+            print(f"{name:15} {subject:8} {taken}")
+            late |= subject == "tabletop" and layout.rows * layout.cols == 9 and taken.processor_95 > LIMIT_S
+            figures.setdefault(f"{subject}_s", taken.processor)
         seen = seen_in(frame)
         middle = default_reference_depth_mm(layout)
-        print(f"{name:15} views and depth {times_s(partial(seen_in, frame), rounds)[0]}")
-        print(f"{name:15} refocusing {times_s(partial(seen.refocused, middle), rounds)[0]}")
+        views, focused = times_s(partial(seen_in, frame), rounds), times_s(partial(seen.refocused, middle), rounds)
+        print(f"{name:15} views and depth {views}")
+        print(f"{name:15} refocusing {focused}")
+        figures = {"views_s": views.processor, "focused_ms": 1e3 * focused.processor} | figures
         size = "x".join(map(str, seen.light_field.samples.shape[3:1:-1]))
         print(f"{'':15} views of {size} px, depth off by {seen.median_error_mm:.2g} mm (median)")
         if has_mitsuba:
-            print(f"{'':15} {of_reference(frame)}")
+            against = of_reference(frame)
+            print(f"{'':15} {against}")
+            correlations.append(against.correlation)
+            figures = {
+                "depth_mm": against.most_mm,
+                "reference_s": against.four_samples_s,
+                "reference_scene_s": against.build_s,
+            } | figures
+    if correlations:
+        figures |= {"correlation_least": min(correlations), "correlation_most": max(correlations)}
+        write_record(json, "studio_preview", figures | {"pixels_percent": 99})
     return int(late)
 
 
@@ -147,9 +201,10 @@ if __name__ == "__main__":
     parser.add_argument("--layouts", type=Path, nargs="+", metavar="FILE", help="layouts instead of designed ones")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what designs see into this file, .jpg")
+    add_json_option(parser)
     asked = parser.parse_args()
     given = {path.stem: Layout.load(path) for path in asked.layouts or ()}
     if asked.picture is not None:
         draw(asked.picture, given or {name: design(SPECS[name]) for name in DRAWN})
         raise SystemExit(0)
-    raise SystemExit(main(given or {name: design(spec) for name, spec in SPECS.items()}, asked.rounds))
+    raise SystemExit(main(given or {name: design(spec) for name, spec in SPECS.items()}, asked.rounds, asked.json))
