@@ -14,6 +14,7 @@ from benchmarks.records import (
     Records,
     Rows,
     Table,
+    short,
     table,
     this_command,
     this_machine,
@@ -106,3 +107,17 @@ def test_the_command_is_as_typed_without_the_file_of_records() -> None:
 def test_a_record_has_a_date_and_a_commit() -> None:
     with pytest.raises(ValueError, match="date"):
         Record.model_validate_json(json.dumps({"command": "c", "commit": "0", "machine": "m"}))
+
+
+@pytest.mark.parametrize(
+    ("value", "sign", "text"),
+    [
+        (0.6051, "", ".605"),
+        (-0.0214, "+", "-.021"),
+        (0.0014, "+", "+.001"),
+        (-0.0004, "+", ".000"),
+        (12.5, "", "12.500"),
+    ],
+)
+def test_short_numbers_have_no_zero_before_their_point(value: float, sign: str, text: str) -> None:
+    assert short(value, sign=sign) == text
