@@ -29,7 +29,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.records import Rows, add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -174,6 +174,7 @@ def main() -> None:
         f"{views.height_px} px, at most {given.keypoints} keypoints a view, {cv2.getNumThreads()} threads"
     )
     rows = Rows("", "accepted", "inliers", "precision", "within 1 %", "ms a frame", "frames/s")
+    beside: list[tuple[str, ...]] = []
 
     def row(title: str, each: list[tuple[int, ...]], ms: float | None, whole_ms: float | None = None) -> None:
         accepted, inliers, finer = np.sum(each, axis=0)
@@ -212,10 +213,15 @@ def main() -> None:
         for way, each in plain.items():
             row(f"{name}: {way}", each, pairs_ms if way.startswith("all") else None)
         row(f"{name}: light field", found, find_ms, whole_ms)
+        both = np.array([np.sum(each, axis=0)[:2] for each in (plain["pair"], found)])
+        shares = "; ".join(f"{inliers / max(accepted, 1):.3f}" for accepted, inliers in both)
+        title = f"{name}: pair{' with the ratio test' if not beside else ''}; light field"
+        beside.append((title, *("; ".join(map(str, column)) for column in both.T), shares))
         matte, all_matte, other, all_other = np.sum(marked, axis=0)
         slopes.append(f"{name}, two slopes: {matte} of {all_matte} matte, {other} of {all_other} glossy ones and glass")
     print("\n".join(slopes))
-    write_record(given.json, "light_field_features", table=rows.table)
+    head = ("", "accepted", "inliers", "precision")
+    write_record(given.json, "light_field_features", table=table(head, beside))
 
 
 if __name__ == "__main__":
