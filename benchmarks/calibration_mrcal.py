@@ -22,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -168,7 +168,7 @@ class Compared:
     calibrations: dict[str, dict[str, Any]]
     names: tuple[str, ...]
     truth: dict[str, Any]
-    off_px: dict[str, tuple[float, float | None]]
+    off_px: Mapping[str, tuple[float, float | None]]
 
     @property
     def glass(self) -> bool:

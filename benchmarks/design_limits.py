@@ -248,7 +248,7 @@ def roll_figures(folded: dict[int, Layout]) -> dict[str, float]:
 
 def single_figures(single: dict[str, list[Point]]) -> dict[str, float]:
     """Mean efficiency at one depth with everything left out, and what it is more than with nothing left out."""
-    figures = {}
+    figures: dict[str, float] = {}
     for error in EQUAL_ERRORS:
         most, kept = (efficiency_at(single[name], error).mean() for name in ("the same, 6 corners", "all constraints"))
         name = f"{100.0 * error:02.0f}"

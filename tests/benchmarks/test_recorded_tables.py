@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from benchmarks import calibration_foreign, calibration_hard, calibration_mrcal, light_field_motion
-from benchmarks.calibration_foreign import Report
-from benchmarks.calibration_mrcal import LENS, OWN, Compared
+from benchmarks.calibration_foreign import LENS, Report
+from benchmarks.calibration_mrcal import OWN, Compared
 from benchmarks.drift import TURNS_DEG, Outcome, column, recorded
 from benchmarks.drift import Report as Column
 from benchmarks.light_field_motion import Sums
