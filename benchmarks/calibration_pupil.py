@@ -13,7 +13,7 @@ nominal layout and board alone before its truth is read. Prints
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,12 +21,14 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.workflow.validation import calibrate_set, mirror_errors
+from mirrorcam.render_scenes.settings import SENSORS
+from mirrorcam.workflow.validation import mirror_errors, validate
 
 BINS_PX = (0.0, 9.0, 12.0, 15.0, 20.0, 30.0, 60.0, 1000.0)
 FAR_PX = 1.0
@@ -44,6 +46,11 @@ class Corners:
     distance_px: FloatArray
     off_px: FloatArray
     outwards: tuple[float, float]
+
+    def mean_between(self, low: float, high: float) -> str:
+        """The mean error of corners so far from an edge, with its standard deviation."""
+        off = self.off_px[(self.distance_px >= low) & (self.distance_px < high) & (np.abs(self.off_px) < FAR_PX)]
+        return f"{off.mean():.4f} ± {off.std() / np.sqrt(len(off)):.4f} px" if len(off) else "none used"
 
     def told(self) -> None:
         """Print the errors by distance."""
@@ -98,32 +105,80 @@ def nees(calibration: Calibration, true: Layout) -> float:
     return float(off @ np.linalg.solve(known.covariance[np.ix_(places, places)], off)) / len(off)
 
 
-def pupil_errors(calibration: Calibration, true: Layout) -> tuple[float, float]:
-    """Errors of the diameter and of 1 / focus in standard deviations; NaN where they were not found; prints them."""
+@dataclass(frozen=True)
+class Pupil:
+    """Errors of the diameter and of 1 / focus in standard deviations, NaN where they were not found; and as texts."""
+
+    errors: tuple[float, float]
+    diameter: str
+    nearness: str
+
+
+def pupil_of(calibration: Calibration, true: Layout) -> Pupil:
+    """Diameter and focus against the truth; prints them."""
     figures = {name: metric.value for name, metric in calibration.metrics.items()}
     camera = true.camera
     if "aperture_mm" not in figures:
         print("    pupil not seen")
-        return float("nan"), float("nan")
+        return Pupil((float("nan"), float("nan")), "not seen", "not seen")
     width, sigma = figures["aperture_mm"], figures["aperture_sigma_mm"]
     off = (width - camera.aperture_mm) / sigma
     print(f"    pupil {width:.3f} +- {sigma:.3f} mm, true {camera.aperture_mm:g}: {off:+.1f} sigma")
     if "focus_mm" not in figures:
         print("    focus not seen")
-        return off, float("nan")
+        return Pupil((off, float("nan")), f"{width:.2f} ± {sigma:.2f} of {camera.aperture_mm:g}", "not seen")
     nearness, nearness_sigma = 1e3 / figures["focus_mm"], figures["focus_sigma_per_m"]
     off_focus = (nearness - 1e3 / camera.focus_mm) / nearness_sigma
     print(
         f"    focus {figures['focus_mm']:.0f} mm ({nearness:.2f} +- {nearness_sigma:.2f} 1/m), "
         f"true {camera.focus_mm:g}: {off_focus:+.1f} sigma"
     )
-    return off, off_focus
+    return Pupil(
+        (off, off_focus),
+        f"{width:.2f} ± {sigma:.2f} of {camera.aperture_mm:g}",
+        f"{nearness:.2f} ± {nearness_sigma:.2f} of {1e3 / camera.focus_mm:.2f}",
+    )
 
 
-def report(folder: Path) -> tuple[float, float]:
-    """Calibrate a set, print its figures and return the errors of its pupil in standard deviations."""
+TITLES = (
+    "mean along the edge's normal, 15 to 20 px from it",
+    "the same, 20 to 30 px",
+    "worst normal",
+    "held-out corners, RMS, worse axis",
+    "decoded corners, RMS",
+    "NEES per parameter of camera and mirrors",
+    "pupil, mm",
+    "one over the distance in focus, 1/m",
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A set: its sensor and renderer, its cells of the table, and errors of its pupil."""
+
+    title: str
+    cells: tuple[str, ...]
+    errors: tuple[float, float]
+
+
+def tabled(reports: list[Report]) -> Table:
+    """A column for each sensor and renderer, with the figures of all its sets."""
+    columns: dict[str, list[Report]] = {}
+    for each in reports:
+        columns.setdefault(each.title, []).append(each)
+    heads = [f"{title}{f', {len(some)} sets' if len(some) > 1 else ''}" for title, some in columns.items()]
+    rows = [
+        (name, *(", ".join(each.cells[place] for each in some) for some in columns.values()))
+        for place, name in enumerate(TITLES)
+    ]
+    return table(("", *heads), rows)
+
+
+def report(folder: Path) -> Report:
+    """Calibrate a set, print its figures and return those of the table."""
     dataset = Dataset.load(folder)
-    calibration = calibrate_set(folder)
+    validation = validate(folder)
+    calibration = validation.calibration
     true = Layout.load(folder / "truth" / "layout.json")
     true = true.replaced(camera=true.camera.with_pupil(dataset.settings.sensor.pupil))
     with np.load(folder / "truth" / "corners.npz") as truth:
@@ -134,7 +189,8 @@ def report(folder: Path) -> tuple[float, float]:
         for note in calibration.notes
         if note.startswith("frame ") and note.endswith("not used")
     }
-    near_edges(calibration, true, truth_px, [n for n in range(dataset.frames) if n not in unused]).told()
+    corners_seen = near_edges(calibration, true, truth_px, [n for n in range(dataset.frames) if n not in unused])
+    corners_seen.told()
     errors = mirror_errors(calibration.layout, true)
     held_out = max(calibration.metrics[f"held_out_rms_{axis}_px"].value for axis in "xy")
     outliers, corners = int((~calibration.inliers).sum()), len(calibration.inliers)
@@ -145,17 +201,34 @@ def report(folder: Path) -> tuple[float, float]:
     )
     for alarm in calibration.diagnostics.alarms if calibration.diagnostics is not None else ():
         print(f"    ALARM: {alarm}")
-    return pupil_errors(calibration, true)
+    pupil = pupil_of(calibration, true)
+    cells = (
+        corners_seen.mean_between(15.0, 20.0),
+        corners_seen.mean_between(20.0, 30.0),
+        f"{errors['normal_error_max_deg'].value:.4f}°",
+        f"{held_out:.3f} px",
+        f"{validation.metrics['decoded_corner_rms_px'].value:.3f} px",
+        f"{nees(calibration, true):.1f}",
+        pupil.diameter,
+        pupil.nearness,
+    )
+    sensor = next((name for name, each in SENSORS.items() if each == dataset.settings.sensor), "another sensor")
+    renderer = {"mitsuba": "reference"}.get(dataset.settings.renderer, dataset.settings.renderer)
+    return Report(f"`{sensor}`, {renderer}", cells, pupil.errors)
 
 
-def main(folders: list[Path]) -> None:
-    errors = np.array([report(folder) for folder in folders])
+def main(folders: list[Path], json: Path | None) -> None:
+    reports = [report(folder) for folder in folders]
+    write_record(json, "calibration_pupil", table=tabled(reports))
+    errors = np.array([each.errors for each in reports])
     if len(folders) > 1:
         rms = np.sqrt(np.nanmean(errors**2, axis=0))
         print(f"all: errors of pupil and focus, rms {rms[0]:.2f} and {rms[1]:.2f} sigma")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        raise SystemExit(__doc__)
-    main([Path(name) for name in sys.argv[1:]])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", nargs="+", type=Path, metavar="SET")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.sets, options.json)
