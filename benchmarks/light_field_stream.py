@@ -10,9 +10,9 @@ and again, and prints the memory that the process holds on the way.
 
 from __future__ import annotations
 
+import argparse
 import resource
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.records import add_json_option, write_record
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
@@ -183,7 +184,7 @@ def measure_bags(folder: Path, views: str, decoder: Decoder, video: Video) -> No
     shutil.rmtree(folder / "bare")
 
 
-def main(count: int, layout: Layout) -> None:
+def main(count: int, layout: Layout, json: Path | None) -> None:
     camera = layout.camera
     decoders = {"400 px": Decoder(layout, width_px=400), "all": Decoder(layout)}
     sizes = {name: f"{each.views.width_px}x{each.views.height_px}" for name, each in decoders.items()}
@@ -214,8 +215,13 @@ def main(count: int, layout: Layout) -> None:
                 print(f"after {done:6} frames: {held[-1]:.0f} MB, {done / (time.perf_counter() - start):.0f} frames/s")
     grown = max(held[2:]) - held[1]
     print(f"grown by {grown:.0f} MB after the first {count // 5} frames (at most {FLAT_MB:.0f})")
+    write_record(json, "light_field_stream", {"grown_mb": grown})
 
 
 if __name__ == "__main__":
-    chosen = Layout.load(Path(sys.argv[2]) if len(sys.argv) > 2 else DEFAULT_LAYOUT)
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10_000, chosen)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("frames", type=int, nargs="?", default=10_000, metavar="FRAMES")
+    parser.add_argument("layout", type=Path, nargs="?", default=DEFAULT_LAYOUT, metavar="LAYOUT")
+    add_json_option(parser)
+    options = parser.parse_args()
+    main(options.frames, Layout.load(options.layout), options.json)
