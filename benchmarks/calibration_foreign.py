@@ -34,9 +34,8 @@ AXES = ("x_mm", "y_mm", "z_mm")
 
 
 def true_values(truth: dict[str, Any]) -> dict[str, float]:
-    """True intrinsics, virtual centres and thickness of plates by the names of a calibration's parameters."""
+    """True intrinsics and virtual centres by the names of a calibration's parameters."""
     values = dict(zip(LENS, (*truth["K"], *truth["D"]), strict=True))
-    values |= {"sheet_mm": truth["sheet"]} if truth["sheet"] else {}
     for index, centre in enumerate(truth["C"]):
         values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
     return values
@@ -48,8 +47,6 @@ def found_values(layout: Layout) -> dict[str, float]:
     for index, mirror in enumerate(layout.mirrors):
         centre = mirror.virtual_centre_in_rig_mm.tolist()
         values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
-    if layout.mirrors[0].is_second_surface:
-        values["sheet_mm"] = float(np.mean([mirror.thickness_mm for mirror in layout.mirrors]))
     return values
 
 
@@ -117,21 +114,13 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     level = "" if calibration.diagnostics is None else calibration.diagnostics.level
     everything, mirrors, lens = (
         nees(layout, truth, counts)
-        for counts in (
-            lambda name: name != "sheet_mm",
-            lambda name: name.startswith("mirror "),
-            lambda name: name in LENS,
-        )
+        for counts in (lambda name: True, lambda name: name.startswith("mirror "), lambda name: name in LENS)
     )
-    with_sheet = nees(layout, truth, lambda _: True)
     print(
         f"  {how}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, normals "
         f"{worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
     )
-    print(
-        f"    NEES per parameter {everything:.2f}, with the thickness {with_sheet:.2f}, of mirrors {mirrors:.2f}, of "
-        f"intrinsics {lens:.2f}"
-    )
+    print(f"    NEES per parameter {everything:.2f}, of mirrors {mirrors:.2f}, of intrinsics {lens:.2f}")
     if truth["sheet"]:
         print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
     verdict = check_solution(calibration, view_figures(calibration))
@@ -140,7 +129,7 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     return Report(
         dropped,
         f"{worst_normal_deg(layout, truth):.4f}°, {distance_mm:.4f} mm",
-        f"{everything:.2f}{f', with the thickness {with_sheet:.2f}' if truth['sheet'] else ''}",
+        f"{everything:.2f}",
         thickness(layout).replace("+-", "±") if truth["sheet"] else "",
         f"{STATES[verdict.state]}{''.join(f': {reason}' for reason in verdict.reasons[:1])}",
     )
@@ -186,7 +175,8 @@ def main(folders: list[Path], record_to: Path | None) -> None:
         reports[folder.name] = report("as the layout says", found, truth)
         if as_first is not None:
             first = report("from a first-surface layout, --surface second", as_first, truth)
-            reports[folder.name] = replace(reports[folder.name], thickness=first.thickness)
+            both = f"{reports[folder.name].nees}, with the thickness {first.nees}"
+            reports[folder.name] = replace(reports[folder.name], nees=both, thickness=first.thickness)
     write_record(record_to, "calibration_foreign", table=tabled(reports))
 
 
