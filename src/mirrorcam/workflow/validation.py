@@ -20,6 +20,7 @@ from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.solver.mirror_pair import turned_like
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform
@@ -76,6 +77,8 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
 def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
+    Two mirrors are first turned together about the line where their planes meet, which no picture determines.
+
     Parameters
     ----------
     folder
@@ -100,11 +103,15 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     calibration = calibrate_set(folder, lambda done: progress(done, total))
     truth = Layout.load(folder / "truth" / "layout.json")
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
-    metrics = mirror_errors(calibration.layout, truth)
+    layout, apart = calibration.layout, {}
+    if len(layout.mirrors) == 2:
+        layout, angle = turned_like(layout, truth)
+        apart["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
+    metrics = mirror_errors(layout, truth) | apart
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
     if len(poses) != dataset.frames:
         raise InputError(f"{folder}: {len(poses)} true poses of {dataset.frames} frames, expected one for each")
-    decoder = Decoder(calibration.layout)
+    decoder = Decoder(layout)
     errors = []
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(inside(folder, name)))
