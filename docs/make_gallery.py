@@ -111,6 +111,11 @@ def with_record(page: str, record: str) -> str:
     return f"{before}{BEGIN}\n\n{record}\n{END}{after}"
 
 
+def as_recorded(page: str) -> str:
+    """A page of documentation as it is with the record in docs/gallery.json."""
+    return with_record(page, record_of(read_model(Gallery, RECORD)))
+
+
 def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
     """All pictures beside each other, in rows of `OVERVIEW_COLUMNS`."""
     tiles = [cv2.resize(read_image(path), OVERVIEW_TILE_PX, interpolation=cv2.INTER_AREA) for path in pictures]
@@ -214,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
         if options.record:
             write_json(RECORD, gallery.model_dump(mode="json", by_alias=True))
-            write_text(PAGE, with_record(PAGE.read_text(encoding="utf-8"), record_of(gallery)))
+            write_text(PAGE, as_recorded(PAGE.read_text(encoding="utf-8")))
             image = overview([options.out / card.picture for card in gallery.cards])
             write_bytes(OVERVIEW, encoded_image(image, ".jpg", OVERVIEW_QUALITY))
     except InputError as error:
