@@ -48,7 +48,7 @@ GUARDED: dict[str, Guard] = {
     "docs/elasticity.md": "all",
     "README.md": "units",
     "docs/cad.md": "tables",
-    "docs/calibration.md": "tables",
+    "docs/calibration.md": "units",
     "docs/design.md": "tables",
     "docs/leaderboard.md": "tables",
     "docs/live.md": "tables",
