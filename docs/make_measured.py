@@ -49,7 +49,7 @@ GUARDED: dict[str, Guard] = {
     "README.md": "units",
     "docs/cad.md": "tables",
     "docs/calibration.md": "units",
-    "docs/design.md": "tables",
+    "docs/design.md": "units",
     "docs/leaderboard.md": "tables",
     "docs/live.md": "tables",
     "docs/rendering.md": "tables",
