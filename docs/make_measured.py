@@ -52,8 +52,8 @@ GUARDED: dict[str, Guard] = {
     "docs/design.md": "units",
     "docs/leaderboard.md": "tables",
     "docs/live.md": "tables",
-    "docs/rendering.md": "tables",
-    "docs/scoring.md": "tables",
+    "docs/rendering.md": "units",
+    "docs/scoring.md": "units",
     "docs/studio.md": "units",
     "docs/suites.md": "tables",
 }
