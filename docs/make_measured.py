@@ -51,7 +51,7 @@ GUARDED: dict[str, Guard] = {
     "docs/calibration.md": "units",
     "docs/design.md": "units",
     "docs/leaderboard.md": "tables",
-    "docs/live.md": "tables",
+    "docs/live.md": "units",
     "docs/rendering.md": "units",
     "docs/scoring.md": "units",
     "docs/studio.md": "units",
