@@ -47,7 +47,7 @@ GUARDED: dict[str, Guard] = {
     "docs/idealisations.md": "all",
     "docs/elasticity.md": "all",
     "README.md": "units",
-    "docs/cad.md": "tables",
+    "docs/cad.md": "units",
     "docs/calibration.md": "units",
     "docs/design.md": "units",
     "docs/leaderboard.md": "tables",
