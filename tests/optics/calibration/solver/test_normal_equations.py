@@ -39,10 +39,10 @@ def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
         return rows, values
     names = model.parameters(scene.truth.camera, MIRRORS)
     places = [names.index(f"mirror {m} {axis}_mm") for m in range(MIRRORS) for axis in "xyz"]
-    row = np.zeros((1, columns.shape[1]))
-    row[0, places] = model.centres_prior.along.ravel()
+    of_prior = np.zeros((1, columns.shape[1]))
+    of_prior[0, places] = model.centres_prior.along.ravel()
     value = model.centres_prior.value(scene.truth.virtual_centres_in_rig_mm)
-    return np.concatenate([rows, row]), np.append(values, value)
+    return np.concatenate([rows, of_prior]), np.append(values, value)
 
 
 def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
