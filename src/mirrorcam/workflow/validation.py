@@ -27,6 +27,7 @@ from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.sets.true_layout import true_layout
 from mirrorcam.workflow.calibration_files import write_calibration
 
 LIMITS = {
@@ -101,7 +102,7 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
     calibration = calibrate_set(folder, lambda done: progress(done, total))
-    truth = Layout.load(folder / "truth" / "layout.json")
+    truth = true_layout(folder)
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
     layout, apart = calibration.layout, {}
     if len(layout.mirrors) == 2:
