@@ -27,8 +27,8 @@ from mirrorcam.optics.geometry.camera_library import camera_names, read_profile
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
-NOT_IN_DEVICE = ("fit_coupon",)
-"""Parts whose plastic and printing time are not the device's."""
+NOT_IN_DEVICE = ("fit_coupon", "device.")
+"""Keys begin so of plastic and printing times that do not count as a part of the device: its sums count all again."""
 KERNEL = ("mirrorcam.cad.device_files", __name__)
 """What takes seconds to load."""
 ADAPTERS = tuple(BACKS)

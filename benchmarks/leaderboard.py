@@ -3,7 +3,7 @@
 SUITE is a `NAME.suite.json` that `mirrorcam suite` wrote. Each calibrator of `CALIBRATORS` is run on each suite by
 `mirrorcam evaluate`, as anyone's is; an evaluation that is in FOLDER already is not made again. Then
 `mirrorcam leaderboard` makes `FOLDER/index.html`, and `leaderboard.md` and `leaderboard.json`, of all of them.
-docs/leaderboard.md has what came of `benchmarks/leaderboard.toml`, fourteen sets of the suite `standard`.
+docs/leaderboard.md has what came of the suites `smoke` and `standard`, by `--json FILE`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.calibration_mrcal import python_with_mrcal
+from benchmarks.records import add_json_option, table, write_record
+from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.names import markdown_text
+from mirrorcam.optics.scoring.leaderboard import Leaderboard
+from mirrorcam.optics.scoring.leaderboard_texts import board_rows, set_rows
 
 ROOT = Path(__file__).parents[1]
 EVALUATION = "evaluation.json"
@@ -78,6 +83,17 @@ def evaluated(calibrator: Calibrator, suite: Path, folder: Path, timeout_s: floa
     return path
 
 
+def write_board(path: Path | None, board: Leaderboard) -> None:
+    """Write the records of both tables of docs/leaderboard.md; figures are named by the folders of the calibrators."""
+    names = {calibrator.name: name for name, calibrator in CALIBRATORS.items()}
+    compared = {f"{names[row.calibrator]}.{key}": value for row in board.rows for key, value in row.over_common.items()}
+    each = {f"{names[row.calibrator]}.{of}": value for row in board.rows for of, value in row.rms_px.items()}
+    for key, figures, rows in (("", compared, board_rows(board)), ("_sets", each, set_rows(board))):
+        head, *cells = ([markdown_text(cell) for cell in row] for row in rows)
+        command = "python -m benchmarks.leaderboard SUITE... --out FOLDER"
+        write_record(path, f"leaderboard{key}", figures, table(head, cells), command=command)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("suites", type=Path, nargs="+", metavar="SUITE")
@@ -85,6 +101,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=tuple(CALIBRATORS), default=tuple(CALIBRATORS))
     parser.add_argument("--at-once", type=int, default=1, help="evaluations at the same time; times are longer then")
     parser.add_argument("--timeout-s", type=float, default=600.0)
+    add_json_option(parser)
     options = parser.parse_args()
     not_run = dict(NOT_RUN)
     chosen = {name: CALIBRATORS[name] for name in options.only}
@@ -103,7 +120,10 @@ def main() -> int:
     line = [sys.executable, "-m", "mirrorcam", "leaderboard", *evaluations]
     line += ["--not-run", *(f"{name}={why}" for name, why in not_run.items())]
     line += ["--out", str(page), "--markdown", f"{tables}.md", "--json", f"{tables}.json"]
-    return subprocess.run(line, check=False).returncode
+    code = subprocess.run(line, check=False).returncode
+    if not code:
+        write_board(options.json, read_model(Leaderboard, tables.with_suffix(".json")))
+    return code
 
 
 if __name__ == "__main__":

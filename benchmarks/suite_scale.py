@@ -9,7 +9,7 @@
   and prices that are stated here.
 
 `python -m benchmarks.suite_scale --rates SUITE` renders a suite instead, and compares time and size of each set with
-what was said beforehand. Exits with 1 where a set is missing, or differs.
+what was said beforehand; `--paper` ends after the costs. Exits with 1 where a set is missing, or differs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from mirrorcam.optics.base.files import write_json
+from benchmarks.records import Table, add_json_option, table, write_record
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.worker_pool import Died, cores
 from mirrorcam.render_scenes.suites.costs import design_seconds, set_cost, slowness
 from mirrorcam.render_scenes.suites.set_work import SetAnswer
@@ -42,8 +43,10 @@ SMALL: dict[str, Any] = {
     "base_frames": 1,
 }
 """Sets of four pictures of 240 x 135 pixels through nine mirrors."""
+WELL_SAID = 1.5
+"""The factor within which a time is as it was said."""
 PAPER_SETS = 10_000
-PRICES_OF = "November 2026, estimates of list prices of large clouds from memory: put in those of your own"
+PRICES_OF = "estimates of list prices of large clouds, November 2026, from memory"
 PRICES: dict[str, float] = {
     "usd_per_core_hour": 0.05,
     "usd_per_core_hour_spot": 0.02,
@@ -85,9 +88,9 @@ def render(suite: Suite, folder: Path, workers: Workers) -> Run:
     return Run(time.perf_counter() - started, rendered)
 
 
-def weak_scaling(folder: Path, per_worker: int) -> list[dict[str, float]]:
+def weak_scaling(folder: Path, per_worker: int) -> list[dict[str, Any]]:
     """Rows of workers, sets, elapsed and processor seconds a set, and efficiency."""
-    rows: list[dict[str, float]] = []
+    rows: list[dict[str, Any]] = []
     for count in range(1, cores() + 1):
         done = render(small_sets(count * per_worker), folder / f"weak-{count}", workers_here(count))
         row = {"workers": count, "sets": count * per_worker, "elapsed_s": done.elapsed_s, "set_s": done.processor_s}
@@ -147,8 +150,8 @@ def on_paper(count: int) -> dict[str, float]:
     }
 
 
-def rates(name: str, folder: Path) -> dict[str, Any]:
-    """Time and size of each set of a suite, beside what was said."""
+def rates(name: str, folder: Path) -> tuple[dict[str, float], dict[str, str]]:
+    """Print time and size of each set of a suite beside what was said; their sums, and the failures."""
     slow = slowness()
     done = render(read_suite(name), folder, workers_here(cores()))
     rows: list[dict[str, Any]] = []
@@ -166,8 +169,11 @@ def rates(name: str, folder: Path) -> dict[str, Any]:
     total = {key: sum(float(row[key]) for row in rows) for key in ("said_s", "took_s", "said_mb", "is_mb")}
     print("all: said {said_s:.0f} took {took_s:.0f} s, said {said_mb:.0f} is {is_mb:.0f} MB".format(**total))
     print(f"elapsed {done.elapsed_s:.0f} s with {cores()} workers, load {os.getloadavg()[0]:.1f}")
-    missing = done.rendered.failures
-    return {"slowness": slow, "sets": rows, "all": total, "elapsed_s": done.elapsed_s, "missing": missing}
+    factors = [row["took_s"] / row["said_s"] for row in rows if row["took_s"]]
+    within = sum(1.0 / WELL_SAID < factor < WELL_SAID for factor in factors)
+    print(f"{within} of {len(rows)} sets within a factor of {WELL_SAID:g}, the worst {max(factors):.1f} times")
+    found = total | {"elapsed_s": done.elapsed_s, "sets": len(rows), "well_said": within, "worst_factor": max(factors)}
+    return found, done.rendered.failures
 
 
 def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
@@ -191,8 +197,46 @@ def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
     row = found["cluster"]
     print("cluster: {there} of {sets} sets there, {same_bytes} with the bytes of one without a cluster,".format(**row))
     print("{killed} worker killed, {elapsed_s:.0f} s, {set_s:.2f} processor s a set".format(**row), flush=True)
-    found["load_at_end"] = os.getloadavg()[0]
     return found
+
+
+def scale_table(found: dict[str, Any]) -> Table:
+    """What was measured of small sets, in the words of docs/suites.md."""
+    first, last = found["weak_scaling"][0], found["weak_scaling"][-1]
+    row = found["cluster"]
+    killed = f"{count_text(row['killed'], 'worker')} killed after {row['sets'] // 2}"
+    weak = (
+        f"one worker: {first['set_s']:.2f} processor seconds a set; {last['workers']}: {last['set_s']:.2f} "
+        f"(efficiency {last['efficiency_processor']:.2f}; by the clock {last['efficiency_elapsed']:.2f})"
+    )
+    there = f"{row['there']} there, with every checksum; {row['elapsed_s']:.0f} s"
+    missing = "".join(f"; {name}: {why}" for name, why in row["missing"].items())
+    return table(
+        ("small sets, of four pictures of 240 x 135 px, with the default tolerances", "measured"),
+        [
+            (f"weak scaling, {first['sets']} sets a worker", weak),
+            (f"{row['sets']} sets on a Dask cluster of {row['workers']} workers, {killed}", there + missing),
+            ("of these, with the same bytes as rendered without a cluster", f"{row['same_bytes']} of {row['sets']}"),
+        ],
+    )
+
+
+def paper_table(paper: dict[str, float]) -> Table:
+    """Costs on paper, in the words of docs/suites.md."""
+    hour, spot, month = (PRICES[key] for key in ("usd_per_core_hour", "usd_per_core_hour_spot", "usd_per_gb_month"))
+    download = PRICES["usd_per_gb_egress"]
+    processors = f"{hour:g} USD an hour: {paper['usd_processors']:.1f} USD"
+    spots = f"{spot:g} where it may be interrupted: {paper['usd_processors_spot']:.1f} USD"
+    size = f"{paper['gb']:.0f} GB"
+    return table(
+        (f"{PAPER_SETS:,} sets", "", f"at ({PRICES_OF})"),
+        [
+            ("pictures", f"{round(paper['pictures'], -3):,.0f}", ""),
+            ("processor hours of one core", f"{paper['processor_hours']:.0f}", f"{processors}; {spots}"),
+            ("stored", size, f"{month:g} USD per GB and month: {paper['usd_storage_a_month']:.1f} USD a month"),
+            ("downloaded once from the cloud", size, f"{download:g} USD per GB: {paper['usd_one_download']:.0f} USD"),
+        ],
+    )
 
 
 def main() -> int:
@@ -201,23 +245,24 @@ def main() -> int:
     parser.add_argument("--per-worker", type=int, default=20, help="sets of a worker in weak scaling")
     parser.add_argument("--rates", metavar="SUITE", help="compare what a suite takes with what was said")
     parser.add_argument("--paper", action="store_true", help="the costs on paper alone")
-    parser.add_argument("--json", type=Path, help="write all figures there")
+    add_json_option(parser)
     given = parser.parse_args()
-    failed = False
-    found: dict[str, Any] = {"paper": on_paper(PAPER_SETS), "prices": PRICES, "prices_of": PRICES_OF}
-    for name, value in found["paper"].items():
-        print(f"{name:22} {value:12.1f}")
-    if not given.paper:
-        with TemporaryDirectory() as folder:
-            if given.rates is not None:
-                found["rates"] = rates(given.rates, Path(folder))
-                failed = bool(found["rates"]["missing"])
-            else:
-                found |= scale(Path(folder), given.sets, given.per_worker)
-                failed = found["cluster"]["same_bytes"] < given.sets or not found["cluster"]["killed"]
-    if given.json is not None:
-        write_json(given.json, found)
-    return int(failed)
+    paper = on_paper(PAPER_SETS)
+    print(paper_table(paper).markdown(), flush=True)
+    write_record(given.json, "suite_paper", paper, paper_table(paper))
+    if given.paper:
+        return 0
+    with TemporaryDirectory() as folder:
+        if given.rates is not None:
+            found, missing = rates(given.rates, Path(folder))
+            write_record(given.json, f"suite_rates_{given.rates}", found)
+            return int(bool(missing))
+        scaled = scale(Path(folder), given.sets, given.per_worker)
+    measured = scale_table(scaled)
+    print(measured.markdown())
+    row = scaled["cluster"]
+    write_record(given.json, "suite_scale", {name: row[name] for name in ("elapsed_s", "set_s")}, measured)
+    return int(row["same_bytes"] < given.sets or not row["killed"])
 
 
 if __name__ == "__main__":

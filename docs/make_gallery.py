@@ -34,7 +34,7 @@ from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
 from mirrorcam.optics.base.pictures import encoded_image, picture_size, read_image
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.base.worker_pool import Died, cores, run_local
-from mirrorcam.pages.gallery_page import GalleryCard, gallery_html
+from mirrorcam.pages.gallery_page import NBSP, GalleryCard, gallery_html
 from mirrorcam.workflow.device_gallery import (
     COMMAND,
     DeviceList,
@@ -81,10 +81,10 @@ def table_of(gallery: Gallery) -> str:
         at = card.working
         usable = at.pixel_efficiency if at.usable_efficiency is None else at.usable_efficiency
         cells = (
-            *(f"`{card.name}`", card.views.replace(" x ", f" {TIMES} "), card.camera, card.mount),
-            f" {TIMES} ".join(f"{length:.0f}" for length in card.size_mm),
-            *(f"{card.mass_g:.0f} g", f"{card.price:.0f} {card.currency}", hours_text(card.print_minutes)),
-            *(f"{usable:.0%}", f"{figure_text(at.sigma_mm, 2)} mm at {at.depth_mm:g} mm", str(card.checks)),
+            *(f"`{card.name}`", card.views.replace(" x ", f"{NBSP}{TIMES}{NBSP}"), card.camera, card.mount),
+            f"{NBSP}{TIMES}{NBSP}".join(f"{length:.0f}" for length in card.size_mm),
+            *(f"{card.mass_g:.0f}{NBSP}g", f"{card.price:.0f}{NBSP}{card.currency}", hours_text(card.print_minutes)),
+            *(f"{usable:.0%}", f"{figure_text(at.sigma_mm, 2)}{NBSP}mm at {at.depth_mm:g}{NBSP}mm", str(card.checks)),
             "-" if work is None else f"{work.total('processor_s'):.0f} s",
         )
         rows.append(f"| {' | '.join(cells)} |")
@@ -109,6 +109,11 @@ def with_record(page: str, record: str) -> str:
     if not begin or not end:
         raise InputError(f"{PAGE}: expected a record between {BEGIN} and {END}")
     return f"{before}{BEGIN}\n\n{record}\n{END}{after}"
+
+
+def as_recorded(page: str) -> str:
+    """A page of documentation as it is with the record in docs/gallery.json."""
+    return with_record(page, record_of(read_model(Gallery, RECORD)))
 
 
 def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
@@ -214,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
         if options.record:
             write_json(RECORD, gallery.model_dump(mode="json", by_alias=True))
-            write_text(PAGE, with_record(PAGE.read_text(encoding="utf-8"), record_of(gallery)))
+            write_text(PAGE, as_recorded(PAGE.read_text(encoding="utf-8")))
             image = overview([options.out / card.picture for card in gallery.cards])
             write_bytes(OVERVIEW, encoded_image(image, ".jpg", OVERVIEW_QUALITY))
     except InputError as error:

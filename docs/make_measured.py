@@ -7,10 +7,14 @@ In a document a comment stands on the line above a block, which ends with a blan
     <!-- table: KEY -->         a Markdown table: the table of the record KEY
     <!-- figures: KEY: a_px 3 b_percent -->     a paragraph or table: each of its numbers, in order
 
+and near the top of a page:
+
+    <!-- given: 300 mm, 18° -->                 numbers with units that are given where no comment is above them
+
 Of the numbers of a paragraph, those that the comment names are figures of the record (`name*100`: times a hundred), and
 those that it repeats are given: sizes, limits, parameters, figures of others. A figure is rounded to as many decimals
 as the document quotes. Numbers in code, in links' targets, in texts of pictures and within words (C920, H.264) are none
-of these.
+of these. What stands between the marks of docs/gallery.md is written from docs/gallery.json.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from pathlib import Path
 from typing import Literal
 
 from benchmarks.records import ROOT, Record, Records
+from docs import make_gallery
 from mirrorcam.optics.base.files import write_text
 
 MEASURED = ROOT / "docs" / "measured.json"
@@ -36,6 +41,7 @@ NUMBER = re.compile(
 SKIPPED = re.compile(
     r"`[^`]*`|!\[[^]]*\]\([^)]*\)|\]\([^)]*\)|<!--.*?-->|https?://\S+|^ *\d+\.(?= )", flags=re.DOTALL | re.MULTILINE
 )
+GIVEN = re.compile(r"^<!--\s*given:(.*?)-->", flags=re.DOTALL | re.MULTILINE)
 COMMENT = re.compile(r"\s*<!--\s*(figures|table)\b:?(.*?)\s*-->\s*", flags=re.DOTALL)
 UNIT = re.compile(
     r"\s?(?:px|mm|µm|nm|°|deg|%|s|ms|min|minutes?|seconds?|hours?|h|frames?/s|/s|dB|[kMG]B|MiB|k?g|EUR|N|MPa|cm³|ml)"
@@ -47,17 +53,21 @@ GUARDED: dict[str, Guard] = {
     "docs/idealisations.md": "all",
     "docs/elasticity.md": "all",
     "README.md": "units",
-    "docs/cad.md": "tables",
-    "docs/calibration.md": "tables",
-    "docs/design.md": "tables",
+    "docs/cad.md": "units",
+    "docs/calibration.md": "units",
+    "docs/design.md": "units",
     "docs/leaderboard.md": "tables",
-    "docs/live.md": "tables",
-    "docs/rendering.md": "tables",
-    "docs/scoring.md": "tables",
+    "docs/live.md": "units",
+    "docs/rendering.md": "units",
+    "docs/scoring.md": "units",
     "docs/studio.md": "units",
     "docs/suites.md": "tables",
 }
-"""Pages, and which of their numbers must have a comment: all, those with a unit behind, or those in tables."""
+"""Pages, and which of their numbers must have a comment: all, those with a unit behind, or those in tables; of other
+pages those with a unit behind."""
+MADE = {"docs/gallery.md": make_gallery.as_recorded}
+"""Pages with a part between marks that another program writes from a record of its own, and how it does."""
+MADE_PART = re.compile(f"{re.escape(make_gallery.BEGIN)}.*?{re.escape(make_gallery.END)}", flags=re.DOTALL)
 
 
 class Unmeasured(ValueError):
@@ -76,7 +86,9 @@ class Block:
 
 def pages() -> list[Path]:
     """Every document that may quote figures."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    named = [ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY")]
+    found = [page for folder in ("docs", "examples", "ros2") for page in sorted((ROOT / folder).rglob("*.md"))]
+    return [page for page in (*named, *found) if page.is_file()]
 
 
 def blocks(lines: Sequence[str]) -> Iterator[Block]:
@@ -87,7 +99,7 @@ def blocks(lines: Sequence[str]) -> Iterator[Block]:
         stop = at + 1
         if line.startswith("```"):
             stop = next((n + 1 for n in range(at + 1, len(lines)) if lines[n].strip().startswith("```")), len(lines))
-        elif line.startswith("<!--"):
+        elif _is_comment(lines[at]):
             stop = next((n + 1 for n in range(at, len(lines)) if lines[n].rstrip().endswith("-->")), len(lines))
             found = COMMENT.fullmatch("\n".join(lines[at:stop]))
             kind, body = (found[1], found[2].strip()) if found else ("", "")
@@ -101,7 +113,11 @@ def blocks(lines: Sequence[str]) -> Iterator[Block]:
 
 
 def _begins(line: str) -> bool:
-    return line.strip().startswith(("```", "<!--", "#"))
+    return line.strip().startswith(("```", "#")) or _is_comment(line)
+
+
+def _is_comment(line: str) -> bool:
+    return line.strip().startswith("<!--") and not line.startswith("    ")  # Indented so far it is code.
 
 
 def numbers(text: str) -> list[re.Match[str]]:
@@ -169,20 +185,38 @@ def _paragraph(text: str, body: str, records: Records) -> str:
 
 
 def unowned(text: str, where: Guard = "all") -> list[str]:
-    """The numbers without a comment above their block, with their lines.
+    """The numbers without a comment above their block, with their lines, and what is given but not among them.
 
     All of them, or only those with a unit behind ("units"), or only those in tables.
     """
-    lines, found = text.split("\n"), []
+    lines, found, given, seen = text.split("\n"), [], _given(text), set()
     for block in blocks(lines):
         part = "\n".join(lines[block.start : block.stop])
         if block.kind or (where == "tables" and not part.lstrip().startswith("|")):
             continue
         for number in numbers(part):
-            if where != "units" or UNIT.match(part, number.end()):
+            unit = UNIT.match(part, number.end())
+            quantity = _joined(number[0] + unit[0]) if unit else ""
+            seen.add(quantity)
+            if quantity not in given and (unit or where != "units"):
                 n = block.start + part.count("\n", 0, number.start())
                 found.append(f"{n + 1}: {number[0]} without a comment that says what it is: {lines[n].strip()[:80]}")
-    return found
+    return found + [
+        f"{n}: {quantity} is given, but stands nowhere" for quantity, n in given.items() if quantity not in seen
+    ]
+
+
+def _given(text: str) -> dict[str, int]:
+    """The quantities that a page says are given, without spaces, and the lines of the comments."""
+    return {
+        _joined(quantity): 1 + text.count("\n", 0, comment.start())
+        for comment in GIVEN.finditer(text)
+        for quantity in re.split(r",\s", comment[1])
+    }
+
+
+def _joined(quantity: str) -> str:
+    return re.sub(r"\s", "", quantity)
 
 
 def unused(texts: Sequence[str], records: Records) -> list[str]:
@@ -197,8 +231,9 @@ def amiss(records: Records) -> list[str]:
     found, texts = [], []
     for page in pages():
         name, text = page.relative_to(ROOT).as_posix(), page.read_text(encoding="utf-8")
-        new, wrong = written(text, records)
-        wrong += unowned(text, GUARDED[name]) if name in GUARDED else []
+        new, wrong = _rewritten(name, text, records)
+        by_hand = MADE_PART.sub(lambda part: "\n" * part[0].count("\n"), text) if name in MADE else text
+        wrong += unowned(by_hand, GUARDED.get(name, "units"))
         if new != text:
             differ = difflib.unified_diff(
                 text.split("\n"), new.split("\n"), "as it is", "as measured", lineterm="", n=0
@@ -213,9 +248,15 @@ def write(records: Records) -> None:
     """Write figures and tables of every document from the records."""
     for page in pages():
         text = page.read_text(encoding="utf-8")
-        new, _ = written(text, records)
+        new, _ = _rewritten(page.relative_to(ROOT).as_posix(), text, records)
         if new != text:
             write_text(page, new)
+
+
+def _rewritten(name: str, text: str, records: Records) -> tuple[str, list[str]]:
+    """A page by its name, with what the records and other programs' records have for it, and what is wrong with it."""
+    new, wrong = written(text, records)
+    return MADE[name](new) if name in MADE else new, wrong
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

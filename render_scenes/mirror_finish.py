@@ -42,6 +42,15 @@ class MirrorFinish(Value):
             return self.reflectance[0]
         return float(np.dot([0.212671, 0.715160, 0.072169], self.reflectance))
 
+    def bent(self, mirror: Mirror) -> Mirror:
+        """A mirror with the sag of this finish as its curvature; its ripple is left out."""
+        along, across = _direction(self.sag_direction_deg)
+        bends = np.outer(along, along) + (np.outer(across, across) if self.bend == "sphere" else 0.0)
+        (xx, xy), (_, yy) = 2e3 * self.sag_mm / radius_mm(mirror) ** 2 * bends
+        curvature = mirror.curvature_per_m + np.array([xx, yy, xy])
+        lowered = mirror.moved(np.eye(3), -0.5 * self.sag_mm * mirror.normal_in_rig)
+        return lowered.replaced(curvature_per_m=curvature)
+
     def shape(self, radius_mm: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the height of the surface over the plane and its slopes.
 

@@ -54,7 +54,7 @@ def test_everything_that_names_the_version_names_the_same() -> None:
         ("ros2/package.xml", "<version>{}", "<version>9.9.9", "ros2/package.xml: version 9.9.9, expected {}"),
         ("ros2/setup.py", '"{}"', '"9.9"', "ros2/setup.py: version missing, expected {}"),
         ("CHANGELOG.md", "## [{}] - ", "## [{}] ", "CHANGELOG.md: no section '## [{}] - YYYY-MM-DD'"),
-        ("CITATION.cff", "date-released: 2", "date-released: 1", "CITATION.cff: date-released 1026-11-25, expected 2"),
+        ("CITATION.cff", "date-released: 2", "date-released: 1", "CITATION.cff: date-released 1"),
         ("src/mirrorcam/__init__.py", '"{}"', '"{}.dev0"', "version '{}.dev0', expected MAJOR.MINOR.PATCH"),
     ],
 )

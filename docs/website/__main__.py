@@ -1,7 +1,8 @@
-"""Build the documentation site: `python -m docs.website OUT [--toy FILE.html]`.
+"""Build the documentation site: `python -m docs.website OUT [--toy FILE.html] [--devices FOLDER]`.
 
 Warnings, dead links among them, are errors. Nothing is fetched. OUT is a folder of its own, or an earlier site. `--toy`
-puts a snapshot of the studio onto the front page, which is made where the file is not there yet (ten minutes).
+puts a snapshot of the studio onto the front page, and `--devices` the gallery that docs/make_gallery.py made, with all
+files to print. Where they are not there yet they are made, in about ten minutes each.
 """
 
 from __future__ import annotations
@@ -23,9 +24,12 @@ from docs.website.gather import gather
 
 HERE = Path(__file__).parent
 MADE_BY_SPHINX = "searchindex.js"
+DEVICES_HERE = "<!-- devices -->"
+"""Where the pages link to the gallery, on a site that has it."""
+DEVICES_LINK = '<p class="devices"><a href="devices/index.html">Choose a device, with all files to print</a></p>'
 
 
-def build(out: Path, toy: Path | None = None) -> int:
+def build(out: Path, toy: Path | None = None, devices: Path | None = None) -> int:
     """Build the site into a folder; returns the exit code of Sphinx."""
     with tempfile.TemporaryDirectory() as work:
         pages = Path(work, "pages")
@@ -42,10 +46,20 @@ def build(out: Path, toy: Path | None = None) -> int:
         shutil.copytree(f"{work}/site", out)
         if toy is not None:
             shutil.copyfile(toy, out / "toy.html")
-            front = (out / "index.html").read_text(encoding="utf-8")
-            size = f"{toy.stat().st_size / 1e6:.1f} MB"
-            (out / "index.html").write_text(front.replace("TOY_SIZE", size), encoding="utf-8")
+            _replace(out / "index.html", "TOY_SIZE", f"{toy.stat().st_size / 1e6:.1f} MB")
+        if devices is not None:
+            shutil.copytree(devices, out / "devices", ignore=shutil.ignore_patterns(".*"))
+            for page in ("index.html", "gallery.html"):
+                _replace(out / page, DEVICES_HERE, DEVICES_LINK)
     return 0
+
+
+def _replace(page: Path, mark: str, text: str) -> None:
+    """Put a text in place of a mark, which must be there."""
+    before, found, after = page.read_text(encoding="utf-8").partition(mark)
+    if not found:
+        raise ValueError(f"{page}: expected {mark}")
+    page.write_text(f"{before}{text}{after}", encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,14 +67,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m docs.website", description=__doc__.split("\n\n")[0])
     parser.add_argument("out", type=Path, help="folder of the site")
     parser.add_argument("--toy", type=Path, metavar="FILE.html", help="snapshot of the studio for the front page")
+    parser.add_argument("--devices", type=Path, metavar="FOLDER", help="gallery of docs/make_gallery.py")
     given = parser.parse_args(arguments)
     out: Path = given.out
     toy: Path | None = given.toy
+    devices: Path | None = given.devices
     if out.exists() and any(out.iterdir()) and not (out / MADE_BY_SPHINX).is_file():
         parser.error(f"{out}: is no empty folder, and no earlier site")
     if toy is not None and not toy.is_file():
         subprocess.run([sys.executable, "-m", "mirrorcam", "studio", "--snapshot", str(toy)], check=True)
-    return build(out, toy)
+    if devices is not None and not (devices / "index.html").is_file():
+        subprocess.run([sys.executable, str(HERE.parent / "make_gallery.py"), str(devices)], check=True)
+    return build(out, toy, devices)
 
 
 if __name__ == "__main__":

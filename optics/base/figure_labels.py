@@ -194,6 +194,7 @@ VALIDATIONS: Mapping[str, str] = {
     "normal_error_rms_deg": "mirror normals, against the ground truth, RMS",
     "distance_error_rms_mm": "mirror distances, against the ground truth, RMS",
     "focal_error_px": "focal length, against the ground truth",
+    "pair_turn_deg": "rotation of two mirrors about the line of their planes, against the ground truth, taken out",
     "decoded_corner_p95_px": "corners in decoded views, 95 % quantile",
     "decoded_corners": "corners found in decoded views",
     "normal_error_max_deg": "worst mirror normal, against the ground truth",

@@ -44,6 +44,7 @@ from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, s
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.mirror_pair import PAIR_DEG, pair_prior
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
@@ -104,7 +105,8 @@ def calibrate_corners(
             seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
             notes += (*screened.notes, *_not_kept(screened.seen, pictures))
             screened = screen(seen, screened.base, start, corners_in_board_mm)
-        select = partial(select_model, level=level, extend=extend, lens_stated=lens is not None)
+        stated = lens is not None
+        select = partial(select_model, level=level, extend=extend, lens_stated=stated, prior=pair_prior(layout))
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
             names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
@@ -179,7 +181,7 @@ def _first_fit(
     extremes: Extremes | None,
 ) -> tuple[Estimate, Layout]:
     """A fit of the smallest model, and the layout as it is estimated by that, with outlines where frames show them."""
-    first = first_fit(start, observations, corners_in_board_mm)
+    first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
     layout = as_estimated(layout, first)
     return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
 
@@ -261,6 +263,12 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
         missing = [name for index, name in enumerate(layout.mirror_names) if index not in o.view]
         if len(o) and missing:
             notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
+    if len(layout.mirrors) == 2:
+        notes.append(
+            "two mirrors without a direct view of the board: no picture determines how they are rotated together about "
+            f"the line where their planes meet, which is taken as designed, within {PAIR_DEG:g} deg; what their views "
+            "are to each other does not depend on it"
+        )
     if not any(len(o) for o in base):
         notes.append("no frame without mirrors: the intrinsics rest on the mirrored views alone")
     return tuple(notes)

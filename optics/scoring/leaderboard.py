@@ -10,7 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.optics.base.names import LONGEST, Line, Name
-from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.scoring.attempt import Attempt
 from mirrorcam.optics.scoring.consistency import Nees, pooled
 
 RANKED = "rms_px"
@@ -22,31 +23,6 @@ NEES, LOW, HIGH, FREEDOM = "nees", "nees_low", "nees_high", "nees_freedom"
 LARGEST = 1e9
 """No figure of a score is larger."""
 HASH_CHARS = 6
-
-
-class Attempt(Value):
-    """What came of a calibrator on one set.
-
-    Attributes
-    ----------
-    name, why
-        The set, and what it is for.
-    dataset_sha256
-        Checksum of its manifest: sets are the same where it is.
-    seconds
-        How long it took.
-    figures
-        Those of its score; empty where there is none.
-    failure
-        Why there is no score; empty where there is one.
-    """
-
-    name: Name
-    why: Line
-    dataset_sha256: str
-    seconds: float
-    figures: dict[str, Metric]
-    failure: Line
 
 
 class BoardSet(Value):

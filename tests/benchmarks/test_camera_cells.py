@@ -18,7 +18,10 @@ CHECKS = {
     "camera_clip.print_g": Metric(value=23.0, unit="g"),
     "mount.print_g": Metric(value=40.0, unit="g"),
     "fit_coupon.print_g": Metric(value=9.0, unit="g"),
+    "mount.print_minutes": Metric(value=190.2, unit="min"),
+    "fit_coupon.print_minutes": Metric(value=45.0, unit="min"),
     "device.mass_g": Metric(value=400.04, unit="g"),
+    "device.print_minutes": Metric(value=235.0, unit="min"),
 }
 CELL = cell_of("c920", "none", CHECKS, 61.26)
 
@@ -26,7 +29,7 @@ CELL = cell_of("c920", "none", CHECKS, 61.26)
 def test_a_cell_tells_what_passed_what_failed_and_what_the_device_takes() -> None:
     assert CELL.passed == ("camera_clip.leaf_strain",)
     assert list(CELL.failed) == ["camera_clip.contact_n"]
-    assert (CELL.mass_g, CELL.print_g, CELL.print_minutes, CELL.seconds) == (400.0, 63.0, None, 61.3)
+    assert (CELL.mass_g, CELL.print_g, CELL.print_minutes, CELL.seconds) == (400.0, 63.0, 190.2, 61.3)
     assert set(CELL.clip) == {"camera_clip.leaf_strain", "camera_clip.contact_n", "camera_clip.print_g"}
     assert not CELL.whole
     assert Cell(camera="c920", adapter="none").whole

@@ -1,4 +1,4 @@
-"""The runner of the leaderboard: what it runs, what it does not run again, and that its sets are of `standard`."""
+"""The runner of the leaderboard: what it runs, what it does not run again, and the records of its tables."""
 
 from __future__ import annotations
 
@@ -11,15 +11,8 @@ import pytest
 
 from benchmarks import leaderboard
 from benchmarks.leaderboard import CALIBRATORS, evaluated, main
-from mirrorcam.render_scenes.suites.suite import read_suite
+from benchmarks.records import Records
 from tests.mirrorcam.workflow.test_leaderboard_files import written
-
-
-def test_its_sets_are_those_of_the_suite_standard() -> None:
-    standard = {each.name: each for each in read_suite("standard").sets}
-    chosen = read_suite(str(Path(leaderboard.__file__).with_suffix(".toml"))).sets
-    assert len(chosen) == 14
-    assert [each for each in chosen if standard[each.name] != each] == []
 
 
 @pytest.mark.parametrize("name", CALIBRATORS)
@@ -48,8 +41,13 @@ def test_without_mrcal_the_page_says_so(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(leaderboard, "evaluated", made)
     monkeypatch.setattr(leaderboard, "python_with_mrcal", lambda asked: None)
-    monkeypatch.setattr(sys, "argv", ["leaderboard", "small.suite.json", "--out", str(tmp_path / "found")])
+    records = tmp_path / "records.json"
+    line = ["leaderboard", "small.suite.json", "--out", str(tmp_path / "found"), "--json", str(records)]
+    monkeypatch.setattr(sys, "argv", line)
     assert main() == 0
+    measured = Records.load(records).records["leaderboard_sets"]
+    assert measured.values["opencv-joint.a"].value == 0.1
+    assert measured.table is not None and [row[0] for row in measured.table.rows] == ["a"]
     told = (tmp_path / "found" / "leaderboard.md").read_text(encoding="utf-8")
     assert "- mrcal, one lens: no interpreter here has it" in told
     assert "- Kalibr: " in told

@@ -41,12 +41,6 @@ def test_another_mirror_and_moved_boards_give_the_pictures_of_one_mirror(default
     np.testing.assert_allclose(reflect(points @ motion.T + shift, other), reflect(points, one), atol=1e-9)
 
 
-def test_normals_are_as_near_to_parallel_as_the_page_says(default_layout: Layout) -> None:
-    normals = np.array([-each / np.linalg.norm(each) for each in default_layout.virtual_centres_in_rig_mm])
-    mean = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
-    assert f"within {np.degrees(np.arccos(normals @ mean)).max():.0f}° of their mean" in PAGE
-
-
 def test_tilts_make_the_error_of_depth_that_the_page_states(default_layout: Layout) -> None:
     # Views of cameras that turn by twice the tilts of their mirrors, and the depth of least squares in all of them.
     turn, distance = 1e-4, 500.0

@@ -161,7 +161,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def build(folder: Path) -> None:
         folder.mkdir()
         (folder / "toy.html").write_text(TOY, encoding="utf-8")
-        command = [sys.executable, "-m", "docs.website", str(folder / "site"), "--toy", str(folder / "toy.html")]
+        for name in ("index.html", "nine/files/nine.zip", ".mirrorcam/lock"):
+            (folder / "gallery" / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / "gallery" / name).write_text(TOY, encoding="utf-8")
+        command = [sys.executable, "-m", "docs.website", str(folder / "site")]
+        command += ["--toy", str(folder / "toy.html"), "--devices", str(folder / "gallery")]
         done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
         assert done.returncode == 0, done.stderr[-3000:]
         assert done.stderr == ""
@@ -180,22 +184,26 @@ def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFix
     assert (tmp_path / "thesis.txt").is_file()
 
 
-def test_a_toy_that_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
     from docs.website import __main__ as command
 
     ran: list[list[str]] = []
     monkeypatch.setattr(subprocess, "run", lambda line, check: ran.append(line))
-    monkeypatch.setattr(command, "build", lambda out, toy: 0)
+    monkeypatch.setattr(command, "build", lambda out, toy, devices: 0)
     toy = tmp_path / "studio.html"
-    assert command.main([str(tmp_path / "site"), "--toy", str(toy)]) == 0
-    assert [line[1:] for line in ran] == [["-m", "mirrorcam", "studio", "--snapshot", str(toy)]]
+    gallery = tmp_path / "gallery"
+    assert command.main([str(tmp_path / "site"), "--toy", str(toy), "--devices", str(gallery)]) == 0
+    assert [line[1:] for line in ran] == [
+        ["-m", "mirrorcam", "studio", "--snapshot", str(toy)],
+        [str(ROOT / "docs" / "make_gallery.py"), str(gallery)],
+    ]
 
 
 def read_pages(site: Path) -> list[str]:
     """The pages that are written to be read, not copies of files of the repository."""
     every = sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
-    apart = ("repository/", "toy", "genindex", "search", "_static")
+    apart = ("repository/", "toy", "devices/", "genindex", "search", "_static")
     return [name for name in every if not name.startswith(apart)]
 
 
@@ -235,6 +243,14 @@ def test_the_front_page_has_the_toy(site: Path) -> None:
     front = (site / "index.html").read_text(encoding="utf-8")
     assert 'href="toy.html"' in front
     assert "Try it here (0.0 MB)" in front
+
+
+@pytest.mark.slow
+def test_the_gallery_is_on_the_site(site: Path) -> None:
+    for page in ("index.html", "gallery.html"):
+        assert (site / page).read_text(encoding="utf-8").count('href="devices/index.html"') == 1
+    assert (site / "devices/nine/files/nine.zip").read_text(encoding="utf-8") == TOY
+    assert not (site / "devices/.mirrorcam").exists()
 
 
 @pytest.fixture(scope="module")

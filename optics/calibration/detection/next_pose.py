@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.solver import initial_estimates
+from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -28,6 +29,7 @@ NOISE_PX = 0.1  # of a corner, in frames of a webcam
 BUILT_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
 PRIOR = 0.02, 0.02, 0.2  # sigmas of the intrinsics: relative focal length and centre, distortion coefficients
 ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # of every mirror's normal; and so that frames can be held out
+HELD_DEG = 1e-3  # prior sigma of the turn of two mirrors that no picture determines, and that no pose is to lower
 NORM = 8  # p-norm in place of the maximum, so that a picture that helps the second worst mirror counts, too
 
 
@@ -134,7 +136,7 @@ class NextPosePlanner:
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         return cls(
             Estimate.of(camera, layout.mirrors, np.zeros((0, 4, 4))),
-            joint_model(camera.intrinsic_names, target),
+            replace(joint_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, HELD_DEG)),
             [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))],
             [
                 f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"

@@ -16,7 +16,6 @@ from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
 ELSEWHERE_CELLS = 0.5  # a corner farther than this from its prediction is nearer to another corner's
@@ -28,19 +27,6 @@ MAX_CAMERA_SIGMAS = 5.0  # rms over the intrinsics, between frames with and with
 # errors of corners in one view are correlated, so that up to about 2.5 occurs in good sets.
 DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
 PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
-
-
-def enough_mirrors(layout: Layout) -> None:
-    """Raise InputError for fewer than three mirrors, as any two planes meet in one line.
-
-    Rotated together about that line, with the boards, they show exactly the same pictures: with virtual images S_i B of
-    boards B, S_i Q is a reflection for every rotation Q about a line in plane i, and (S_i Q)(Q^-1 B) = S_i B.
-    """
-    if len(layout.mirrors) < 3:
-        raise InputError(
-            f"{len(layout.mirrors)} mirrors without a direct view of the board, expected 3 or more: no picture "
-            "determines how they are rotated about the line where their planes meet"
-        )
 
 
 def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:

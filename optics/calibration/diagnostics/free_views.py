@@ -67,7 +67,7 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     frames = np.arange(len(solution.estimate.rig_from_board))
     tied = np.isin(frames, rows.frame[rows.view == DIRECT]) & np.isin(frames, rows.frame[rows.view != DIRECT])
     held = 0 if tied.any() else 1
-    added = 6 * (mirrors - held) - 3 * mirrors
+    added = 6 * (mirrors - held) - 3 * mirrors + (model.prior_of_centres is not None)
     if added <= 0:
         raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
     planes = float(np.sum(solution.standardised[solution.inliers] ** 2))

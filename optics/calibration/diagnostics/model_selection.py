@@ -32,7 +32,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
@@ -122,6 +122,7 @@ def select_model(
     level: str | None = None,
     extend: bool = False,
     lens_stated: bool = False,
+    prior: CentresPrior | None = None,
 ) -> ModelSelection:
     """Fit a given level, or select one by forward selection.
 
@@ -143,6 +144,8 @@ def select_model(
         given one is supported, unless `extend` has it made.
     lens_stated
         Whether the start has the lens model of the camera for certain, so that no other is tried.
+    prior
+        Of the virtual centres, in every model.
 
     Raises
     ------
@@ -152,11 +155,11 @@ def select_model(
         Where `level` is unknown, or names plates that the layout does not have.
     """
     asked = None if level is None else additions_of(level)
-    paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm))
+    paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest(paper)]
     try:
         start = paper.solution.estimate
-        current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm))
+        current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm, prior))
     except UndeterminedError:
         if asked is not None and level != "paper":
             raise

@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.diagnostics.lens_additions import (
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations, residuals_of
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
+from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.plate import rise_mm
@@ -83,21 +83,24 @@ def additions_of(level: str, known: Sequence[str] = ADDITIONS) -> tuple[str, ...
     return tuple(additions)
 
 
-def paper_model(corners_in_board_mm: FloatArray) -> Model:
+def paper_model(corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:
     """The model with the camera held: 3 numbers per mirror and the board's poses."""
-    return Model((), thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
+    board = Board.rigid(corners_in_board_mm)
+    return Model((), thickness=False, curvature=False, board=board, centres_prior=prior)
 
 
-def joint_model(camera: Camera, corners_in_board_mm: FloatArray) -> Model:
+def joint_model(camera: Camera, corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:
     """The model with all intrinsics of a camera free."""
-    return Model(camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(corners_in_board_mm))
+    return replace(paper_model(corners_in_board_mm, prior), intrinsics=camera.intrinsic_names)
 
 
-def first_fit(start: Estimate, observations: Observations, corners_in_board_mm: FloatArray) -> Estimate:
+def first_fit(
+    start: Estimate, observations: Observations, corners_in_board_mm: FloatArray, prior: CentresPrior | None
+) -> Estimate:
     """The estimate of `joint`, or of `paper` where the corners leave the intrinsics open."""
-    paper = fit(start, observations, paper_model(corners_in_board_mm)).estimate
+    paper = fit(start, observations, paper_model(corners_in_board_mm, prior)).estimate
     try:
-        return fit(paper, observations, joint_model(paper.camera, corners_in_board_mm)).estimate
+        return fit(paper, observations, joint_model(paper.camera, corners_in_board_mm, prior)).estimate
     except UndeterminedError:
         return paper
 

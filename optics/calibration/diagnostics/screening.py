@@ -21,6 +21,7 @@ from mirrorcam.optics.calibration.diagnostics.lens_additions import (
 from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
+from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
@@ -75,7 +76,6 @@ def screen(
     UndeterminedError
         Where nothing can be solved.
     """
-    consistency.enough_mirrors(layout)
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
     notes = []
@@ -110,7 +110,7 @@ def _agreeing(
 
     The standard deviations of both follow the noise of each view.
     """
-    free = joint_model(layout.camera, corners_in_board_mm)
+    free = joint_model(layout.camera, corners_in_board_mm, pair_prior(layout))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     packed = _packed(mirrored)
     start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)

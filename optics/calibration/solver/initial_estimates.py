@@ -17,6 +17,7 @@ from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
+MIN_VIEWS = 3
 MAX_FOCAL_RATIO = 1.5  # between the fitted and the nominal focal length, or its inverse
 
 
@@ -59,8 +60,10 @@ def intrinsics(
     InputError
         Where fewer than three views are given, or they do not determine the camera.
     """
-    if len(views) < 3:
-        raise InputError(f"{len(views)} views show the board, expected at least 3 to find the camera's intrinsics")
+    if len(views) < MIN_VIEWS:
+        raise InputError(
+            f"{len(views)} views show the board, expected at least {MIN_VIEWS} to find the camera's intrinsics"
+        )
     flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
     objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
     images = [view.pixels.astype(np.float32)[:, None] for view in views]
@@ -188,6 +191,8 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
         for frame in np.unique(direct.frame)
         if (rows := direct.frame == frame).sum() >= MIN_CORNERS
     ]
+    if len(views) < MIN_VIEWS:
+        return nominal
     camera = intrinsics(
         views, corners_in_board_mm, width_px=nominal.width_px, height_px=nominal.height_px, full_distortion=True
     )

@@ -151,6 +151,10 @@ def normal_equations(
     priors, free = model.intrinsic_priors(estimate.camera), slice(len(model.intrinsics))
     u[free, free] = np.diag(priors**2)
     gradient_global[free] = priors * model.intrinsic_values(estimate.camera)
+    if (prior := model.prior_of_centres) is not None:
+        along = prior.along.ravel()
+        u[places.centres, places.centres] += np.outer(along, along)
+        gradient_global[places.centres] += along * prior.value(estimate.virtual_centres_in_rig_mm)
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:
@@ -190,6 +194,11 @@ class Places:
     @property
     def size(self) -> int:
         return self.intrinsics + self.mirrors * sum(self.numbers_per_mirror) + self.rest
+
+    @property
+    def centres(self) -> slice:
+        """Where the virtual centres are, if they are free."""
+        return slice(self.intrinsics, self.intrinsics + 3 * self.mirrors)
 
     def of_groups(self, view: IntArray) -> IntArray:
         """Indices (k, c) of the columns of groups of these views (k,), all direct or all mirrored."""

@@ -49,6 +49,21 @@ class FrameTerms:
         return np.asarray(every[:, self.free] * self.weights)
 
 
+@dataclass(frozen=True, eq=False)
+class CentresPrior:
+    """A normal prior on a combination of the virtual centres: the sum of `along` (m, 3), per mm, times the centres.
+
+    It is `expected` with a standard deviation of 1.
+    """
+
+    along: FloatArray
+    expected: float
+
+    def value(self, centres_mm: FloatArray) -> float:
+        """The value of centres (m, 3) in standard deviations, whose square adds to the cost."""
+        return float(np.sum(self.along * centres_mm)) - self.expected
+
+
 @dataclass(frozen=True)
 class Model:
     """Parameters that a fit may change besides the board's poses, which are always free.
@@ -68,6 +83,8 @@ class Model:
         The virtual centres; where they are held, a fit only finds the board's poses.
     frame_terms
         What is free in single frames besides the pose.
+    centres_prior
+        Prior on the virtual centres, for what no picture determines; None where pictures can determine all.
     """
 
     intrinsics: tuple[str, ...]
@@ -76,6 +93,12 @@ class Model:
     board: Board
     mirrors: bool = True
     frame_terms: FrameTerms = FrameTerms()
+    centres_prior: CentresPrior | None = None
+
+    @property
+    def prior_of_centres(self) -> CentresPrior | None:
+        """The prior on the virtual centres, where they are free."""
+        return self.centres_prior if self.mirrors else None
 
     def intrinsic_priors(self, camera: Camera) -> FloatArray:
         """Priors (i,) of the free intrinsics around zero, as `FrameTerms` has them; 0 where there is none."""
@@ -89,9 +112,10 @@ class Model:
         return np.asarray(self.intrinsic_priors(camera) * camera.intrinsics[free])
 
     def prior_squares(self, estimate: Estimate) -> float:
-        """What the priors of frames and intrinsics add to the cost."""
-        intrinsics = self.intrinsic_values(estimate.camera)
-        return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(intrinsics**2))
+        """What the priors of frames, intrinsics and centres add to the cost."""
+        intrinsics, prior = self.intrinsic_values(estimate.camera), self.prior_of_centres
+        centres = 0.0 if prior is None else prior.value(estimate.virtual_centres_in_rig_mm)
+        return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(intrinsics**2) + centres**2)
 
     def parameters(self, camera: Camera, mirrors: int) -> tuple[str, ...]:
         """Names of the free globals of a camera with `mirrors` mirrors, in the order of `global_names`."""

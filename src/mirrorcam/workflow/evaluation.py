@@ -15,9 +15,10 @@ from typing import Literal
 from pydantic import Field
 
 from mirrorcam.optics.base.files import read_model, shortened
-from mirrorcam.optics.base.names import Line, Name
+from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.scoring.attempt import TriedSet
 from mirrorcam.optics.scoring.calibration_score import CalibrationScore
 from mirrorcam.optics.scoring.figure_limits import Limits
 from mirrorcam.optics.scoring.matched_views import ViewsFile
@@ -33,28 +34,6 @@ LAST_BYTES = 2000
 """Bytes of the end of a log in which the line that says what was wrong is looked for."""
 WATCHED = "rms_px"
 """The figure that is compared with an earlier evaluation."""
-
-
-class Tried(Value):
-    """What came of one set.
-
-    Attributes
-    ----------
-    name, why
-        The set, and what it is for.
-    dataset_sha256
-        Checksum of its manifest: that of the same set in another evaluation is the same.
-    seconds
-        How long the command took.
-    failure
-        Why there is no score; empty where there is one.
-    """
-
-    name: Name
-    why: Line
-    dataset_sha256: str
-    seconds: float
-    failure: Line = ""
 
 
 class Change(Value):
@@ -80,7 +59,7 @@ class Evaluation(Value):
     suite: str
     version: int
     command: Line
-    tried: tuple[Tried, ...]
+    tried: tuple[TriedSet, ...]
     scores: ScoreReport | None = Field(description="of the sets that have a score; none where no set has")
     changes: tuple[Change, ...]
     passed: bool
@@ -136,7 +115,7 @@ def evaluate(
     reading = request.reading
     views = None if reading.views is None else ViewsFile.load(reading.views)
     limits = NO_LIMITS if reading.limits is None else Limits.load(reading.limits)
-    tried: list[Tried] = []
+    tried: list[TriedSet] = []
     scored: list[ScoredSet] = []
     scores: dict[str, CalibrationScore] = {}
     progress(0, len(suite.folders))
@@ -205,8 +184,8 @@ def _calibration(result: Path) -> Path:
     return names[0] if len(names) == 1 else result
 
 
-def _tried(entry: SuiteSet, seconds: float, failure: str) -> Tried:
-    return Tried(
+def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
+    return TriedSet(
         name=entry.name,
         why=entry.why,
         dataset_sha256=entry.dataset_sha256,

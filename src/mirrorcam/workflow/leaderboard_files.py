@@ -8,7 +8,8 @@ from pathlib import Path
 from mirrorcam.optics.base.files import read_model, shortened
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.scoring.leaderboard import Attempt, Leaderboard, leaderboard
+from mirrorcam.optics.scoring.attempt import Attempt
+from mirrorcam.optics.scoring.leaderboard import Leaderboard, leaderboard
 from mirrorcam.optics.scoring.leaderboard_texts import markdown
 from mirrorcam.pages.calibration.leaderboard_page import leaderboard_page
 from mirrorcam.workflow.evaluation import Evaluation
@@ -46,16 +47,7 @@ def attempts_of(evaluation: Evaluation) -> list[Attempt]:
         if (each.name in scored) == bool(each.failure):
             raise InputError(f"{each.name}: expected either a score or a failure")
         figures = {} if each.failure else scored[each.name].figures
-        found.append(
-            Attempt(
-                name=each.name,
-                why=each.why,
-                dataset_sha256=each.dataset_sha256,
-                seconds=each.seconds,
-                figures=figures,
-                failure=each.failure,
-            )
-        )
+        found.append(Attempt(**each.model_dump(), figures=figures))
     return found
 
 

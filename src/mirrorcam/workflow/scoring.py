@@ -22,9 +22,9 @@ from mirrorcam.optics.scoring.matched_views import ViewsFile
 from mirrorcam.optics.scoring.report_texts import junit, markdown
 from mirrorcam.optics.scoring.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of, scored_set
 from mirrorcam.optics.scoring.stated_covariance import with_covariance
+from mirrorcam.render_scenes.sets.true_layout import TRUTH, true_layout
 from mirrorcam.workflow.output_folder import refuse_texts, write_texts
 
-TRUTH = "truth/layout.json"
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
 """A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
 OTHERS: tuple[Pictures, ...] = ("left-right", "top-bottom", "as-is")
@@ -111,7 +111,7 @@ def score_set(
     rig = read_rig(calibration, request.format, request.unit)
     if covariance is not None:
         rig = with_covariance(rig, covariance)
-    truth = Layout.load(folder / TRUTH)
+    truth = true_layout(folder)
     found = _score(folder, calibration, rig, truth, views, request)
     scored = scored_set(
         found,

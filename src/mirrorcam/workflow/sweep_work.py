@@ -17,7 +17,7 @@ from mirrorcam.optics.design.spec_grid import Outcome, solve
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 # Packages of `optics` that no design depends on.
-UNRELATED = ("calibration", "exports", "light_field")
+UNRELATED = ("alignment", "calibration", "drift", "exports", "light_field", "scoring")
 
 # MUMPS, IPOPT's linear solver, keeps its state in globals: two designs at once in one process crash.
 _one_at_a_time = threading.Lock()

@@ -20,12 +20,14 @@ from mirrorcam.optics.base.worker_pool import cores
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.solver.mirror_pair import turned_like
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.sets.true_layout import true_layout
 from mirrorcam.workflow.calibration_files import write_calibration
 
 LIMITS = {
@@ -76,6 +78,8 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
 def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
+    Two mirrors are first turned together about the line where their planes meet, which no picture determines.
+
     Parameters
     ----------
     folder
@@ -98,13 +102,17 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
     calibration = calibrate_set(folder, lambda done: progress(done, total))
-    truth = Layout.load(folder / "truth" / "layout.json")
+    truth = true_layout(folder)
     poses = read_model(_Poses, folder / "truth" / "poses.json").frames
-    metrics = mirror_errors(calibration.layout, truth)
+    layout, apart = calibration.layout, {}
+    if len(layout.mirrors) == 2:
+        layout, angle = turned_like(layout, truth)
+        apart["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
+    metrics = mirror_errors(layout, truth) | apart
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
     if len(poses) != dataset.frames:
         raise InputError(f"{folder}: {len(poses)} true poses of {dataset.frames} frames, expected one for each")
-    decoder = Decoder(calibration.layout)
+    decoder = Decoder(layout)
     errors = []
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(inside(folder, name)))

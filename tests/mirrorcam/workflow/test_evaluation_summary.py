@@ -7,9 +7,10 @@ from xml.etree.ElementTree import fromstring
 import pytest
 
 from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.scoring.attempt import TriedSet
 from mirrorcam.optics.scoring.figure_limits import Check
 from mirrorcam.optics.scoring.score_report import ScoredSet, ScoreReport
-from mirrorcam.workflow.evaluation import Change, Evaluation, Tried
+from mirrorcam.workflow.evaluation import Change, Evaluation
 from mirrorcam.workflow.evaluation_summary import (
     SHORT_COLUMNS,
     failed_lines,
@@ -53,7 +54,7 @@ def failed() -> Evaluation:
         suite="small",
         version=2,
         command="python `calibrate`.py",
-        tried=tuple(Tried(name=n, why="", dataset_sha256="0" * 64, seconds=1.25, failure=f) for n, f in tried),
+        tried=tuple(TriedSet(name=n, why="", dataset_sha256="0" * 64, seconds=1.25, failure=f) for n, f in tried),
         scores=ScoreReport(sets=sets, over_sets={}, checks_over_sets=(), passed=False),
         changes=(Change(set="second", figure="rms_px", before=0.1, now=0.2, most=1.5, passed=False),),
         passed=False,

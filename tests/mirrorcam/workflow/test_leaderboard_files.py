@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.scoring.attempt import TriedSet
 from mirrorcam.optics.scoring.score_report import ScoredSet, ScoreReport
-from mirrorcam.workflow.evaluation import Evaluation, Tried
+from mirrorcam.workflow.evaluation import Evaluation
 from mirrorcam.workflow.leaderboard_files import read_leaderboard, texts, write_leaderboard
 
 
@@ -47,7 +48,7 @@ def evaluation(errors: Mapping[str, float | None], command: str = "run") -> Eval
         version=1,
         command=command,
         tried=tuple(
-            Tried(
+            TriedSet(
                 name=name, why="", dataset_sha256=name * 8, seconds=1.0, failure="" if name in given else "no corners"
             )
             for name in errors

@@ -47,7 +47,7 @@ def test_missing_base_frames_are_noted(views: Views) -> None:
 def test_one_frame_of_one_mirror_does_not_determine_a_camera(views: Views) -> None:
     seen, nominal = views.seen[0], nominal_layout()
     alone = nominal.replaced(rows=1, cols=1, mirrors=nominal.mirrors[:1])
-    with pytest.raises(InputError, match="1 mirrors without a direct view of the board, expected 3 or more"):
+    with pytest.raises(InputError, match="one mirror without a direct view of the board, expected two or more"):
         calibrate_corners([seen.where(seen.view == 0)], [], alone, CORNERS_MM)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.scoring.attempt import Attempt
 from mirrorcam.optics.scoring.consistency import Nees
-from mirrorcam.optics.scoring.leaderboard import Attempt, Leaderboard, leaderboard
+from mirrorcam.optics.scoring.leaderboard import Leaderboard, leaderboard
 
 
 def attempt(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -41,6 +43,22 @@ def test_what_decides_about_the_bytes_is_recorded() -> None:
         assert part in found
     for part in ("mirrorcam.optics.calibration", "mirrorcam.render_scenes.tabletop", "mirrorcam.render_scenes.suites"):
         assert part not in found
+
+
+def test_optics_that_no_set_loads_are_left_out() -> None:
+    """Else a change of them would have all sets rendered anew."""
+    code = """
+import pkgutil, sys
+import mirrorcam.render_scenes as scenes
+from mirrorcam.render_scenes.suites.set_work import RECIPE, UNRELATED_SCENES
+for found in pkgutil.walk_packages(scenes.__path__, scenes.__name__ + "."):
+    if found.name == RECIPE or found.name.split(".")[2] not in UNRELATED_SCENES:
+        __import__(found.name)
+print(*{".".join(name.split(".")[:3]) for name in sys.modules if name.startswith("mirrorcam.optics.")})
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    decides = {*done.stdout.split(), "mirrorcam.optics.design"}  # the layout, before the set is rendered
+    assert decides == {name for name in made_with() if name.startswith("mirrorcam.optics.")}
 
 
 def test_files_are_the_same_in_a_folder_and_as_an_answer(default_layout: Layout, tmp_path: Path) -> None:

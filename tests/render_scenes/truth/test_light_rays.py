@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -112,3 +114,19 @@ def test_a_pupil_that_walks_far_moves_images_by_the_parallax() -> None:
     for depth, moved in ((500.0, 0.0), (100.0, 0.5 * (1 / 100.0 - 1 / 500.0))):
         px = image_px(camera, None, np.array([[0.5 * depth, 0.0, depth]]), pupil=pupil)
         assert px[0, 0] - camera.cx_px == pytest.approx(0.5 * camera.fx_px * (1.0 + moved), rel=1e-4)
+
+
+@pytest.mark.parametrize("bend", ["sphere", "cylinder"])
+@pytest.mark.parametrize("surface", ["first", "second"])
+def test_a_bent_mirror_of_a_layout_shows_what_its_finish_shows(
+    bend: Literal["sphere", "cylinder"], surface: Literal["first", "second"]
+) -> None:
+    """Within the model of a bent mirror, which scores take for the truth; without the bend it is off by pixels."""
+    camera, mirror = Camera.c920(), square_mirror(surface=surface, thickness_mm=2.0)
+    finish = MirrorFinish(reflectance=(0.9,) * 3, bend=bend, sag_mm=0.02, sag_direction_deg=35.0)
+    _, start, direction, _ = reflected(mirror, unit_rays())
+    points = (start + 400.0 * direction).reshape(-1, 3)
+    traced = image_px(camera, mirror, points, finish)
+    assert np.isfinite(traced).all()
+    np.testing.assert_allclose(camera.project(finish.bent(mirror).image_of(points)), traced, atol=2e-3)
+    assert np.abs(camera.project(mirror.image_of(points)) - traced).max() > 0.1

@@ -118,10 +118,3 @@ def test_drift_is_noted_then_refused() -> None:
     assert "disagree about the camera by 4.0 sigmas" in note
     with pytest.raises(InputError, match=r"focal length of 1400\.0 px, frames without 1500\.0 px"):
         consistency.drift_note(30.0, (1400.0, 1500.0))
-
-
-def test_two_mirrors_are_too_few(default_layout: Layout) -> None:
-    consistency.enough_mirrors(default_layout)
-    pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
-    with pytest.raises(InputError, match="2 mirrors without a direct view"):
-        consistency.enough_mirrors(pair)

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
     normal_equations,
     residuals_of,
 )
-from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
+from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import residuals, residuals_with_jacobians
 from tests.optics.calibration.solver.four_mirrors import MIRRORS, Scene, four_mirrors
 
@@ -34,7 +34,15 @@ def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
     priors[:, len(model.free(scene.truth.camera, MIRRORS)) :] = np.diag(np.tile(terms.weights, frames))
     every = np.array([*r.ravel(), *terms.values(scene.truth).ravel()])
     known = np.abs(priors).max(axis=1) > 0
-    return np.concatenate([columns, priors[known]]), every[np.append(np.full(r.size, True), known)]
+    rows, values = np.concatenate([columns, priors[known]]), every[np.append(np.full(r.size, True), known)]
+    if model.centres_prior is None:
+        return rows, values
+    names = model.parameters(scene.truth.camera, MIRRORS)
+    places = [names.index(f"mirror {m} {axis}_mm") for m in range(MIRRORS) for axis in "xyz"]
+    of_prior = np.zeros((1, columns.shape[1]))
+    of_prior[0, places] = model.centres_prior.along.ravel()
+    value = model.centres_prior.value(scene.truth.virtual_centres_in_rig_mm)
+    return np.concatenate([rows, of_prior]), np.append(values, value)
 
 
 def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
@@ -50,7 +58,7 @@ def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
     return matrix, np.concatenate([normal.gradient_global, normal.gradient_poses.ravel()])
 
 
-@pytest.fixture(scope="module", params=["joint", "curved plates and a free board", "terms of frames", "a bow"])
+@pytest.fixture(scope="module", params=["joint", "plates and a free board", "terms of frames", "a bow", "a prior"])
 def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
     plain = "plates" not in request.param
     scene = four_mirrors(0 if plain else 3)
@@ -69,6 +77,9 @@ def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
         scene = replace(scene, truth=replace(scene.truth, camera_turn=0.01 * turn, bow_mm=0.5 * bow))
     free = scene.truth.camera.intrinsic_names[:6]
     model = Model(free, thickness=not plain, curvature=not plain, board=scene.board, frame_terms=terms)
+    if request.param == "a prior":
+        along = np.random.default_rng(4).normal(size=(MIRRORS, 3))
+        model = replace(model, centres_prior=CentresPrior(along, float(np.sum(along)) + 3.0))
     return scene, model
 
 
@@ -96,7 +107,7 @@ def test_the_undamped_step_solves_the_least_squares_problem(problem: tuple[Scene
 
 
 def test_weights_scale_the_rows(problem: tuple[Scene, Model]) -> None:
-    scene, model = problem
+    scene, model = problem[0], replace(problem[1], centres_prior=None)
     grouped = Grouped.of(scene.noisy(0), model)
     once = normal_equations(scene.truth, grouped, model)
     twice = normal_equations(scene.truth, grouped, model, np.full(len(scene.clean), 2.0))
