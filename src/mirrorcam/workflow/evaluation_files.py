@@ -7,11 +7,10 @@ from pathlib import Path
 
 from mirrorcam.figures.score_figure import score_figure
 from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.scoring.calibration_score import CalibrationScore
+from mirrorcam.render_scenes.sets.true_layout import true_layout
 from mirrorcam.workflow.evaluation import RESULTS, Evaluation
 from mirrorcam.workflow.evaluation_summary import PICTURES, junit_text, summary_text
-from mirrorcam.workflow.scoring import TRUTH
 from mirrorcam.workflow.suite_folder import FinishedSuite
 
 EVALUATION, SUMMARY, JUNIT = "evaluation.json", "summary.md", "junit.xml"
@@ -25,7 +24,7 @@ def write_evaluation(
     """Write the files of an evaluation into a folder; results of the command are there already."""
     for entry, place in zip(suite.manifest.sets, suite.folders, strict=True):
         if entry.name in scores:
-            truth = Layout.load(place / TRUTH)
+            truth = true_layout(place)
             score_figure(scores[entry.name], truth, folder / PICTURES / f"{entry.name}.png", title=entry.name)
     write_text(folder / EVALUATION, evaluation.text())
     write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
