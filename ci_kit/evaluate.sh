@@ -27,9 +27,13 @@ summary=${SUMMARY:-${GITHUB_STEP_SUMMARY:-}}
 
 "$mirrorcam" suite "${SUITE:-smoke}" --out "$suites" ${WORKERS:+--workers "$WORKERS"}
 
+# The folder may hold other suites from earlier runs: the manifest of this one was written last.
+# shellcheck disable=SC2012 # names of manifests are plain
+manifest=$(ls -t "$suites"/*.suite.json 2>/dev/null | head -n 1 || true)
+
 code=0
 # shellcheck disable=SC2086 # SETTINGS holds several options
-"$mirrorcam" evaluate "$suites" --command "$COMMAND" --out "$out" --format "${FORMAT:-auto}" \
+"$mirrorcam" evaluate "${manifest:-$suites}" --command "$COMMAND" --out "$out" --format "${FORMAT:-auto}" \
     --timeout-s "${TIMEOUT_S:-600}" --force \
     ${LIMITS:+--limits "$LIMITS"} ${BASELINE:+--baseline "$BASELINE"} ${WORSE_BY:+--worse-by "$WORSE_BY"} \
     ${SETTINGS:-} || code=$?

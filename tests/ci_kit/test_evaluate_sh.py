@@ -19,6 +19,9 @@ KIT, TOY = ROOT / "ci_kit", ROOT / "examples" / "calibrator_in_ci"
 SCRIPT = KIT / "evaluate.sh"
 STAND_IN = """#!/bin/sh
 printf '%s\\n' "$*" >> "{calls}"
+if [ "$1" = suite ] && [ -d "$4" ]; then
+    touch "$4/mine.suite.json"
+fi
 if [ "$1" = evaluate ]; then
     mkdir -p found
     printf 'first\\n![picture](pictures/a.png)\\nlast\\n' > found/summary.md
@@ -46,6 +49,15 @@ def test_it_renders_the_suite_and_evaluates_the_command(tmp_path: Path) -> None:
             "evaluate mirrorcam-suites --command python a.py 'b c' --out found --format auto --timeout-s 600 --force",
         ],
     )
+
+
+def test_other_suites_of_the_folder_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "s").mkdir()
+    for name in ("mine", "older"):
+        (tmp_path / "s" / f"{name}.suite.json").touch()
+        os.utime(tmp_path / "s" / f"{name}.suite.json", (1.0, 1.0))
+    _, calls = run(tmp_path, COMMAND="x", SUITE="mine.toml", SUITES="s")
+    assert calls[1].startswith("evaluate s/mine.suite.json --command x ")
 
 
 def test_settings_become_options(tmp_path: Path) -> None:
