@@ -14,6 +14,25 @@ BEFORE_NAPOLEON, AFTER_NAPOLEON = 100, 900
 ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
 ANNOTATED = re.compile(r"Annotated\[(\w+), [^\]]*\]")
 
+STATED = re.compile(r"(\w+(?:, \w+)*) : (.*)")
+SECTIONS = ("Parameters", "Attributes", "Raises")
+
+
+def stated_below(lines: list[str]) -> list[str]:
+    """Lines of a docstring in which `name : what it is.` has its text below it, where napoleon looks for no type."""
+    found: list[str] = []
+    section = ""
+    for number, line in enumerate(lines):
+        following = lines[number + 1] if number + 1 < len(lines) else ""
+        if following.strip("-") == "" and following:
+            section = line
+        stated = STATED.fullmatch(line)
+        if section in SECTIONS and stated and line.endswith(".") and not following.startswith(" "):
+            found += [stated[1], f"    {stated[2]}"]
+        else:
+            found.append(line)
+    return found
+
 
 def field_lines(model: type[BaseModel]) -> list[str]:
     """A section "Parameters" in NumPy's style of the fields of a model."""
@@ -28,6 +47,7 @@ def field_lines(model: type[BaseModel]) -> list[str]:
 
 
 def _describe(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    lines[:] = stated_below(lines)
     if what == "class" and "Attributes" in lines:
         # What a frozen value holds is what it is made of.
         lines[lines.index("Attributes")] = "Parameters"
