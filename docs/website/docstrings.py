@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from docutils import nodes
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
@@ -73,9 +74,16 @@ def _sign(
     return signature and ALIAS.sub(r"\1", signature), returns and ALIAS.sub(r"\1", returns)
 
 
+def _dashes(app: Sphinx, doctree: nodes.document) -> None:
+    """What Sphinx writes between a type and its text becomes a dash: elsewhere two hyphens begin an option."""
+    for text in [text for text in doctree.findall(nodes.Text) if text.startswith(" -- ")]:
+        text.parent.replace(text, nodes.Text(f" \N{EN DASH} {text.removeprefix(' -- ')}"))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Come before napoleon, which turns sections into fields, and once more after it."""
     app.connect("autodoc-process-docstring", _describe, priority=BEFORE_NAPOLEON)
     app.connect("autodoc-process-docstring", _restore, priority=AFTER_NAPOLEON)
     app.connect("autodoc-process-signature", _sign)
+    app.connect("doctree-read", _dashes)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
