@@ -25,10 +25,14 @@ from mirrorcam.optics.geometry.layout_in_pose import GravityTable
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
+from mirrorcam.optics.scoring.leaderboard import Leaderboard
+from mirrorcam.optics.scoring.score_report import ScoreReport
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
+from mirrorcam.workflow.evaluation import Evaluation
 from mirrorcam.workflow.poses_file import PosesFile
+from mirrorcam.workflow.suite_folder import SuiteManifest
 from mirrorcam.workflow.sweep_work import Record
 
 FOLDER = Path(__file__).with_name("schemas")
@@ -39,15 +43,19 @@ FILES: dict[str, Any] = {
     "dataset": Dataset,
     "design": DesignSpec,
     "equalisation": Equalisation,
+    "evaluation": Evaluation,
     "finish": SurfaceFinish,
     "gravity": GravityTable,
     "hardware": Hardware,
     "layout": Layout,
+    "leaderboard": Leaderboard,
     "metrics": dict[str, Metric],
     "pattern": Pattern,
     "poses": PosesFile,
     "scene": TabletopSet,
+    "score": ScoreReport,
     "sensor": SensorModel,
+    "suite": SuiteManifest,
     "sweep_result": Record,
     "views": ViewsFile,
 }

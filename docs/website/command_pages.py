@@ -18,6 +18,8 @@ RULE = re.compile(r"^\s*[-─]{8,}\s*$")
 DEFAULT = re.compile(r"\s*\(default: (.*)\)$")
 SPECIAL = re.compile(r"([\\*_<>\[\]{}$|#])")
 PAGE = re.compile(r"docs/(\w+)\.md")
+NAME = re.compile(r"(?:[\w-]+\.[a-z]+|list|mitsuba|new|overlap|smoke)\b")
+"""A first word that is a file or a value, and thus no word of a sentence."""
 TITLES = {
     "positional arguments": "Arguments",
     "spec options": "What is designed",
@@ -95,7 +97,8 @@ def in_markdown(text: str) -> str:
 def _option_lines(option: Option) -> list[str]:
     found = DEFAULT.search(option.text)
     said, default = (option.text[: found.start()], found[1]) if found else (option.text, "")
-    said = in_markdown(said[:1].upper() + said[1:]).rstrip(".") + "."
+    said = in_markdown(said if NAME.match(said) else said[:1].upper() + said[1:])
+    said += "" if said.endswith(".") else "."
     if default not in ("", "False", "None"):
         said += f" Default: `{default}`."
     return ["", f":::{{option}} {option.written}", said, ":::"]

@@ -15,6 +15,8 @@ language = "en"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docstrings", "mathml"]
 root_doc = "index"
+# Two hyphens begin an option.
+smartquotes_action = "qe"
 exclude_patterns = ["images/**", "schemas/**"]
 nitpicky = True
 # Types of other packages, and those of ours that no page is about.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from docutils import nodes
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
@@ -13,6 +14,25 @@ from sphinx.util.docstrings import prepare_docstring
 BEFORE_NAPOLEON, AFTER_NAPOLEON = 100, 900
 ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
 ANNOTATED = re.compile(r"Annotated\[(\w+), [^\]]*\]")
+
+STATED = re.compile(r"(\w+(?:, \w+)*) : (.*)")
+SECTIONS = ("Parameters", "Attributes", "Raises")
+
+
+def stated_below(lines: list[str]) -> list[str]:
+    """Lines of a docstring in which `name : what it is.` has its text below it, where napoleon looks for no type."""
+    found: list[str] = []
+    section = ""
+    for number, line in enumerate(lines):
+        following = lines[number + 1] if number + 1 < len(lines) else ""
+        if following.strip("-") == "" and following:
+            section = line
+        stated = STATED.fullmatch(line)
+        if section in SECTIONS and stated and line.endswith(".") and not following.startswith(" "):
+            found += [stated[1], f"    {stated[2]}"]
+        else:
+            found.append(line)
+    return found
 
 
 def field_lines(model: type[BaseModel]) -> list[str]:
@@ -28,6 +48,7 @@ def field_lines(model: type[BaseModel]) -> list[str]:
 
 
 def _describe(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    lines[:] = stated_below(lines)
     if what == "class" and "Attributes" in lines:
         # What a frozen value holds is what it is made of.
         lines[lines.index("Attributes")] = "Parameters"
@@ -53,9 +74,16 @@ def _sign(
     return signature and ALIAS.sub(r"\1", signature), returns and ALIAS.sub(r"\1", returns)
 
 
+def _dashes(app: Sphinx, doctree: nodes.document) -> None:
+    """What Sphinx writes between a type and its text becomes a dash: elsewhere two hyphens begin an option."""
+    for text in [text for text in doctree.findall(nodes.Text) if text.startswith(" -- ")]:
+        text.parent.replace(text, nodes.Text(f" \N{EN DASH} {text.removeprefix(' -- ')}"))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Come before napoleon, which turns sections into fields, and once more after it."""
     app.connect("autodoc-process-docstring", _describe, priority=BEFORE_NAPOLEON)
     app.connect("autodoc-process-docstring", _restore, priority=AFTER_NAPOLEON)
     app.connect("autodoc-process-signature", _sign)
+    app.connect("doctree-read", _dashes)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

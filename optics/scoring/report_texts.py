@@ -76,11 +76,12 @@ def summary(scored: ScoredSet) -> str:
     return f"{scored.format}, {count} of {of_all} views, {aligned}{mirrored}, at {scored.distance_mm:g} mm"
 
 
-def markdown(report: ScoreReport) -> str:
-    """The report as Markdown."""
-    parts = [f"# Calibration score: {'passed' if report.passed else 'failed'}\n"]
+def markdown(report: ScoreReport, title: str = "Calibration score", level: int = 1) -> str:
+    """The report as Markdown, under a heading of this level with a title and whether limits are kept."""
+    parts = [f"{'#' * level} {title}: {'passed' if report.passed else 'failed'}\n"]
+    below = "#" * (level + 1)
     for scored in report.sets:
-        parts.append(f"## {markdown_text(scored.name)}\n")
+        parts.append(f"{below} {markdown_text(scored.name)}\n")
         parts.append(f"`{scored.calibration.replace('`', '_')}`: {markdown_text(summary(scored))}.\n")
         parts += [f"- {markdown_text(note)}" for note in scored.notes]
         if scored.missing:
@@ -94,7 +95,7 @@ def markdown(report: ScoreReport) -> str:
         views = [(f"`{view}`", *map(markdown_text, others)) for view, *others in view_rows(scored)]
         parts.append(_table(("view", "camera", *VIEW_COLUMNS.values()), views))
     if len(report.sets) > 1:
-        parts.append(f"## Over {len(report.sets)} sets\n")
+        parts.append(f"{below} Over {len(report.sets)} sets\n")
         by_name = {check.figure: check for check in report.checks_over_sets}
         rows = []
         for name, mean in report.over_sets.items():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,7 +60,8 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
 
     def load(kind: str, object_from_shape: FloatArray) -> Any:
         to_world = (rig_from_object @ object_from_shape).astype(np.float32)
-        return mi.load_dict({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
+        with _without_warnings():
+            return mi.load_dict({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
 
     if item.kind == "sphere":
         return [load("sphere", np.diag([width / 2, width / 2, width / 2, 1.0]))]
@@ -71,13 +74,27 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
         side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
-        return [mi.load_dict(side), load("disk", lid)]
+        with _without_warnings():
+            return [mi.load_dict(side), load("disk", lid)]
     surface = leaves(float(width), item.seed) if item.kind == "leaves" else based(item)
     points = transform(rig_from_object, surface.points)
     shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
         shape.add_attribute("vertex_color", 3, np.float32(surface.colours).ravel())
     return [shape]
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Let Mitsuba only tell of errors: it takes what float32 rounds of a rotation, times a size in mm, for shear."""
+    import mitsuba as mi
+
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)
+    try:
+        yield
+    finally:
+        mi.set_log_level(level)
 
 
 def based(item: SceneObject) -> Triangles:

@@ -136,6 +136,22 @@ def test_a_help_text_is_no_markup() -> None:
     assert in_markdown("a * b_c `d_e` <f> (docs/cad.md)") == r"a \* b\_c `d_e` \<f\> ([cad](../../cad.md))"
 
 
+def test_files_and_values_are_not_capitalised_and_a_help_that_ends_in_dots_keeps_them() -> None:
+    pages = command_pages()
+    assert "\nlayout.json (required).\n" in pages[f"{FOLDER}/cad"]
+    assert "\nsmoke, standard, or a TOML file" in pages[f"{FOLDER}/suite"]
+    assert "s3://bucket/prefix, ...\n" in pages[f"{FOLDER}/suite"]
+    assert "\nFolder " in pages[f"{FOLDER}/run"]
+
+
+def test_what_is_said_of_a_parameter_is_no_type() -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website.docstrings import stated_below
+
+    text = ["A b.", "", "Parameters", "----------", "a : of the glass.", "b : int", "    How many."]
+    assert stated_below(text) == [*text[:4], "a", "    of the glass.", *text[5:]]
+
+
 def test_every_command_and_option_is_in_the_reference() -> None:
     pages = command_pages()
     assert set(pages) == {f"{FOLDER}/index", *(f"{FOLDER}/{command}" for command in COMMANDS)}

@@ -31,7 +31,7 @@ class StudioOptions(Value):
     snapshot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html", help_behavior_hint="")] = Field(
         default=None,
         description="serve nothing; write a page that needs no server, with designs of 1 x 2 to 5 x 5 mirrors, four "
-        "scales and three trade-offs, which takes about ten minutes on two cores",
+        "scales and three trade-offs, which takes about six minutes on two cores",
     )
     force: bool = FORCE
 

@@ -45,7 +45,8 @@ def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> s
         *(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n" for name in pictures),
     ]
     if evaluation.scores is not None:
-        parts.append(f"<details><summary>All figures</summary>\n\n{markdown(evaluation.scores)}\n</details>\n")
+        figures = markdown(evaluation.scores, "Limits", level=2)
+        parts.append(f"<details><summary>All figures</summary>\n\n{figures}\n</details>\n")
     return "\n".join(parts)
 
 

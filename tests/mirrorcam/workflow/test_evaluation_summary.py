@@ -104,6 +104,23 @@ def test_the_summary_is_markdown_in_which_texts_of_others_are_texts(failed: Eval
     assert "line [0.3, 0.2]" in summary_text(passed.replaced(changes=both))
 
 
+def test_the_summary_of_what_fails_against_the_baseline_alone_does_not_say_that_it_passed(passed: Evaluation) -> None:
+    worse = passed.changes[0].replaced(before=0.1, passed=False)
+    text = summary_text(passed.replaced(changes=(worse,), passed=False))
+    heads = [line for line in text.splitlines() if line.startswith("#")]
+    assert heads == [
+        "# Calibration on the suite small, version 2: failed",
+        "## Limits: passed",
+        "### first",
+        "### second",
+        "### Over 2 sets",
+    ]
+
+
+def test_the_summary_says_whether_limits_are_kept(failed: Evaluation) -> None:
+    assert "\n## Limits: failed\n" in summary_text(failed)
+
+
 def test_junit_counts_what_it_lists(failed: Evaluation, passed: Evaluation) -> None:
     for evaluation, failures in ((failed, 3), (passed, 0), (failed.replaced(scores=None, changes=()), 1)):
         root = fromstring(junit_text(evaluation))

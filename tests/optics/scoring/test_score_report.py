@@ -80,11 +80,8 @@ def test_json_reads_back_and_says_its_schema() -> None:
     assert text == report([score_of(1.001), device().score(with_random_poses(true_rig(device().truth), 1.0))]).text()
 
 
-def test_the_published_schema_is_that_of_the_report() -> None:
-    """`docs/score.schema.json`, for those who read the JSON: made by
-    `json.dumps(ScoreReport.model_json_schema(by_alias=True, mode="serialization"), indent=1)`."""
-    published = json.loads((ROOT / "docs" / "score.schema.json").read_text(encoding="utf-8"))
-    assert published == ScoreReport.model_json_schema(by_alias=True, mode="serialization")
+def test_the_report_has_what_its_schema_lists() -> None:
+    published = json.loads((ROOT / "docs" / "schemas" / "score.schema.json").read_text(encoding="utf-8"))
     written = json.loads(report([score_of()]).text())
     assert written.keys() <= published["properties"].keys()
     assert set(published["required"]) <= written.keys()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.tabletop.objects import Kind, SceneObject, based, lights, shapes_of
@@ -39,6 +40,18 @@ def test_a_shape_is_as_large_as_asked_about_its_place(
     high = np.max([np.array(box.max) for box in boxes], axis=0)
     np.testing.assert_allclose(high - low, np.abs(view_from_rig.T @ extent_mm), atol=1e-3)
     np.testing.assert_allclose((low + high) / 2.0, view_from_rig.T @ place, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
+def test_a_turned_shape_raises_no_alarm(kind: Kind, capfd: pytest.CaptureFixture[str]) -> None:
+    turns = Rotation.random(20, rng=np.random.default_rng(0)).as_matrix()
+    for turn in turns:
+        placed = rigid(np.eye(3), np.array([5.0, -7.0, 300.0]))
+        size_mm = np.array([87.0, 0.0, 50.0])
+        item = SceneObject(name="x", kind=kind, material="matte", view_from_object=placed, size_mm=size_mm)
+        shapes_of(item, turn)
+    told = capfd.readouterr()
+    assert "shear" not in told.out + told.err
 
 
 def test_a_mesh_stands_with_the_middle_of_its_base_at_the_origin(tmp_path: Path) -> None:
