@@ -29,6 +29,7 @@ from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.design.optimise import design
+from mirrorcam.pages.gallery_page import NBSP
 from mirrorcam.workflow.device_gallery import DeviceList, GalleryDevice, Work, WorkOfDevice
 from tests.mirrorcam.pages.gallery_cards import CARDS
 from tests.mirrorcam.pages.test_run_report import outline
@@ -81,7 +82,7 @@ def test_the_table_has_a_row_for_each_device() -> None:
     head, rule, *rows = table_of(gallery()).splitlines()
     assert len(rows) == len(CARDS)
     assert {row.count("|") for row in (head, rule, *rows)} == {head.count("|")}
-    assert "403 g | 91 EUR | 17:57 h | 60% | 0.089 mm at 300 mm | 184 | 42 s |" in rows[0]
+    assert "403 g | 91 EUR | 17:57 h | 60% | 0.089 mm at 300 mm | 184 | 42 s |" in rows[0].replace(NBSP, " ")
     assert rows[1].endswith("| - |")
 
 

@@ -14,7 +14,7 @@ from mirrorcam.render_scenes.settings import SensorName
 
 # Part of the visible corners that is found, and px, of a good camera.
 EXPECTED = {
-    "as it is": (0.8, 0.012),
+    "undisturbed": (0.8, 0.012),
     "glare": (0.7, 0.02),
     "motion blur": (0.75, 0.02),
     "dim": (0.75, 0.03),

@@ -9,11 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import write_json
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
-from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.sets.true_layout import FINISH, true_layout
 from mirrorcam.workflow.scoring import ScoreFiles, ScoreRequest, refuse_files, score, sets_in, write_report
 from tests.optics.scoring.rigs import device
 
@@ -154,23 +151,3 @@ def test_reports_are_written_and_files_of_the_user_are_not_replaced(one: Path, e
     assert files.paths[1].read_bytes() == first[1]
     with pytest.raises(InputError, match="name one file twice"):
         refuse_files(ScoreFiles(json=tmp_path / "a", junit=tmp_path / "a"))
-
-
-def test_mirrors_that_were_rendered_bent_are_the_truth(tmp_path: Path) -> None:
-    folder = make_set(tmp_path / "bent")
-    count = len(device().truth.mirrors)
-    finishes = [MirrorFinish(reflectance=(0.9,) * 3, sag_mm=0.01 * (-1) ** k, ripple_mm=1e-5) for k in range(count)]
-    write_json(folder / FINISH, {"mirrors": [each.model_dump(mode="json") for each in finishes]})
-    bent = true_layout(folder)
-    assert [mirror.curvature_per_m.any() for mirror in bent.mirrors] == [True] * count
-    bent.save(tmp_path / "bent.json")
-    device().truth.save(tmp_path / "flat.json")
-    as_bent, as_flat = (
-        score(ScoreRequest(sets=(folder,), calibrations=(tmp_path / name,))).sets[0].figures["rms_px"].value
-        for name in ("bent.json", "flat.json")
-    )
-    assert as_bent < 1e-9
-    assert as_flat > 0.1
-    write_json(folder / FINISH, {"mirrors": [finishes[0].model_dump(mode="json")]})
-    with pytest.raises(InputError, match=rf"finish\.json: 1 finishes, expected {count}, one a mirror"):
-        true_layout(folder)
