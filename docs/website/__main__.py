@@ -74,6 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     devices: Path | None = given.devices
     if out.exists() and any(out.iterdir()) and not (out / MADE_BY_SPHINX).is_file():
         parser.error(f"{out}: is no empty folder, and no earlier site")
+    for each in (toy, devices):
+        if each is not None and each.resolve().is_relative_to(out.resolve()):
+            parser.error(f"{each}: expected a place outside {out}, which is replaced")
     if toy is not None and not toy.is_file():
         subprocess.run([sys.executable, "-m", "mirrorcam", "studio", "--snapshot", str(toy)], check=True)
     if devices is not None and not (devices / "index.html").is_file():

@@ -200,6 +200,22 @@ def test_a_folder_of_others_is_no_site(tmp_path: Path, capsys: pytest.CaptureFix
     assert (tmp_path / "thesis.txt").is_file()
 
 
+@pytest.mark.parametrize("option", ["--toy", "--devices"])
+def test_what_lies_in_the_site_is_not_lost_with_it(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    from docs.website.__main__ import main
+
+    (tmp_path / "mine").mkdir()
+    for name in ("searchindex.js", "mine/index.html"):
+        (tmp_path / name).touch()
+    with pytest.raises(SystemExit, match="2"):
+        main([str(tmp_path), option, str(tmp_path / "mine")])
+    assert f"mine: expected a place outside {tmp_path}, which is replaced" in capsys.readouterr().err
+    assert (tmp_path / "mine/index.html").is_file()
+
+
 def test_what_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
     from docs.website import __main__ as command
