@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -60,8 +58,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
 
     def load(kind: str, object_from_shape: FloatArray) -> Any:
         to_world = (rig_from_object @ object_from_shape).astype(np.float32)
-        with _without_warnings():
-            return mi.load_dict({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
+        return _loaded({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
 
     if item.kind == "sphere":
         return [load("sphere", np.diag([width / 2, width / 2, width / 2, 1.0]))]
@@ -74,8 +71,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
         side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
-        with _without_warnings():
-            return [mi.load_dict(side), load("disk", lid)]
+        return [_loaded(side), load("disk", lid)]
     surface = leaves(float(width), item.seed) if item.kind == "leaves" else based(item)
     points = transform(rig_from_object, surface.points)
     shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
@@ -84,15 +80,14 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
     return [shape]
 
 
-@contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Let Mitsuba only tell of errors: it takes what float32 rounds of a rotation, times a size in mm, for shear."""
+def _loaded(shape: dict[str, Any]) -> Any:
+    """A shape without Mitsuba's warnings: it takes what float32 rounds of a rotation, times a size in mm, for shear."""
     import mitsuba as mi
 
     level = mi.log_level()
     mi.set_log_level(mi.LogLevel.Error)
     try:
-        yield
+        return mi.load_dict(shape)
     finally:
         mi.set_log_level(level)
 
