@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic, read_bytes
 from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.light_field.io.media_files import file_address
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures
@@ -83,7 +84,7 @@ def _av() -> Any:
 
 
 def _open(path: Path) -> Any:
-    return _av().open(str(path), "w", options={"fflags": "+bitexact"})
+    return _av().open(file_address(path), "w", options={"fflags": "+bitexact"})
 
 
 def _rate(rate_hz: float) -> Fraction:

@@ -1,25 +1,47 @@
-"""Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others."""
+"""Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others.
+
+FFmpeg may read each kind of address by the protocols and as the formats that it needs; no playlist is among them, so
+that a server cannot lead to files of this machine or to other servers. An existing file goes before an address.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.files import shortened, stored_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.optics.light_field.io.media_files import FORMATS, opened
 
 PATIENCE = 30
 """Pictures in a row that a camera may fail to give before it counts as gone."""
 OPENING_S, READING_S = 10.0, 5.0
 """Time after which a server that does not answer, or gives no more packets, counts as gone."""
 _V4L2 = re.compile(r"(v4l2://)?(?P<device>/dev/(video|v4l/)\S+)")
+_RTMP = "flv,live_flv"
+_WEB = "http,https,httpproxy,tls,tcp"
+_SCHEMES = {
+    "rtsp": ("rtsp,asf", "tcp"),
+    "rtsps": ("rtsp,asf", "tls,tcp"),
+    "rtmp": (_RTMP, "rtmp,tcp"),
+    "rtmps": (_RTMP, "rtmps,tls,tcp"),
+    "http": (FORMATS, _WEB),
+    "https": (FORMATS, _WEB),
+    "udp": (FORMATS, "udp"),
+    "rtp": ("rtp", "rtp,udp"),
+    "tcp": (FORMATS, "tcp"),
+    "srt": (FORMATS, "srt"),
+}
+"""FFmpeg's formats of what an address may give, and the protocols by which that is read."""
 _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 
@@ -35,13 +57,14 @@ def camera(
 
     Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
     """
-    if re.search(r"\s!\s", address):
+    number = address.isascii() and address.isdigit()
+    if not number and _local_file(address) is None and re.search(r"\s!\s", address):
         raise InputError(
             "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
     name, connect = shown(address), partial(_addressed, address, width_px, height_px)
-    if address.isascii() and address.isdigit():
+    if number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
     return LiveCamera(name, connect, width_px, height_px, tell=tell, waiting=waiting)
 
@@ -81,37 +104,79 @@ def _captured(capture: Any) -> Generator[Seen]:
         capture.release()
 
 
+def existing(text: str) -> Path | None:
+    """The path of a text at which there is something, also where it looks like an address; None without."""
+    with suppress(OSError):  # of an address that is too long for a path
+        return Path(text) if Path(text).exists() else None
+    return None
+
+
+def _local_file(address: str) -> Path | None:
+    """The file that an address names: an existing one of that name, or one by `file:`; None for another address."""
+    path = existing(address)
+    if path is not None and path.is_file():
+        return path
+    scheme, _, name = address.partition(":")
+    return Path(name.removeprefix("//")) if scheme.lower() == "file" else None
+
+
 def _addressed(address: str, width_px: int, height_px: int) -> Connection:
     """A camera or server by an address that FFmpeg reads."""
     import av
 
-    v4l2, name = _V4L2.fullmatch(address), shown(address)
-    try:
-        if v4l2:
-            container = _opened_v4l2(v4l2["device"], f"{width_px}x{height_px}")
-        else:
-            container = _opened(address, options=_options(address))
-    except (av.FFmpegError, OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error).replace(address, name)
-        if isinstance(error, av.error.ExitError):
-            reason = f"no answer within {OPENING_S:g} s"
-        raise InputError(
-            shortened(
-                f"{name} cannot be opened: {reason}; expected the number of a camera, /dev/videoN, or an address that "
-                "FFmpeg reads, such as rtsp://HOST/PATH"
-            )
-        ) from None
-    if not container.streams.video:
-        container.close()
-        raise InputError(f"{name} has no pictures, expected a camera or a video")
-    return Connection(_decoded(container), ends=container.duration is not None)
+    v4l2, name, path = _V4L2.fullmatch(address), shown(address), _local_file(address)
+    with ExitStack() as stack:
+        try:
+            if path is not None:
+                container = stack.enter_context(_opened_sdp(path) if is_sdp(path) else opened(path))
+            elif v4l2:
+                container = stack.enter_context(_opened_v4l2(v4l2["device"], f"{width_px}x{height_px}"))
+            else:
+                container = stack.enter_context(_opened_stream(address))
+        except InputError:
+            raise
+        except (av.FFmpegError, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error).replace(address, name)
+            if isinstance(error, av.error.ExitError):
+                reason = f"no answer within {OPENING_S:g} s"
+            elif isinstance(error, av.error.ArgumentError):
+                reason = "no format of a stream that is read, such as a playlist"
+            raise InputError(
+                shortened(
+                    f"{name} cannot be opened: {reason}; expected the number of a camera, /dev/videoN, a file, or an "
+                    f"address by {', '.join(_SCHEMES)}, such as rtsp://HOST/PATH"
+                )
+            ) from None
+        if not container.streams.video:
+            raise InputError(f"{name} has no pictures, expected a camera or a video")
+        ends = container.duration is not None or (path is not None and not is_sdp(path))
+        return Connection(_decoded(container, stack.pop_all()), ends=ends)
 
 
-def _options(address: str) -> dict[str, str]:
-    """What FFmpeg needs to read an address."""
-    if address.startswith("rtsp://"):
-        return {"rtsp_transport": "tcp"}  # by UDP, packets are lost and pictures damaged
-    return {"protocol_whitelist": "file,crypto,data,udp,rtp"} if address.endswith(".sdp") else {}
+def is_sdp(path: Path) -> bool:
+    """Whether a file is named like the description of a stream of RTP."""
+    return path.suffix.lower() == ".sdp"
+
+
+@contextmanager
+def _opened_sdp(path: Path) -> Iterator[Any]:
+    """A container of a stream of RTP by its description (SDP): the file is read, and no other."""
+    stored_bytes(path)
+    options = {"protocol_whitelist": "rtp,udp"}
+    with path.open("rb", buffering=0) as file, _opened(file, format="sdp", options=options) as container:
+        yield container
+
+
+def _opened_stream(address: str) -> Any:
+    """A container of what a server gives; ValueError for an address of another kind than those of `_SCHEMES`."""
+    scheme = address.partition("://")[0].lower() if "://" in address else ""
+    if scheme not in _SCHEMES:
+        raise ValueError("neither a file nor an address of a kind that is read")
+    formats, protocols = _SCHEMES[scheme]
+    options = {"format_whitelist": formats, "protocol_whitelist": protocols}
+    if formats.startswith("rtsp"):
+        options["rtsp_transport"] = "tcp"  # by UDP, packets are lost and pictures damaged
+    return _opened(address, options=options)
 
 
 def _opened_v4l2(device: str, size: str) -> Any:
@@ -127,14 +192,17 @@ def _opened_v4l2(device: str, size: str) -> Any:
         return _opened(device, format="v4l2", options=options)
 
 
-def _opened(address: str, **settings: Any) -> Any:
+def _opened(address: Any, **settings: Any) -> Any:
     import av
 
     return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
 
 
-def _decoded(container: Any) -> Generator[Seen]:
-    """The pictures of a container until it ends or fails; those after a damaged one wait for the next key frame."""
+def _decoded(container: Any, stack: ExitStack) -> Generator[Seen]:
+    """The pictures of a container until it ends or fails, with what closes it.
+
+    Those after a damaged one wait for the next key frame.
+    """
     import av
 
     stream = container.streams.video[0]
@@ -159,4 +227,4 @@ def _decoded(container: Any) -> Generator[Seen]:
     except (av.FFmpegError, OSError):
         return  # gone, as a camera that is unplugged
     finally:
-        container.close()
+        stack.close()

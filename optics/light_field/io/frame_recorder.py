@@ -12,6 +12,7 @@ import simplejpeg
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.media_files import file_address
 
 QUALITY = 95
 TICKS_HZ = 1000
@@ -35,7 +36,7 @@ class FrameRecorder:
         self.path, self.frames = path, 0
         self._stack, self._started, self._last = ExitStack(), 0.0, -1
         self._container: Any = self._stack.enter_context(
-            av.open(str(self._stack.enter_context(atomic(path))), "w", format="matroska")
+            av.open(file_address(self._stack.enter_context(atomic(path))), "w", format="matroska")
         )
         self._stream: Any = self._container.add_stream("mjpeg", rate=30)
         self._stream.width, self._stream.height, self._stream.pix_fmt = width_px, height_px, "yuvj420p"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.optics.light_field.io.media_files import opened
 from mirrorcam.optics.light_field.io.video_packets import packets_of
 from mirrorcam.optics.light_field.io.video_pictures import (
     DAMAGED,
@@ -22,6 +23,7 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     have_ends,
     jpeg_pictures,
 )
+from mirrorcam.optics.light_field.io.video_remarks import remarks
 
 MISSING, WRONG_TIME = "is missing", "has a wrong time"
 _NEAR = 16
@@ -32,6 +34,13 @@ _REMEMBERED = 4096
 
 class Video:
     """A video file.
+
+    Parameters
+    ----------
+    path
+        The file: a path, also where its name looks like an address.
+    tell
+        Called with a line on what the user should know of it: that it is interlaced, or turned by players.
 
     Attributes
     ----------
@@ -46,33 +55,19 @@ class Video:
         For a file that is not a video, or one that is cut off before the index that it cannot be read without.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, tell: Callable[[str], None] | None = None) -> None:
         self.path = path
-        with self._opened() as container:
+        with opened(path) as container:
             stream = self._stream(container)
             self.width_px, self.height_px = int(stream.codec_context.width), int(stream.codec_context.height)
             self.rate_hz = float(stream.average_rate or 0.0)
             self.count = _count(container, stream)
-        if self.width_px * self.height_px > LARGEST_PICTURE_PX:
-            most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
-            raise InputError(f"{path}: {self.width_px}x{self.height_px} px, expected a video of at most {most}")
-
-    def _opened(self) -> Any:
-        import av
-
-        try:
-            # Names and remarks in the file are of no use here, and need not be text.
-            return av.open(str(self.path), metadata_errors="replace")
-        except FileNotFoundError:
-            raise InputError(f"{self.path}: no such file") from None
-        except IsADirectoryError:
-            raise InputError(
-                f"{self.path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)"
-            ) from None
-        except av.FFmpegError as error:
-            raise InputError(
-                f"{self.path}: not a video that can be opened, or cut off before its index: {error.strerror}"
-            ) from None
+            if self.width_px * self.height_px > LARGEST_PICTURE_PX:
+                most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
+                raise InputError(f"{path}: {self.width_px}x{self.height_px} px, expected a video of at most {most}")
+            if tell is not None:
+                for line in remarks(path.name, container, stream):
+                    tell(line)
 
     def _stream(self, container: Any) -> Any:
         from av.stream import Disposition
@@ -94,7 +89,7 @@ class Video:
         Of a codec whose frames depend on others, all frames between a damaged one and the next key frame are lost: they
         decode, but to something that nobody has seen.
         """
-        with self._opened() as container:
+        with opened(self.path) as container:
             stream = self._stream(container)
             period = 1 / (self.rate_hz * float(stream.time_base)) if self.rate_hz else 0.0
             pictures = with_missing(self._pictures(container, stream), period, self._most(container))

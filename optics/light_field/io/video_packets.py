@@ -70,7 +70,7 @@ def packets_of(container: Any, stream: Any) -> Iterator[Packet]:
             suspect, corrupt = corrupt or data.is_corrupt, data.is_corrupt
             last = Packet(number, moment, stated, data, suspect, gap or suspect or skipped > 0, skipped)
             number += 1
-    except av.FFmpegError:
+    except (av.FFmpegError, OSError):
         # What follows cannot be read; the frames before are whole.
         pass
     if last is not None:

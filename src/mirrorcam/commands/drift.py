@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,7 +47,7 @@ def run(options: DriftOptions) -> int:
     tilt = mount_tilt(options.checks)
     with output_folder(options.out, "drift", force=options.force) as output:
         output.refuse_others(*FILES)
-        drift = find_drift_files(options.frames, layout, options.layout)
+        drift = find_drift_files(options.frames, layout, options.layout, partial(say, "drift"))
         with output.staged() as folder:
             write_drift_files(layout, drift, tilt, [path.name for path in options.frames], folder)
     _print(layout, drift)

@@ -76,7 +76,8 @@ def calibration_pictures(
     camera
         Whose size videos must have; None for any.
     on_video
-        Called with a sentence about each video: how many of its frames were chosen, and how long it took.
+        Called with sentences about each video: what to know of it, how many of its frames were chosen, and how long it
+        took.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def calibration_pictures(
 
 def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], None]) -> list[SharpFrame]:
     started = time.monotonic()
-    video, kept, count, lost = Video(path), SharpestFrames(SEARCHED), 0, 0
+    video, kept, count, lost = Video(path, on_video), SharpestFrames(SEARCHED), 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
     for frame in video.frames():

@@ -287,7 +287,7 @@ def _streams(
     """Each video and the camera, with a name and what the recording says of where it is from."""
     for path in request.frames:
         if not is_picture(path):
-            video = Video(path)
+            video = Video(path, lambda line: reporter.note("decode", line))
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
         size = layout.camera.width_px, layout.camera.height_px

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -53,17 +53,18 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
     return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
 
 
-def drift_of_files(layout: Layout, paths: Sequence[Path]) -> Drift:
+def drift_of_files(layout: Layout, paths: Sequence[Path], on_video: Callable[[str], None] | None = None) -> Drift:
     """What pictures and videos, taken as one recording, tell; of more than a few frames, a few spread evenly are used.
 
-    Raises InputError for a file that cannot be read or is damaged.
+    `on_video` is called with what the user should know of a video. Raises InputError for a file that cannot be read or
+    is damaged.
     """
     seen = SpreadFrames()
     for path in paths:
         if is_picture(path):
             seen.add(read_image(path))
         else:
-            for item in WatchedSource(Video(path), seen).frames():
+            for item in WatchedSource(Video(path, on_video), seen).frames():
                 del item
     if not seen.kept:
         raise InputError(f"{paths[0]}: not one frame could be decoded, expected at least one")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mirrorcam.optics.base.figure_texts import count_text
@@ -18,17 +18,20 @@ from mirrorcam.workflow.stiffness import MountTilt
 FILES = (DRIFT, "layout.json")
 
 
-def find_drift_files(paths: Sequence[Path], layout: Layout, layout_path: Path) -> Drift:
+def find_drift_files(
+    paths: Sequence[Path], layout: Layout, layout_path: Path, on_video: Callable[[str], None] | None = None
+) -> Drift:
     """What pictures and videos of one recording tell of the mirrors of a calibrated layout.
 
-    Raises InputError for a layout that states no measured mirrors, and for files that are not of its camera.
+    `on_video` is called with what the user should know of a video. Raises InputError for a layout that states no
+    measured mirrors, and for files that are not of its camera.
     """
     if not tells_drift(layout):
         nominal = layout.kind == "nominal"
         what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
         raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")
     check_frames(paths, layout, layout_path)
-    return drift_of_files(layout, paths)
+    return drift_of_files(layout, paths, on_video)
 
 
 def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:

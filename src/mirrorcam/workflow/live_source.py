@@ -12,7 +12,7 @@ from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.pictures import check_size, picture_size, pictures_in, read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.light_field.io.camera_addresses import camera, shown
+from mirrorcam.optics.light_field.io.camera_addresses import camera, existing, is_sdp, shown
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.stream import Source
 from mirrorcam.optics.light_field.io.video import Video
@@ -82,7 +82,7 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
     wanted
         The camera whose size frames must have.
     tell
-        Takes a line when a camera goes and when it is back.
+        Takes a line when a camera goes and when it is back, and remarks on a video.
 
     Raises
     ------
@@ -90,15 +90,15 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
         For a source that cannot be opened, or is of another size.
     """
     size = wanted.width_px, wanted.height_px
-    path = Path(text)
     is_number = text.isascii() and text.isdigit()
-    if not is_number and path.is_dir():
+    path = None if is_number else existing(text)
+    if path is not None and path.is_dir():
         return LiveSource(PictureFolder(path, size), path.name, "folder")
-    if not is_number and path.is_file():
-        video = Video(path)
+    if path is not None and path.is_file() and not is_sdp(path):
+        video = Video(path, tell)
         check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
         return LiveSource(video, path.name, "video")
-    if not is_number and "://" not in text and not text.startswith("/dev/"):
+    if not is_number and path is None and "://" not in text and not text.startswith("/dev/"):
         raise InputError(
             f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
         )

@@ -161,7 +161,7 @@ def test_a_server_that_goes_and_comes_back_is_connected_again(tmp_path: Path, mo
             r"^/dev/video251 cannot be opened: No such file or directory; expected the number of a camera",
         ),
         ("v4l2:///dev/video251", r"^v4l2:///dev/video251 cannot be opened: "),
-        ("nonsense://here", r"^nonsense://here cannot be opened: Protocol not found; "),
+        ("nonsense://here", r"^nonsense://here cannot be opened: neither a file nor an address of a kind "),
         (
             "v4l2src device=/dev/video0 ! appsink",
             r"^a GStreamer pipeline cannot be read, expected an address: .*udpsink",

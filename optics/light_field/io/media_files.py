@@ -1,0 +1,85 @@
+"""Local media files: FFmpeg gets the bytes of the one file that was named, and can open no other.
+
+FFmpeg finds the format of a file by its content, whatever its name is, and several formats are lists of other files:
+playlists, `ffconcat`, DASH, SDP. Names can be protocols, too (`concat:other.mkv`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mirrorcam.optics.base.files import stored_bytes
+from mirrorcam.optics.base.values import InputError
+
+FORMATS = ",".join(
+    (
+        *(
+            "mov",
+            "matroska",
+            "avi",
+            "mpegts",
+            "mpeg",
+            "flv",
+            "live_flv",
+            "asf",
+            "ogg",
+            "nut",
+            "mxf",
+            "gxf",
+            "dv",
+            "wtv",
+        ),
+        *("h264", "hevc", "vvc", "m4v", "mpegvideo", "h263", "vc1", "av1", "obu", "ivf", "dirac", "dnxhd", "wtv"),
+        *("mjpeg", "mjpeg_2000", "mpjpeg", "smjpeg", "yuv4mpegpipe", "cine", "ser", "rm", "gif", "apng"),
+        *(
+            f"{name}_pipe"
+            for name in ("bmp", "jpeg", "j2k", "jpegxl", "png", "tiff", "webp", "ppm", "pgm", "pbm", "pam")
+        ),
+        # Sound is opened for the message that it has no pictures.
+        *("wav", "mp3", "aac", "flac"),
+    )
+)
+"""FFmpeg's names of the formats that are read: those that hold all of their data and name no other file."""
+NO_PROTOCOL = "none"
+"""A list of the protocols that FFmpeg may use, with none among them."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """An FFmpeg container of a local video of one of `FORMATS`; nothing but this file is opened.
+
+    Raises InputError for a path that is no regular file, and for one that FFmpeg cannot read as such a format.
+    """
+    import av
+
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)")
+    stored_bytes(path)
+    try:
+        file = path.open("rb", buffering=0)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    options = {"format_whitelist": FORMATS, "protocol_whitelist": NO_PROTOCOL}
+    with file:
+        try:
+            # Names and remarks in the file are of no use here, and need not be text.
+            container = av.open(file, options=options, metadata_errors="replace")
+        except av.error.ArgumentError:
+            raise InputError(
+                f"{path}: not a video of a format that is read, expected one such as MP4, MOV, MKV, AVI or MPEG; "
+                "playlists and other lists of files are not read"
+            ) from None
+        except (av.FFmpegError, OSError) as error:
+            raise InputError(
+                f"{path}: not a video that can be opened, or cut off before its index: {error.strerror}"
+            ) from None
+        with container:
+            yield container
+
+
+def file_address(path: Path) -> str:
+    """The address by which FFmpeg writes a file, whatever its name looks like."""
+    return f"file:{path}"
