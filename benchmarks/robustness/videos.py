@@ -26,6 +26,7 @@ from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame
+from mirrorcam.optics.light_field.io.media_files import opened
 from mirrorcam.optics.light_field.io.video import Video
 
 COUNT, WIDTH, HEIGHT, RATE = 30, 320, 240, 25
@@ -174,7 +175,7 @@ def valid_times_s(path: Path) -> set[float]:
     found, silent = set(), False
     av.logging.set_level(av.logging.VERBOSE)
     try:
-        with av.logging.Capture() as said, av.open(str(path), metadata_errors="replace") as container:
+        with av.logging.Capture() as said, opened(path) as container:
             stream = container.streams.video[0]
             decoder, start = stream.codec_context, stream.start_time or 0
             decoder.thread_count = 1
@@ -188,7 +189,7 @@ def valid_times_s(path: Path) -> set[float]:
                 moment = packet.pts if container.format.name != "avi" else packet.dts
                 if silent and packet.size and moment is not None:
                     found.add(float((moment - start) * (stream.time_base or 0)))
-    except av.FFmpegError:
+    except (av.FFmpegError, InputError):
         pass
     finally:
         av.logging.set_level(None)

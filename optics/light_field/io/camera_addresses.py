@@ -20,7 +20,7 @@ from mirrorcam.optics.base.files import shortened, stored_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
-from mirrorcam.optics.light_field.io.media_files import FORMATS, opened
+from mirrorcam.optics.light_field.io.media_files import FORMATS, MediaFile, opened
 
 PATIENCE = 30
 """Pictures in a row that a camera may fail to give before it counts as gone."""
@@ -163,7 +163,7 @@ def _opened_sdp(path: Path) -> Iterator[Any]:
     """A container of a stream of RTP by its description (SDP): the file is read, and no other."""
     stored_bytes(path)
     options = {"protocol_whitelist": "rtp,udp"}
-    with path.open("rb", buffering=0) as file, _opened(file, format="sdp", options=options) as container:
+    with MediaFile(path) as file, _opened(file, format="sdp", options=options) as container:
         yield container
 
 

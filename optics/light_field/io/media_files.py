@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,17 @@ NO_PROTOCOL = "none"
 """A list of the protocols that FFmpeg may use, with none among them."""
 
 
+class MediaFile(FileIO):
+    """An open file as FFmpeg reads it, by which a place that no file has is answered rather than raised."""
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """The new place, or a negative number for one that is not there, as in a damaged file."""
+        try:
+            return super().seek(offset, whence)
+        except OSError as error:
+            return -(error.errno or 1)
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """An FFmpeg container of a local video of one of `FORMATS`; nothing but this file is opened.
@@ -59,7 +71,7 @@ def opened(path: Path) -> Iterator[Any]:
         raise InputError(f"{path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)")
     stored_bytes(path)
     try:
-        file = path.open("rb", buffering=0)
+        file = MediaFile(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     options = {"format_whitelist": FORMATS, "protocol_whitelist": NO_PROTOCOL}

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.robustness.native_opens import watched_opens
+from benchmarks.robustness.playlists import LISTS, sdp
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io import camera_addresses
 from mirrorcam.optics.light_field.io.camera_addresses import PATIENCE, camera, shown
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.live_camera import LiveCamera
-from tests.optics.light_field.io.rtsp_server import rtsp_served
+from tests.optics.light_field.io.rtsp_server import PAYLOAD, rtp_packets, rtsp_served
 from tests.optics.light_field.io.videos import RATE, damage, number_in, pictures, write_h264, write_mjpeg
 
 COUNT = 20
@@ -36,9 +39,9 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def served(folder: Path) -> Iterator[str]:
+def served(folder: Path, handler: type[Quiet] = Quiet) -> Iterator[str]:
     """The address of a web server of a folder."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder))) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(handler, directory=str(folder))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_address[1]}"
         server.shutdown()
@@ -150,6 +153,110 @@ def test_a_server_that_goes_and_comes_back_is_connected_again(tmp_path: Path, mo
     assert source.outages == 1
     assert "gives no more pictures, waiting for it" in lines[0]
     assert all(isinstance(frame, Frame) for frame in found)
+
+
+def test_a_server_leads_to_nothing_else(tmp_path: Path) -> None:
+    other = write_mjpeg(tmp_path / "other.mkv", pictures(2))
+    asked = list[str]()
+
+    class Listed(Quiet):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            super().do_GET()
+
+    with served(tmp_path, Listed) as host, watched_opens([other]) as opened:
+        targets = ("other.mkv", f"{host}/other.mkv", str(other), f"file://{other}")
+        for listed, target, name in product(LISTS, targets, ("list.m3u8", "list.mp4", "list.sdp")):
+            (tmp_path / name).write_text(listed(target), encoding="utf-8")
+            with pytest.raises(InputError, match=rf"/{name} cannot be opened: ") as refused:
+                camera(f"{host}/{name}", 160, 96)
+            assert len(str(refused.value)) <= 300
+    assert {each for each in asked if "other" in each} == set()
+    assert opened == []
+
+
+def test_a_server_may_send_to_another_page_but_not_to_a_file(tmp_path: Path) -> None:
+    other = write_mjpeg(tmp_path / "other.mkv", pictures(2))
+    places = dict[str, str]()
+
+    class Sending(Quiet):
+        def do_GET(self) -> None:
+            if (place := places.get(self.path)) is None:
+                super().do_GET()
+                return
+            self.send_response(302)
+            self.send_header("Location", place)
+            self.end_headers()
+
+    with served(tmp_path, Sending) as host:
+        places["/page"] = f"{host}/other.mkv"
+        assert len(list(camera(f"{host}/page", 160, 96).frames())) == 2
+        with watched_opens([other]) as opened:
+            for place in (f"file:{other}", f"file://{other}", str(other), f"concat:{other}", f"subfile:{other}"):
+                places["/file"] = place
+                with pytest.raises(InputError, match="/file cannot be opened: "):
+                    camera(f"{host}/file", 160, 96)
+        assert opened == []
+
+
+@pytest.mark.parametrize("scheme", ["rtsp", "rtmp", "http", "https", "tcp", "rtsps", "rtmps"])
+def test_each_kind_of_address_has_the_protocols_that_it_needs(scheme: str) -> None:
+    with pytest.raises(InputError, match="cannot be opened: Connection refused; "):
+        camera(f"{scheme}://127.0.0.1:1/live", 160, 96)
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["concat:{}", "subfile,,start,0,end,0,,:{}", "crypto:{}", "cache:{}", "async:{}", "ftp://x/{}", "data:,{}"],
+)
+def test_other_kinds_of_address_are_refused(tmp_path: Path, address: str) -> None:
+    other = write_mjpeg(tmp_path / "other.mkv", pictures(2))
+    with (
+        watched_opens([other]) as opened,
+        pytest.raises(InputError, match="opened: neither a file nor an address"),
+    ):
+        camera(address.format(other), 160, 96)
+    assert opened == []
+
+
+def test_a_stream_is_read_by_its_description(tmp_path: Path) -> None:
+    port, over = free_port(), threading.Event()
+    (tmp_path / "a.sdp").write_text(
+        "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=test\r\nc=IN IP4 127.0.0.1\r\nt=0 0\r\n"
+        f"m=video {port} RTP/AVP {PAYLOAD}\r\na=rtpmap:{PAYLOAD} H264/90000\r\n"
+        f"a=fmtp:{PAYLOAD} packetization-mode=1\r\n",
+        encoding="utf-8",
+    )
+
+    def send_packets() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for packet in rtp_packets(pictures(40), RATE, over):
+                sender.sendto(packet, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=send_packets, daemon=True)
+    thread.start()
+    source = camera(str(tmp_path / "a.sdp"), 160, 96)
+    assert not source.ends
+    frames = source.frames()
+    assert_in_time([next(frames) for _ in range(15)])
+    frames.close()
+    over.set()
+    thread.join()
+
+
+def test_a_description_of_a_stream_is_no_playlist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera_addresses, "OPENING_S", 0.3)
+    other = write_mjpeg(tmp_path / "other.mkv", pictures(2))
+    for listed in LISTS:
+        if listed is sdp:  # which waits for its stream
+            continue
+        (tmp_path / "a.sdp").write_text(listed(str(other)), encoding="utf-8")
+        with (
+            watched_opens([other]) as opened,
+            pytest.raises(InputError, match=r"a\.sdp (cannot be opened|has no pict)"),
+        ):
+            camera(str(tmp_path / "a.sdp"), 160, 96)
+        assert opened == []
 
 
 @pytest.mark.parametrize(
