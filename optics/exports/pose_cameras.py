@@ -24,6 +24,8 @@ from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 DIRECT = "direct"
 MARGIN = 0.15
 """By which a picture is wider on each side than the part of a mirror that is known to show something."""
+FFMPEG = "ffmpeg -noautorotate -i FRAMES"
+"""How ffmpeg reads frames as they lie on the sensor: it would turn a video that a phone marks as turned."""
 MOST_PAIRED = 12
 """Cameras of which every pair is written for DeepLabCut; of more, those with the first one alone."""
 
@@ -95,7 +97,7 @@ def calibration_toml(cameras: Sequence[PoseCamera]) -> str:
         camera, pose = each.camera, each.camera_from_rig
         parts.append(
             f"[cam_{number}]\n"
-            f"# pictures of this camera: ffmpeg -i FRAMES -vf {each.filters} {each.name}.mp4\n"
+            f"# pictures of this camera: {FFMPEG} -vf {each.filters} {each.name}.mp4\n"
             f'name = "{each.name}"\n'
             f"size = [{camera.width_px}, {camera.height_px}]\n"
             f"matrix = [{', '.join(_numbers(row) for row in camera.matrix)}]\n"

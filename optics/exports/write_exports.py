@@ -18,7 +18,7 @@ from mirrorcam.optics.exports.kalibr import camchain_yaml
 from mirrorcam.optics.exports.nearest_pinhole import fitted_distances_mm
 from mirrorcam.optics.exports.nerfstudio_views import transforms_json
 from mirrorcam.optics.exports.opencv import opencv_yaml
-from mirrorcam.optics.exports.pose_cameras import calibration_toml, pictures_table, pose_cameras, stereo_params
+from mirrorcam.optics.exports.pose_cameras import FFMPEG, calibration_toml, pictures_table, pose_cameras, stereo_params
 from mirrorcam.optics.exports.ros import camera_info_yaml
 from mirrorcam.optics.exports.urdf import urdf
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, view_name, virtual_cameras
@@ -115,7 +115,7 @@ def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
 Layout {layout.identity}, camera {layout.camera.width_px} x {layout.camera.height_px} px.
 
 Here each mirror is a separate camera. A mirror reverses the image, so the picture of each camera is the frame **flipped
-{flip}** (`ffmpeg -vf {option}`): the files here are wrong for a frame that is not flipped.
+{flip}** (`{FFMPEG} -vf {option}`): the files here are wrong for a frame that is not flipped.
 
 | file | picture | pixel (0, 0) is | unit |
 |---|---|---|---|
@@ -148,9 +148,13 @@ nerfstudio: `ns-train splatfacto --data nerfstudio`.
 
 Anipose (also lightning-pose) and DeepLabCut 3-D: the pictures of each camera are made with
 
-| camera | `ffmpeg -i FRAMES ... NAME.mp4` | error of k1 k2 p1 p2 k3, px |
+| camera | `{FFMPEG} ... NAME.mp4` | error of k1 k2 p1 p2 k3, px |
 |---|---|---|
 {pictures_table(pose_cameras(layout, views))}
+`-noautorotate` keeps frames as they lie on the sensor. Pictures that are cut from a video which is marked as turned
+keep the mark, by which players and OpenCV turn them: for such a video, put `-display_rotation 0` (ffmpeg 6 or newer)
+before `-i`, too.
+
 A point at (u, v) of the frame is at (W - 1 - u - x, v - y) of a picture made with `hflip,crop=w:h:x:y`, at
 (u - x, H - 1 - v - y) with `vflip`, of frames of W x H px. For another crop, subtract the change of
 x and y from the third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME", and gives points in the frame

@@ -27,8 +27,8 @@ def remarks(name: str, container: Any, stream: Any) -> list[str]:
     turned = next(filter(None, map(_turned, frames)), None)
     if turned is not None:
         found.append(
-            f"{name} is to be shown {turned}: its frames are used as they lie on the sensor, and as ffmpeg gives them "
-            "with -noautorotate"
+            f"{name} is to be shown {turned}: its frames are used as they lie on the sensor; so that ffmpeg does the "
+            "same, put -noautorotate -display_rotation 0 before its -i"
         )
     return found
 

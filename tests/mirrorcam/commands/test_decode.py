@@ -270,6 +270,30 @@ def test_numbers_are_told_as_spans() -> None:
     assert spans([3, 4, 5, 9, 11, 12]) == "3 to 5, 9, 11 to 12"
 
 
+def test_what_to_know_of_a_video_is_printed_once(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write_h264(here / "odd.mp4", pictures(3, 320, 192), interlaced=True, matrix=(0, 1, -1, 0))
+    assert cli.main(["decode", "odd.mp4", "--layout", "layout.json", "--out", "out"]) == 0
+    printed = capfd.readouterr().out
+    assert printed.count("odd.mp4 is interlaced: ") == 1
+    assert printed.count("odd.mp4 is to be shown turned by 90°: ") == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="such names are none of a file on Windows")
+@pytest.mark.parametrize("name", ["2026-11-26T10:30:05.mp4", "concat:video.mp4"])
+@pytest.mark.parametrize("option", [(), ("--device",)])
+def test_a_name_that_looks_like_an_address_is_a_file(here: Path, option: tuple[str, ...], name: str) -> None:
+    write_h264(here / name, pictures(2, 320, 192))
+    assert cli.main(["decode", *option, name, "--layout", "layout.json", "--out", "out"]) == 0
+    stem = "stream" if option else name.removesuffix(".mp4")
+    assert len(StoredLightFields(here / "out" / f"{stem}.zarr")) == 2
+
+
+def test_a_playlist_is_refused_whatever_its_name(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (here / "list.mp4").write_text("ffconcat version 1.0\nfile video.mp4\n")
+    for arguments in ("list.mp4", "--device list.mp4", "video.mp4 --equalise list.mp4"):
+        assert "list.mp4: not a video of a format that is read" in refused(arguments, capfd)
+
+
 def test_a_recording_by_its_address_is_decoded_like_a_camera(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     address = f"file://{here / 'video.mp4'}"
     assert cli.main(["decode", "--device", address, "--layout", "layout.json", "--out", "out"]) == 0

@@ -14,6 +14,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.video import write_mjpeg
 from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 from mirrorcam.workflow.calibration_pictures import SEARCHED, calibration_pictures
+from tests.optics.light_field.io.videos import pictures, write_h264
 
 FRAMES = 150
 
@@ -61,6 +62,17 @@ def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) 
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match="not a video that can be opened"):
         calibration_pictures([tmp_path / "text.mp4"], 30, on_video=lambda sentence: None)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "2026-11-26T10:30:05.mkv"])
+def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_h264(tmp_path / name, pictures(3), interlaced=True)
+    said: list[str] = []
+    taken = calibration_pictures([Path(name)], 30, on_video=said.append)
+    assert len(taken.pictures) == 3
+    assert [line.startswith(f"{name} is interlaced: ") for line in said] == [True, False]
+    assert len(taken.beside([1])) == 1
 
 
 @pytest.mark.slow

@@ -11,11 +11,13 @@ import pytest
 from mirrorcam.optics.base.pictures import write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.workflow import drift_check
 from mirrorcam.workflow.drift_files import find_drift_files, write_drift_files
 from mirrorcam.workflow.stiffness import MountTilt
 from tests.mirrorcam.command_line import results
 from tests.optics.drift.calibrated_device import device, turn_error_deg, turned
 from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
+from tests.optics.light_field.io.videos import pictures, write_h264
 
 
 def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
@@ -30,6 +32,14 @@ def test_a_moved_mirror_is_written_where_it_is(tmp_path: Path) -> None:
     found = Layout.load(tmp_path / "out" / "layout.json")
     assert turn_error_deg(found, device().calibrated, 4) < 0.01
     assert found.provenance["resolved_by"] == "a scene in frame.png"
+
+
+def test_what_to_know_of_a_video_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drift_check, "drift_of", lambda layout, frames: None)
+    layout, said = device().calibrated, list[str]()
+    path = write_h264(tmp_path / "a.mp4", pictures(2, layout.camera.width_px, layout.camera.height_px), interlaced=True)
+    find_drift_files([path], layout, tmp_path / "layout.json", said.append)
+    assert [line.startswith("a.mp4 is interlaced: ") for line in said] == [True]
 
 
 def test_a_nominal_layout_is_refused(default_layout: Layout) -> None:

@@ -68,6 +68,15 @@ def test_the_readme_names_flip_and_every_view(case: Case, folder: Path) -> None:
         assert before < after
 
 
+def test_ffmpeg_takes_frames_as_they_lie_on_the_sensor(folder: Path) -> None:
+    """It turns those of a video that a phone marks as turned, unless it is told not to."""
+    texts = [(folder / name).read_text(encoding="utf-8") for name in ("README.md", "anipose/calibration.toml")]
+    lines = [line for text in texts for line in text.splitlines() if "ffmpeg" in line and " -vf " in line]
+    assert len(lines) > 1
+    assert all("ffmpeg -noautorotate -i FRAMES " in line for line in lines)
+    assert "ffmpeg -i" not in "".join(texts)
+
+
 def files_of(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 

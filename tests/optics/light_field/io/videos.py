@@ -31,8 +31,19 @@ def number_in(picture: NDArray[np.uint8]) -> int:
     return round((float(picture[8:24, 8:24].mean()) - 20) / 5)
 
 
-def write_h264(path: Path, frames: list[NDArray[np.uint8]], *, key_every: int = 10, b_frames: int = 0) -> Path:
-    """An H.264 file with the given distance of key frames; MP4 with its index in front."""
+def write_h264(
+    path: Path,
+    frames: list[NDArray[np.uint8]],
+    *,
+    key_every: int = 10,
+    b_frames: int = 0,
+    interlaced: bool = False,
+    matrix: tuple[int, int, int, int] | None = None,
+) -> Path:
+    """An H.264 file with the given distance of key frames; MP4 with its index in front.
+
+    Fields are those of frames where it is `interlaced`; players show it by `matrix`, of which 1 is no change.
+    """
     settings = {
         "preset": "veryfast",
         "crf": "18",
@@ -40,11 +51,16 @@ def write_h264(path: Path, frames: list[NDArray[np.uint8]], *, key_every: int = 
         "keyint_min": str(key_every),
         "sc_threshold": "0",
     }
+    if interlaced:
+        settings["flags"] = "+ildct+ilme"
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
         stream: Any = container.add_stream("libx264", rate=RATE, options=settings | {"bf": str(b_frames)})
         stream.height, stream.width = frames[0].shape[:2]
         stream.pix_fmt = "yuv420p"
         stream.codec_context.thread_count = 1
+        if matrix is not None:
+            a, b, c, d = (each << 16 for each in matrix)
+            stream.set_display_matrix([a, b, 0, c, d, 0, 0, 0, 1 << 30])
         for number, frame in enumerate(frames):
             picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
             picture.pts, picture.time_base = number, Fraction(1, RATE)
