@@ -11,7 +11,7 @@ ARGUMENTS = {
     "device": (
         str,
         "0",
-        "number of the camera, /dev/videoN, or an address that FFmpeg reads, such as rtsp://HOST/PATH",
+        "number of the camera, /dev/videoN, or an address, such as rtsp://HOST/PATH",
     ),
     "depth": (bool, "true", "whether depth and points are published to those who listen"),
     "near_mm": (float, "0.0", "nearest depth that is searched, 0: 0.6 times the reference depth"),

@@ -39,7 +39,6 @@ _SCHEMES = {
     "udp": (FORMATS, "udp"),
     "rtp": ("rtp", "rtp,udp"),
     "tcp": (FORMATS, "tcp"),
-    "srt": (FORMATS, "srt"),
 }
 """FFmpeg's formats of what an address may give, and the protocols by which that is read."""
 _INTRA = 1
@@ -124,7 +123,7 @@ def _addressed(address: str, width_px: int, height_px: int) -> Connection:
     """A camera or server by an address that FFmpeg reads."""
     import av
 
-    v4l2, name, path = _V4L2.fullmatch(address), shown(address), _local_file(address)
+    v4l2, name, path = _V4L2.fullmatch(address), shortened(shown(address), 80), _local_file(address)
     with ExitStack() as stack:
         try:
             if path is not None:
@@ -139,7 +138,7 @@ def _addressed(address: str, width_px: int, height_px: int) -> Connection:
             reason = getattr(error, "strerror", None) or str(error).replace(address, name)
             if isinstance(error, av.error.ExitError):
                 reason = f"no answer within {OPENING_S:g} s"
-            elif isinstance(error, av.error.ArgumentError):
+            elif isinstance(error, av.error.ArgumentError) and not v4l2:
                 reason = "no format of a stream that is read, such as a playlist"
             raise InputError(
                 shortened(
@@ -169,7 +168,7 @@ def _opened_sdp(path: Path) -> Iterator[Any]:
 
 def _opened_stream(address: str) -> Any:
     """A container of what a server gives; ValueError for an address of another kind than those of `_SCHEMES`."""
-    scheme = address.partition("://")[0].lower() if "://" in address else ""
+    scheme = address.partition("://")[0] if "://" in address else ""
     if scheme not in _SCHEMES:
         raise ValueError("neither a file nor an address of a kind that is read")
     formats, protocols = _SCHEMES[scheme]

@@ -38,7 +38,7 @@ class DecodeOptions(Value):
         default=None,
         description=(
             "camera to decode live instead of files, until Ctrl-C, to deviceNUMBER.zarr or stream.zarr: its number, "
-            f"{DEVICES}, /dev/videoN, or an address that FFmpeg reads, such as rtsp://HOST/PATH or udp://HOST:PORT"
+            f"{DEVICES}, /dev/videoN, or an address, such as rtsp://HOST/PATH or udp://HOST:PORT"
         ),
     )
     limit: Annotated[int | None, tyro.conf.arg(metavar="COUNT", help_behavior_hint="")] = FRAMES.field(
