@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.optics.light_field.io.media_files import FORMATS, MediaFile, opened
+from mirrorcam.optics.light_field.io.video_remarks import frame_remarks
 
 PATIENCE = 30
 """Pictures in a row that a camera may fail to give before it counts as gone."""
@@ -62,7 +63,8 @@ def camera(
             "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
             "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
         )
-    name, connect = shown(address), partial(_addressed, address, width_px, height_px)
+    # A camera that comes back is opened again, and remarked on once.
+    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(tell))
     if number:
         name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
     return LiveCamera(name, connect, width_px, height_px, tell=tell, waiting=waiting)
@@ -119,7 +121,7 @@ def _local_file(address: str) -> Path | None:
     return Path(name.removeprefix("//")) if scheme.lower() == "file" else None
 
 
-def _addressed(address: str, width_px: int, height_px: int) -> Connection:
+def _addressed(address: str, width_px: int, height_px: int, tell: Callable[[str], None]) -> Connection:
     """A camera or server by an address that FFmpeg reads."""
     import av
 
@@ -149,7 +151,7 @@ def _addressed(address: str, width_px: int, height_px: int) -> Connection:
         if not container.streams.video:
             raise InputError(f"{name} has no pictures, expected a camera or a video")
         ends = container.duration is not None or (path is not None and not is_sdp(path))
-        return Connection(_decoded(container, stack.pop_all()), ends=ends)
+        return Connection(_decoded(container, stack.pop_all(), name, tell), ends=ends)
 
 
 def is_sdp(path: Path) -> bool:
@@ -197,8 +199,8 @@ def _opened(address: Any, **settings: Any) -> Any:
     return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
 
 
-def _decoded(container: Any, stack: ExitStack) -> Generator[Seen]:
-    """The pictures of a container until it ends or fails, with what closes it.
+def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], None]) -> Generator[Seen]:
+    """The pictures of a container until it ends or fails, with what closes it; `tell` gets remarks on the first one.
 
     Those after a damaged one wait for the next key frame.
     """
@@ -220,7 +222,10 @@ def _decoded(container: Any, stack: ExitStack) -> Generator[Seen]:
             for frame in frames:
                 key = bool(frame.key_frame) and frame.pict_type == _INTRA
                 whole = (whole or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
-                begun = begun or whole
+                if whole and not begun:
+                    begun = True
+                    for line in frame_remarks(name, [frame]):
+                        tell(line)
                 if begun:
                     yield Seen(frame.to_ndarray(format="rgb24") if whole else None, frame.time)
     except (av.FFmpegError, OSError):

@@ -33,8 +33,23 @@ FORMATS = ",".join(
             "dv",
             "wtv",
         ),
-        *("h264", "hevc", "vvc", "m4v", "mpegvideo", "h263", "vc1", "av1", "obu", "ivf", "dirac", "dnxhd", "wtv"),
-        *("mjpeg", "mjpeg_2000", "mpjpeg", "smjpeg", "yuv4mpegpipe", "cine", "ser", "rm", "gif", "apng"),
+        *(
+            "h264",
+            "hevc",
+            "vvc",
+            "m4v",
+            "mpegvideo",
+            "h261",
+            "h263",
+            "vc1",
+            "av1",
+            "obu",
+            "ivf",
+            "dirac",
+            "dnxhd",
+            "wtv",
+        ),
+        *("mjpeg", "mjpeg_2000", "mpjpeg", "smjpeg", "yuv4mpegpipe", "cine", "ser", "dhav", "rm", "gif", "apng"),
         *(
             f"{name}_pipe"
             for name in ("bmp", "jpeg", "j2k", "jpegxl", "png", "tiff", "webp", "ppm", "pgm", "pbm", "pam")

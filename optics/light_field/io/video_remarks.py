@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from math import atan2, degrees
 from typing import Any
@@ -17,8 +17,13 @@ _MATRIX = struct.Struct("=9i")
 def remarks(name: str, container: Any, stream: Any) -> list[str]:
     """Lines about the video of this name, from its header and its first frames, which are read."""
     frames = list(islice(_frames(container, stream), _SAMPLED_FRAMES))
+    return frame_remarks(name, frames, interlaced=stream.codec_context.field_order in _FIELD_ORDERS)
+
+
+def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False) -> list[str]:
+    """Lines about the video or camera of this name, from some of its frames, and whether its header says interlaced."""
     found = []
-    if stream.codec_context.field_order in _FIELD_ORDERS or any(frame.interlaced_frame for frame in frames):
+    if interlaced or any(frame.interlaced_frame for frame in frames):
         found.append(
             f"{name} is interlaced: the odd and even rows of a frame are of different times, so that motion falsifies "
             "what is measured; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or hold the "

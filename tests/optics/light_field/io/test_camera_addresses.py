@@ -91,6 +91,12 @@ def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path)
     assert {lost.reason for lost in found if isinstance(lost, Lost)} == {"is damaged"}
 
 
+def test_what_to_know_of_a_recording_is_said_once(tmp_path: Path) -> None:
+    path, lines = write_h264(tmp_path / "a.mp4", pictures(3), interlaced=True, matrix=(0, 1, -1, 0)), list[str]()
+    assert len(list(camera(str(path), 160, 96, lines.append).frames())) == 3
+    assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "to"]
+
+
 def assert_in_time(found: list[Frame | Lost]) -> None:
     """The pictures' own numbers and times go together, 25 a second; the first of a stream may state no time."""
     whole = [frame for frame in found if isinstance(frame, Frame)]
