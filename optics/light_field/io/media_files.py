@@ -7,7 +7,7 @@ playlists, `ffconcat`, DASH, SDP. Names can be protocols, too (`concat:other.mkv
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -15,49 +15,12 @@ from typing import Any
 from mirrorcam.optics.base.files import stored_bytes
 from mirrorcam.optics.base.values import InputError
 
-FORMATS = ",".join(
-    (
-        *(
-            "mov",
-            "matroska",
-            "avi",
-            "mpegts",
-            "mpeg",
-            "flv",
-            "live_flv",
-            "asf",
-            "ogg",
-            "nut",
-            "mxf",
-            "gxf",
-            "dv",
-            "wtv",
-        ),
-        *(
-            "h264",
-            "hevc",
-            "vvc",
-            "m4v",
-            "mpegvideo",
-            "h261",
-            "h263",
-            "vc1",
-            "av1",
-            "obu",
-            "ivf",
-            "dirac",
-            "dnxhd",
-            "wtv",
-        ),
-        *("mjpeg", "mjpeg_2000", "mpjpeg", "smjpeg", "yuv4mpegpipe", "cine", "ser", "dhav", "rm", "gif", "apng"),
-        *(
-            f"{name}_pipe"
-            for name in ("bmp", "jpeg", "j2k", "jpegxl", "png", "tiff", "webp", "ppm", "pgm", "pbm", "pam")
-        ),
-        # Sound is opened for the message that it has no pictures.
-        *("wav", "mp3", "aac", "flac"),
-    )
-)
+_CONTAINERS = "mov matroska avi mpegts mpeg flv live_flv asf ogg nut mxf gxf dv rm wtv dhav mpjpeg smjpeg cine ser"
+_PLAIN = "h264 hevc vvc m4v mpegvideo h261 h263 vc1 av1 obu ivf dirac dnxhd mjpeg mjpeg_2000 yuv4mpegpipe gif apng"
+_PICTURES = "bmp_pipe jpeg_pipe png_pipe tiff_pipe webp_pipe ppm_pipe pgm_pipe pbm_pipe pam_pipe dpx_pipe"
+_SOUND = "wav mp3 aac flac"
+"""Opened for the message that there are no pictures."""
+FORMATS = ",".join(f"{_CONTAINERS} {_PLAIN} {_PICTURES} {_SOUND}".split())
 """FFmpeg's names of the formats that are read: those that hold all of their data and name no other file."""
 NO_PROTOCOL = "none"
 """A list of the protocols that FFmpeg may use, with none among them."""
@@ -82,8 +45,9 @@ def opened(path: Path) -> Iterator[Any]:
     """
     import av
 
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)")
+    with suppress(OSError):  # of a name that is too long
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, expected a video or pictures by their names (FOLDER/*.png)")
     stored_bytes(path)
     try:
         file = MediaFile(path)

@@ -134,6 +134,10 @@ def test_data_in_another_file_are_not_read(tmp_path: Path) -> None:
 def test_what_is_no_regular_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mkv: no such file$"), opened(tmp_path / "nowhere.mkv"):
         pass
+    with pytest.raises(InputError, match="too long"), opened(tmp_path / ("x" * 300)):
+        pass
+    with pytest.raises(InputError, match="null"), opened(tmp_path / "\0"):
+        pass
     with pytest.raises(InputError, match="is a folder, expected a video or pictures"), opened(tmp_path):
         pass
     if hasattr(os, "mkfifo"):
