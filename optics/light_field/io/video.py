@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
+from mirrorcam.optics.base.files import refuse_pointer
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
@@ -48,6 +49,7 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        refuse_pointer(path)
         with self._opened() as container:
             stream = self._stream(container)
             self.width_px, self.height_px = int(stream.codec_context.width), int(stream.codec_context.height)

@@ -113,7 +113,7 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
 
 def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter) -> int:
     layout = Layout.load(request.layout)
-    check_frames(request.frames, layout, request.layout)
+    check_frames(request.frames, layout, request.layout, lambda line: reporter.note("decode", line))
     images = [path for path in request.frames if is_picture(path)]
     _refuse_blocked(request, layout, images, output)
     decoder = _decoder(request, layout)
