@@ -104,11 +104,7 @@ def line_on_bits(folder: Path) -> str | None:
 
 
 def _line_on_bits(count: int, bits: SampleBits) -> str:
-    used = "all" if bits.used == ALL else f"the lowest {bits.used}"
-    return (
-        f"{count_text(count, 'picture')} of 16 bits a channel, largest value {bits.largest}: {used} of these bits are "
-        "taken as used, and the highest 8 of them are read"
-    )
+    return f"{count_text(count, 'picture')} of {bits}"
 
 
 def _key(path: Path) -> tuple[Path, int, int]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -35,9 +37,10 @@ class SampleBits:
         """Those of all pictures or frames of a set, which are scaled alike."""
         found = list(some)
         stated = {each.stated for each in found}
-        set_bits = np.bitwise_or.reduce([each.set_bits for each in found], initial=0)
         return cls(
-            max((each.largest for each in found), default=0), int(set_bits), stated.pop() if len(stated) == 1 else None
+            max((each.largest for each in found), default=0),
+            reduce(or_, (each.set_bits for each in found), 0),
+            stated.pop() if len(stated) == 1 else None,
         )
 
     @property
@@ -47,6 +50,13 @@ class SampleBits:
             are_lowest = self.largest < 1 << self.stated and self.set_bits & ((1 << (ALL - self.stated)) - 1)
             return self.stated if are_lowest else ALL
         return next(bits for bits in _USED if self.largest < 1 << bits)
+
+    def __str__(self) -> str:
+        used = "all" if self.used == ALL else f"the lowest {self.used}"
+        return (
+            f"16 bits a channel, largest value {self.largest}: {used} of these bits are taken as used, and the highest "
+            "8 of them are read"
+        )
 
 
 def to_8_bits(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:

@@ -91,8 +91,8 @@ def calibrate_files(
 
     `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
     through the mirrors (without a layout, after all of them) with its name and the pose that the next one should show;
-    `tell` with a sentence on each video's choice of frames, and on files left out. Raises InputError where a file cannot be read or
-    the pictures do not suffice.
+    `tell` with a sentence on the frames of each video, and on files left out. Raises InputError where a
+    file cannot be read or the pictures do not suffice.
     """
     target = load_board(request.board)
     if request.layout is None:

@@ -105,6 +105,8 @@ def _sharp_frames(path: Path, camera: Camera | None, tell: Callable[[str], None]
     video, kept, count, lost = Video(path), SharpestFrames(SEARCHED), 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
+    if video.sample_bits.largest:
+        tell(f"{path.name}: {video.sample_bits}")
     for frame in video.frames():
         count += 1
         if not isinstance(frame, Frame):

@@ -288,6 +288,8 @@ def _streams(
     for path in request.frames:
         if not is_picture(path):
             video = Video(path)
+            if video.sample_bits.largest:
+                reporter.note("decode", f"{path.name}: {video.sample_bits}")
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
         size = layout.camera.width_px, layout.camera.height_px
