@@ -23,6 +23,8 @@ _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4),
 _LARGEST_FILTER = 4
 _STORED_BYTES = 65_535
 """Bytes of the largest stored block of deflate."""
+_LARGE_BYTES = 1 << 26
+"""Bytes of lines that memory should not hold twice."""
 
 
 @dataclass(frozen=True)
@@ -104,16 +106,16 @@ def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = F
         For data whose checksums, order or length are wrong, or that cannot be inflated.
     """
     parts = _parts(raw, png, name)
-    lines = _lines(parts.pop(b"IDAT"), png, name)
+    lines = _lines(parts[b"IDAT"], png, name)
     pieces: list[bytes | memoryview] = [PNG_BEGIN, *_chunk(raw[12:29])]
     if png.colour == _PALETTE:
         # Filled up: of an index beyond the palette, too, the decoder writes.
         pieces += _chunk(b"PLTE", parts[b"PLTE"].ljust(3 << png.depth, b"\x00"))
     if opacity and _is_valid_opacity(png, parts):
         pieces += _chunk(b"tRNS", parts[b"tRNS"])
-    pieces += (*_chunk(b"IDAT", *_stored(lines)), *_chunk(b"IEND"))
+    pieces += (*_chunk(b"IDAT", *lines), *_chunk(b"IEND"))
     clean = np.frombuffer(b"".join(pieces), np.uint8)
-    del pieces, lines  # of a large picture, memory holds the data once
+    del pieces, lines, parts
     try:
         image = cv2.imdecode(clean, flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
@@ -175,12 +177,16 @@ def _is_valid_opacity(png: Png, parts: dict[bytes, bytes]) -> bool:
     return all(value < 1 << png.depth for (value,) in struct.iter_unpack(">H", stated))
 
 
-def _lines(data: bytes, png: Png, name: str) -> memoryview:
-    """The filtered lines of a picture: exactly as many bytes as its header says."""
+def _lines(data: bytes, png: Png, name: str) -> list[bytes | memoryview]:
+    """Pieces of a stream of zlib that holds the filtered lines of a picture: as many bytes as its header says.
+
+    Those of a small picture need not be inflated again.
+    """
     layout = list(png._row_bytes)
     wanted = sum(rows * row_bytes for rows, row_bytes in layout)
+    stream = zlib.decompressobj()
     try:
-        lines = zlib.decompressobj().decompress(data, wanted + 1)
+        lines = stream.decompress(data, wanted + 1)
     except zlib.error:
         raise DamagedPicture(f"{name}: damaged, its data cannot be decoded") from None
     if len(lines) < wanted:
@@ -190,7 +196,9 @@ def _lines(data: bytes, png: Png, name: str) -> memoryview:
         if (filters[at : at + rows * row_bytes : row_bytes] > _LARGEST_FILTER).any():
             raise DamagedPicture(f"{name}: damaged, its data cannot be decoded")
         at += rows * row_bytes
-    return memoryview(lines)[:wanted]
+    if wanted > _LARGE_BYTES and len(lines) == wanted and stream.eof and not stream.unused_data:
+        return [data]
+    return _stored(memoryview(lines)[:wanted])
 
 
 def _stored(lines: memoryview) -> list[bytes | memoryview]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 _USED = (8, 10, 12, 14, 16)
 ALL = 16
+_LINES = 256
 
 
 @dataclass(frozen=True)
@@ -61,4 +62,8 @@ class SampleBits:
 
 def to_8_bits(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
     """Samples of 16 bits, of which the lowest `bits` are used, with 8 bits."""
-    return np.minimum(samples >> (bits - 8), 255).astype(np.uint8)
+    scaled = np.empty(samples.shape, np.uint8)
+    for begin in range(0, len(samples), _LINES):  # so that a large picture is in memory once
+        lines = slice(begin, begin + _LINES)
+        scaled[lines] = np.minimum(samples[lines] >> (bits - 8), 255)
+    return scaled

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from mirrorcam.optics.base import png
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.png import Png, decode_png, significant_bits
 
@@ -151,6 +152,15 @@ def test_data_that_explode_take_the_memory_of_the_picture() -> None:
     assert time.process_time() - begun < 0.2
     assert tracemalloc.get_traced_memory()[1] < 5_000_000
     tracemalloc.stop()
+
+
+def test_large_pictures_are_decoded_as_small_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = decoded(header() + DATA + END)
+    with monkeypatch.context() as patch:
+        patch.setattr(png, "_LARGE_BYTES", 0)
+        assert np.array_equal(decoded(header() + DATA + END), picture)
+        for case in READ:
+            decoded(READ[case])
 
 
 def test_significant_bits_are_those_of_colours() -> None:
