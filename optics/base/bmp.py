@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,9 @@ def decode_bmp(raw: bytes, bmp: Bmp, name: str) -> NDArray[np.uint8]:
         return np.ascontiguousarray(samples[..., 2::-1])
     palette = np.zeros((256, 3), np.uint8)
     palette[:count] = np.frombuffer(raw, np.uint8, 4 * count, begin).reshape(count, 4)[:, 2::-1]
-    bits = np.unpackbits(lines, axis=1) if bmp.depth < 8 else lines
+    indices: NDArray[Any] = lines
     if bmp.depth == 4:
-        bits = (lines[..., None] >> np.array([4, 0], np.uint8) & 15).reshape(height, -1)
-    return palette[bits[:, :width]]
+        indices = np.stack([lines >> 4, lines & 15], axis=-1).reshape(height, -1)
+    elif bmp.depth == 1:
+        indices = np.unpackbits(lines, axis=1)
+    return palette[indices[:, :width]]

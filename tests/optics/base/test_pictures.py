@@ -95,7 +95,8 @@ def write_16_bits(path: Path, samples: NDArray[np.uint16]) -> Path:
 def test_pictures_of_16_bits_are_read_by_the_bits_in_use(suffix: str, bits: int, channels: int, tmp_path: Path) -> None:
     wanted = picture() if channels == 3 else picture()[..., 1]
     wanted[0, 0] = 255
-    path = write_16_bits(tmp_path / f"a{suffix}", (wanted.astype(np.uint16) << (bits - 8)) + (1 << (bits - 8)) - 1)
+    samples = (wanted.astype(np.uint16) << (bits - 8)) + (1 << (bits - 8)) - 1
+    path = write_16_bits(tmp_path / f"a{suffix}", samples.astype(np.uint16))
     found = pictures.read_image(path)
     assert np.array_equal(found, wanted if channels == 3 else np.repeat(wanted[..., None], 3, axis=2))
     grey = pictures.read_image(path, grey=True)

@@ -23,7 +23,7 @@ SHAPES = {"grey": (64, 80), "RGB": (64, 80, 3), "RGBA": (64, 80, 4)}
 def noise(kind: str, depth: int) -> NDArray[np.uint8 | np.uint16]:
     random = np.random.default_rng(0)
     dtype = np.uint8 if depth == 8 else np.uint16
-    return cv2.GaussianBlur(random.integers(0, 1 << depth, SHAPES[kind]).astype(dtype), (0, 0), 2)  # type: ignore[return-value]
+    return cv2.GaussianBlur(random.integers(0, 1 << depth, SHAPES[kind]).astype(dtype), (0, 0), 2)
 
 
 def written(image: NDArray[np.uint8 | np.uint16], compression: int) -> bytes:
