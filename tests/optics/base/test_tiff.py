@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from io import BytesIO
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ SHAPES = {"grey": (64, 80), "RGB": (64, 80, 3), "RGBA": (64, 80, 4)}
 def noise(kind: str, depth: int) -> NDArray[np.uint8 | np.uint16]:
     random = np.random.default_rng(0)
     dtype = np.uint8 if depth == 8 else np.uint16
-    return cv2.GaussianBlur(random.integers(0, 1 << depth, SHAPES[kind]).astype(dtype), (0, 0), 2)
+    return np.asarray(cv2.GaussianBlur(random.integers(0, 1 << depth, SHAPES[kind]).astype(dtype), (0, 0), 2), dtype)
 
 
 def written(image: NDArray[np.uint8 | np.uint16], compression: int) -> bytes:
@@ -31,9 +32,9 @@ def written(image: NDArray[np.uint8 | np.uint16], compression: int) -> bytes:
     return cv2.imencode(".tif", np.ascontiguousarray(swapped), [cv2.IMWRITE_TIFF_COMPRESSION, compression])[1].tobytes()
 
 
-def saved(mode: str, **options: object) -> bytes:
+def saved(mode: str, **options: Any) -> bytes:
     buffer = BytesIO()
-    Image.fromarray(noise("RGB", 8)).convert(mode).save(buffer, "TIFF", **options)  # type: ignore[arg-type]
+    Image.fromarray(noise("RGB", 8)).convert(mode).save(buffer, "TIFF", **options)
     return buffer.getvalue()
 
 
