@@ -42,7 +42,7 @@ def rms(errors: FloatArray) -> str:
 
 
 def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
-    taken = calibration_pictures([clip], 30, on_video=print)
+    taken = calibration_pictures([clip], 30, tell=print)
     pictures = taken.read()
     started = time.perf_counter()
     found = calibrate_with_direct_view(

@@ -66,7 +66,9 @@ PLACE_PX = Bounds(-1e7, 1e7)
 REFRACTIVE_INDEX = Bounds(1.0, 4.0)
 LINE_PX = Bounds(0, 65_535)
 LARGEST_PICTURE_PX = 120_000_000
-"""Pixels of the largest picture that is decoded: more than any camera's, and at most 0.7 GB of memory."""
+"""Pixels of the largest picture that is decoded: more than any camera's, and at most 0.8 GB of memory."""
+LARGEST_PICTURE_SIDE_PX = 1_000_000
+"""Width or height of the largest picture, which decoders of PNG hold."""
 LARGEST_DISTORTION = 1e6
 
 

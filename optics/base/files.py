@@ -26,6 +26,8 @@ LONGEST_MESSAGE = 300
 TEMPORARY = ".mirrorcam-"
 """What the names of files begin with that are not finished."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
+_POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
+"""How the text begins that Git keeps in place of a file of its LFS, and the bytes of the longest."""
 
 
 @contextmanager
@@ -123,14 +125,31 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def stored_bytes(path: Path) -> int:
-    """Size of a regular file, or InputError in one line: opening anything else may never end."""
+    """Size of a regular file, or InputError in one line: opening anything else may never end.
+
+    A Git LFS pointer, which stands in for a file until it is fetched, is refused as such.
+    """
     with _readable(path):
         status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a folder, expected a file")
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{path}: is no regular file, expected one")
+    if status.st_size < _LARGEST_POINTER_BYTES:
+        refuse_pointer(path)
     return status.st_size
+
+
+def refuse_pointer(path: Path) -> None:
+    """Raise InputError for a file that is a Git LFS pointer; any other path passes, whatever is there."""
+    if path.is_file() and first_bytes(path, len(_POINTER)) == _POINTER:
+        raise InputError(f"{path}: is a Git LFS pointer, not the file itself: run `git lfs pull`")
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """The first bytes of a regular file, or all of a shorter one."""
+    with _readable(path), path.open("rb") as stream:
+        return stream.read(count)
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:

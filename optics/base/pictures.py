@@ -1,31 +1,40 @@
-"""Pictures as files: PNG and JPEG by their content, of 8 bits a channel, whole or refused."""
+"""Pictures as files: PNG, JPEG, TIFF and BMP by their content, with 8 bits a channel, complete or refused."""
 
 from __future__ import annotations
 
-import struct
-import zlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from warnings import catch_warnings
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
-from mirrorcam.optics.base.files import read_bytes, write_bytes
-from mirrorcam.optics.base.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg
+from mirrorcam.optics.base.figure_texts import count_text
+from mirrorcam.optics.base.files import first_bytes, read_bytes, shortened, stored_bytes, write_bytes
+from mirrorcam.optics.base.picture_data import PictureData, as_grey
+from mirrorcam.optics.base.png import PNG_BEGIN
+from mirrorcam.optics.base.sample_bits import ALL, SampleBits, to_8_bits
+from mirrorcam.optics.base.tiff import TIFF_BEGINS
 from mirrorcam.optics.base.values import InputError
 
 JPEG_ENDINGS = (".jpg", ".jpeg")
-PICTURE_ENDINGS = (".png", *JPEG_ENDINGS)
+WRITTEN_ENDINGS = (".png", *JPEG_ENDINGS)
+PICTURE_ENDINGS = (*WRITTEN_ENDINGS, ".tif", ".tiff", ".bmp")
 """Endings of names of pictures, in lower case, wherever pictures are read."""
-LARGEST_FILE_BYTES = 1 << 30
+LARGEST_FILE_BYTES = 4 * LARGEST_PICTURE_PX
+"""Bytes of the largest file: more than the pixels of the largest picture without compression."""
 
-_PNG_BEGIN, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_SIDE_ENDINGS = (".toml", ".json", ".yaml", ".yml", ".csv", ".npz", ".html", ".md", ".db", ".ini")
+"""Endings of files that belong beside pictures: boards, layouts, tables, results, and notes of file managers."""
+_MOST_NAMES = 3
 _ORIENTATION = 0x0112
+_SIXTEEN = 16
+_agreed: dict[tuple[Path, int, int], SampleBits] = {}
+"""What the pictures of 16 bits of a set have in common, by path, time and size of each file."""
 
 
 def is_picture(path: Path) -> bool:
@@ -33,19 +42,82 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in PICTURE_ENDINGS
 
 
-def pictures_in(paths: Sequence[Path]) -> list[Path]:
-    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name."""
+def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> list[Path]:
+    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name.
+
+    They are taken for one set, see `agree_on_bits`. `tell` takes a line about the files of a folder that are left out,
+    and one about pictures of 16 bits. Raises InputError for a folder without pictures.
+    """
     found: list[Path] = []
     for path in paths:
-        inside = sorted(filter(is_picture, path.iterdir())) if path.is_dir() else [path]
+        if not path.is_dir():
+            found.append(path)
+            continue
+        inside = sorted(filter(is_picture, path.iterdir()))
+        others = sorted(filter(_is_left_out, path.iterdir()))
+        names = ", ".join(each.name for each in others[:_MOST_NAMES]) + (", ..." if others[_MOST_NAMES:] else "")
         if not inside:
-            raise InputError(f"{path}: holds no picture, expected {', '.join(PICTURE_ENDINGS)} files")
+            there = f", but {names}" if others else ""
+            raise InputError(shortened(f"{path}: holds no picture{there}, expected {', '.join(PICTURE_ENDINGS)} files"))
+        if others:
+            of_all = count_text(len(inside) + len(others), "file")
+            tell(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
         found += inside
+    agree_on_bits(found, tell)
     return found
 
 
+def _is_left_out(path: Path) -> bool:
+    """Return whether a user may take a file for one of the pictures of its folder, though it is not read."""
+    hidden = path.name.startswith(".")
+    return not hidden and not is_picture(path) and path.suffix.lower() not in _SIDE_ENDINGS and path.is_file()
+
+
+def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> None:
+    """Take the pictures of 16 bits among some files for one set, in which as many bits are used in all.
+
+    `read_image` then scales all of them alike; one that is read alone is scaled by its own samples. `tell` takes a line
+    about them, where there are any.
+    """
+    found: dict[tuple[Path, int, int], SampleBits] = {}
+    for path in filter(is_picture, paths):
+        with suppress(InputError):  # in full when it is read
+            if (known := _agreed.get(_key(path))) is not None:
+                found[_key(path)] = known
+                continue
+            begin = first_bytes(path, 25) if stored_bytes(path) else b""
+            if begin.startswith(TIFF_BEGINS) or (begin.startswith(PNG_BEGIN) and begin[24:] == bytes((_SIXTEEN,))):
+                data = PictureData.of(path, read_bytes(path, LARGEST_FILE_BYTES))
+                if data.depth == _SIXTEEN:
+                    found[_key(path)] = SampleBits.of(data.decoded(), data.significant_bits)
+    if found:
+        together = SampleBits.together(found.values())
+        _agreed.update(dict.fromkeys(found, together))
+        tell(_line_on_bits(len(found), together))
+
+
+def line_on_bits(folder: Path) -> str | None:
+    """A line about the pictures of 16 bits of a folder, or a file, that were read as a set; None without any."""
+    place = folder.absolute()
+    found = [bits for (path, *_), bits in _agreed.items() if path.is_relative_to(place)]
+    return _line_on_bits(len(found), found[0]) if found else None
+
+
+def _line_on_bits(count: int, bits: SampleBits) -> str:
+    return f"{count_text(count, 'picture')} of {bits}"
+
+
+def _key(path: Path) -> tuple[Path, int, int]:
+    """A picture as it is now; raises InputError where it is none."""
+    stored_bytes(path)
+    status = path.stat()
+    return path.absolute(), status.st_mtime_ns, status.st_size
+
+
 def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
-    """Read a picture of 8 bits a channel, PNG or JPEG by its content.
+    """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
+
+    Of 16 bits, those that are used count, of which the highest 8 are returned: see `agree_on_bits`.
 
     Parameters
     ----------
@@ -64,27 +136,43 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     InputError
         If the file is missing or larger than any camera's picture.
     DamagedPicture
-        If it is neither PNG nor JPEG, cut short, or its data are not what was written.
+        If it is no picture, cut short, or its data are not what was written.
     """
-    raw = read_bytes(path, LARGEST_FILE_BYTES)
-    header = _header_of(path, raw)
-    if header.jpeg is None:
-        return _read_png(path, raw, cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR_RGB).astype(np.uint8, copy=False)
-    return decode_jpeg(raw, header.jpeg, str(path), grey=grey)
+    data = _data(path)
+    image = data.decoded(grey=grey)
+    if image.dtype != np.uint8:
+        image = to_8_bits(image, _bits(path, data, image))
+    if grey:
+        return as_grey(image)
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else np.ascontiguousarray(image)
 
 
 def read_opacity(path: Path) -> NDArray[np.uint8] | None:
-    """Read the opacity (h, w) of a PNG of 8 bits a channel; None of a picture without. Raises as `read_image`."""
-    raw = read_bytes(path, LARGEST_FILE_BYTES)
-    if _header_of(path, raw).jpeg is not None:
+    """Read the opacity (h, w) of a picture with 8 bits; None of a picture without. Raises as `read_image`."""
+    data = _data(path)
+    image = data.decoded(opacity=True)
+    if image.shape[2:] != (4,):
         return None
-    image = _read_png(path, raw, cv2.IMREAD_UNCHANGED)
-    return np.ascontiguousarray(image[..., 3]) if image.dtype == np.uint8 and image.shape[2:] == (4,) else None
+    opacity = image[..., 3]
+    if opacity.dtype != np.uint8:
+        bits = _bits(path, data, image[..., :3])
+        opacity = to_8_bits(opacity, bits if int(opacity.max()) < 1 << bits else ALL)
+    return np.ascontiguousarray(opacity)
+
+
+def _bits(path: Path, data: PictureData, image: NDArray[np.uint16]) -> int:
+    """How many bits of a picture are used: as many as in its set."""
+    agreed = _agreed.get(_key(path))
+    return (SampleBits.of(image, data.significant_bits) if agreed is None else agreed).used
+
+
+def _data(path: Path) -> PictureData:
+    return PictureData.of(path, read_bytes(path, LARGEST_FILE_BYTES))
 
 
 def picture_size(path: Path) -> tuple[int, int]:
     """Width and height of a picture in px, by its header alone; raises as `read_image`, but for what lies behind."""
-    return _header_of(path, read_bytes(path, LARGEST_FILE_BYTES)).size
+    return _data(path).size
 
 
 def orientation(path: Path) -> int:
@@ -92,7 +180,7 @@ def orientation(path: Path) -> int:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(BytesIO(read_bytes(path, LARGEST_FILE_BYTES))) as image:
+        with catch_warnings(action="ignore"), Image.open(BytesIO(read_bytes(path, LARGEST_FILE_BYTES))) as image:
             found = image.getexif().get(_ORIENTATION, 1)
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
         return 1
@@ -109,62 +197,6 @@ def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], who
         raise InputError(f"{path}: {size[0]}x{size[1]} px{turned}, expected {expected[0]}x{expected[1]} of {whose}")
 
 
-@dataclass(frozen=True)
-class _Header:
-    """Width and height of a picture in px, and the segments of a JPEG; None for a PNG."""
-
-    size: tuple[int, int]
-    jpeg: Jpeg | None = None
-
-
-def _header_of(path: Path, raw: bytes) -> _Header:
-    if raw.startswith(_PNG_BEGIN):
-        size = struct.unpack(">II", raw[16:24]) if raw[12:16] == b"IHDR" and len(raw) >= 24 else (0, 0)
-        header, whole = _Header(size), raw.rfind(_PNG_END) >= 0  # found at once: it is the end
-    elif raw.startswith(JPEG_BEGIN):
-        jpeg = Jpeg.of(raw)
-        header, whole = _Header(jpeg.size(raw), jpeg), jpeg.end is not None
-    else:
-        raise DamagedPicture(f"{path}: not an image that can be decoded, expected PNG or JPEG")
-    if not whole:
-        raise DamagedPicture(f"{path}: image is truncated")
-    width, height = header.size
-    if not width * height:
-        raise DamagedPicture(f"{path}: damaged, its header states no size")
-    if width * height > LARGEST_PICTURE_PX:
-        most = f"{LARGEST_PICTURE_PX // 1_000_000} megapixels"
-        raise InputError(f"{path}: {width}x{height} px, expected a picture of at most {most}")
-    return header
-
-
-def _png_chunks(raw: bytes) -> Iterator[tuple[int, int]]:
-    """Begin and end of the name and content of each chunk of a PNG that is there in full, up to its last."""
-    at = len(_PNG_BEGIN)
-    while (end := at + 8 + int.from_bytes(raw[at : at + 4])) + 4 <= len(raw):
-        yield at + 4, end
-        if raw[at + 4 : at + 8] == b"IEND":
-            return
-        at = end + 4
-
-
-def _read_png(path: Path, raw: bytes, flags: int) -> NDArray[Any]:
-    """Decode a PNG whose checksums are all right: the decoder itself would write of others to standard error."""
-    content, last = memoryview(raw), b""
-    for begin, end in _png_chunks(raw):
-        last = raw[begin : begin + 4]
-        if zlib.crc32(content[begin:end]) != int.from_bytes(raw[end : end + 4]):
-            raise DamagedPicture(f"{path}: damaged, a checksum of its data is wrong")
-    if last != b"IEND":
-        raise DamagedPicture(f"{path}: damaged, a part of it is missing")
-    try:
-        image = cv2.imdecode(np.frombuffer(raw, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:
-        image = None
-    if image is None:
-        raise DamagedPicture(f"{path}: damaged, its data cannot be decoded")
-    return image
-
-
 def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
     """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
@@ -176,6 +208,6 @@ def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95)
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
-    if not is_picture(path):
+    if path.suffix.lower() not in WRITTEN_ENDINGS:
         raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
     write_bytes(path, encoded_image(image, path.suffix.lower()))

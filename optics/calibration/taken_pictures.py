@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mirrorcam.optics.base.jpeg import DamagedPicture
-from mirrorcam.optics.base.pictures import check_size, read_image
+from mirrorcam.optics.base.pictures import agree_on_bits, check_size, read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
@@ -45,6 +45,8 @@ class TakenPictures:
         Raises InputError for a file of another size than the camera's.
         """
         held = isinstance(pictures, Sequence)
+        if held:
+            agree_on_bits([each for each in pictures if isinstance(each, Path)])
         for picture in pictures:
             grey = self._grey(picture)
             yield grey

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic, read_bytes
 from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.optics.base.x264 import X264, require_x264
 from mirrorcam.optics.light_field.io.media_files import file_address
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
@@ -46,12 +47,13 @@ def write_h264(
 
     `on_picture` is called with the number of pictures written so far.
     """
+    require_x264()
     with atomic(path) as temporary, _open(temporary) as container:
         stream = None
         for number, picture in enumerate(pictures):
             image = read_image(picture)
             if stream is None:
-                stream = container.add_stream("libx264", rate=_rate(rate_hz), options=_X264 | {"crf": str(crf)})
+                stream = container.add_stream(X264, rate=_rate(rate_hz), options=_X264 | {"crf": str(crf)})
                 _prepare(stream.codec_context, image)
             container.mux(stream.encode(_frame(image, number, _rate(rate_hz))))
             on_picture(number + 1)
@@ -61,7 +63,8 @@ def write_h264(
 
 def as_key_frame(picture: NDArray[np.uint8], crf: int) -> NDArray[np.uint8]:
     """Compress and decompress a picture with even sides, grey (h, w) or RGB (h, w, 3), as a key frame of H.264."""
-    encoder, decoder = (_av().CodecContext.create(*codec) for codec in (("libx264", "w"), ("h264", "r")))
+    require_x264()
+    encoder, decoder = (_av().CodecContext.create(*codec) for codec in ((X264, "w"), ("h264", "r")))
     encoder.options = _X264 | {"crf": str(crf)}
     encoder.framerate = Fraction(30)
     encoder.time_base = Fraction(1, 30)

@@ -64,6 +64,7 @@ from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.workflow.system_libraries import missing_library_of
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -276,4 +277,6 @@ def _end(error: BaseException, arguments: Sequence[str]) -> int:
     if isinstance(error, OSError) and error.errno in FULL:
         _say_no_more()
         return _refuse(f"cannot write: {error.strerror}", BAD_INPUT, arguments)
+    if lacking := missing_library_of(error):
+        return _refuse(lacking, BAD_INPUT, arguments)
     raise error

@@ -1,6 +1,7 @@
 """The steps of a Dockerfile without a container engine: in the root of a fresh Debian, by chroot.
 
-It knows what `ci_kit/Dockerfile` uses: FROM, ARG before it, RUN, COPY of the whole context, ENV and ENTRYPOINT.
+It knows what `ci_kit/Dockerfile` uses: FROM, ARG before it, RUN, COPY of the whole context, ENV, VOLUME, WORKDIR, USER
+and ENTRYPOINT.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
 
-KNOWN = ("ARG", "FROM", "RUN", "COPY", "ENV", "ENTRYPOINT")
+KNOWN = ("ARG", "FROM", "RUN", "COPY", "ENV", "VOLUME", "WORKDIR", "USER", "ENTRYPOINT")
 FIRST_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 PASSED = ("PIP_", "http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY")
 """Settings of this machine, by the beginnings of their names, that steps see: where packages come from."""
@@ -29,7 +30,8 @@ while [ "$1" != -- ]; do
     mount --rbind "$1" "$root$2"; shift 2
 done
 shift
-exec chroot "$root" "$@"
+user=$1; shift
+exec chroot --userspec="$user" "$root" "$@"
 """
 """Mounts, in a mount namespace that ends with the process, and the command in the root."""
 
@@ -91,6 +93,8 @@ class Image:
     settings: Mapping[str, str] = field(default_factory=dict)
     environment: dict[str, str] = field(default_factory=lambda: {"PATH": FIRST_PATH, "HOME": "/root"})
     entry: tuple[str, ...] = ()
+    folder: str = "/"
+    user: str = "0:0"
 
     def run(
         self,
@@ -98,7 +102,6 @@ class Image:
         *,
         passed: Mapping[str, str] | None = None,
         mounts: Sequence[tuple[str, str]] = (),
-        folder: str = "/",
     ) -> subprocess.CompletedProcess[str]:
         """A command in the root, with pairs of paths outside and inside that are mounted for it.
 
@@ -107,9 +110,9 @@ class Image:
         settings, shared = seen_inside(self.settings)
         variables = [f"{name}={value}" for name, value in (settings | self.environment | dict(passed or {})).items()]
         pairs = [path for pair in (*shared, *mounts) for path in pair]
-        inside = ["env", "-i", "-C", folder, *variables, *command]
+        inside = ["env", "-i", "-C", self.folder, *variables, *command]
         return subprocess.run(
-            ["unshare", "--mount", "--", "sh", "-c", MOUNT, "sh", str(self.root), *pairs, "--", *inside],
+            ["unshare", "--mount", "--", "sh", "-c", MOUNT, "sh", str(self.root), *pairs, "--", self.user, *inside],
             check=False,
             capture_output=True,
             text=True,
@@ -122,6 +125,10 @@ class Image:
         if name == "ENV":
             key, _, value = rest.partition("=")
             self.environment[key] = value
+        elif name == "WORKDIR":
+            self.folder = rest
+        elif name == "USER":
+            self.user = rest
         elif name == "ENTRYPOINT":
             self.entry = tuple(json.loads(rest))
         elif name == "COPY":

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -46,8 +47,8 @@ def steps() -> list[tuple[str, str]]:
 def test_lines_that_go_on_are_one_instruction() -> None:
     text = "# a comment\nARG BASE=debian:12.12-slim\n\nRUN a \\\n    && b\nENV X=1\n"
     assert instructions(text) == [("ARG", "BASE=debian:12.12-slim"), ("RUN", "a && b"), ("ENV", "X=1")]
-    with pytest.raises(ValueError, match="VOLUME: expected one of"):
-        instructions("VOLUME /x")
+    with pytest.raises(ValueError, match="ADD: expected one of"):
+        instructions("ADD x /x")
 
 
 def test_the_base_is_a_point_release_and_never_a_tag_that_moves() -> None:
@@ -76,10 +77,47 @@ def test_the_context_leaves_out_what_the_image_does_not_need(name: str, left_out
 
 def test_the_context_holds_what_the_steps_read() -> None:
     names = set(context(ROOT))
-    assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "constraints.txt", "src/mirrorcam/cli.py"} <= names
-    assert {"ci_kit/install.sh", "ci_kit/evaluate.sh", "LICENSES/CERN-OHL-W-2.0.txt"} <= names
+    assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "src/mirrorcam/cli.py"} <= names
+    assert {
+        "ci_kit/install.sh",
+        "ci_kit/evaluate.sh",
+        "ci_kit/requirements.lock",
+        "LICENSES/CERN-OHL-W-2.0.txt",
+    } <= names
     entry = next(json.loads(rest) for name, rest in steps() if name == "ENTRYPOINT")
     assert entry[-1].removeprefix("/opt/mirrorcam/") in names
+
+
+def test_the_image_runs_without_rights_in_a_home_and_a_folder_that_any_user_may_write() -> None:
+    settings = dict(steps()[2:])
+    user, _, group = settings["USER"].partition(":")
+    assert user.isdigit() and group.isdigit() and int(user) > 0
+    home = next(rest.removeprefix("HOME=") for name, rest in steps() if name == "ENV" and rest.startswith("HOME="))
+    made = next(rest for name, rest in steps() if name == "RUN" and rest.startswith("mkdir -m 1777 "))
+    assert {home, settings["VOLUME"], settings["WORKDIR"]} <= set(made.split())
+    names = [name for name, _ in steps()]
+    assert names.index("USER") > max(place for place, name in enumerate(names) if name in ("RUN", "COPY"))
+
+
+def test_actions_are_named_by_commits_and_not_by_tags_that_move() -> None:
+    used = re.findall(r"uses: (\S+)@(.*)", (ROOT / "action.yml").read_text(encoding="utf-8"))
+    assert len(used) == 3
+    assert all(re.fullmatch(r"[0-9a-f]{40} # v\d+\.\d+\.\d+", version) for _, version in used)
+
+
+def test_files_of_the_locked_hashes_alone_are_installed() -> None:
+    script = (ROOT / "ci_kit" / "install.sh").read_text(encoding="utf-8")
+    commands = [line for line in script.splitlines() if line.startswith("pip ")]
+    assert all("--require-hashes" in line or "--no-deps --no-build-isolation" in line for line in commands)
+    whole, part = (blocks(ROOT / folder / "requirements.lock") for folder in ("", "ci_kit"))
+    assert part <= whole
+    assert {"mitsuba", "distributed", "numpy", "setuptools"} <= {block.partition("==")[0] for block in part}
+
+
+def blocks(lock: Path) -> set[str]:
+    """The packages of a lock, each with its version and hashes."""
+    lines = lock.read_text(encoding="utf-8").replace("\\\n", "").splitlines()
+    return {" ".join(line.split()) for line in lines if not line.startswith("#")}
 
 
 def refusal() -> str:
@@ -121,7 +159,8 @@ def test_the_steps_build_an_image_whose_entry_evaluates_a_calibrator(tmp_path: P
     shutil.copytree(ROOT / "examples" / "calibrator_in_ci", here)
     (here / "suite.toml").write_text(TINY, encoding="utf-8")
     asked = {"COMMAND": "python3 calibrate.py", "SUITE": "suite.toml", "LIMITS": "limits.toml", "OUT": "found"}
-    done = image.run(image.entry, passed=asked, mounts=((str(here), "/here"),), folder="/here")
+    os.chown(here, *map(int, image.user.split(":")))
+    done = image.run(image.entry, passed=asked, mounts=((str(here), "/here"),))
     lap("entry")
     print(json.dumps({"seconds": took, "mb": {name: round(size) for name, size in sizes.items()}}, indent=1))
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
@@ -130,5 +169,5 @@ def test_the_steps_build_an_image_whose_entry_evaluates_a_calibrator(tmp_path: P
     assert [each["name"] for each in found["tried"]] == ["webcam-2x2"]
     assert found["scores"]["sets"][0]["figures"]["rms_px"]["value"] < 1.0
 
-    wrong = image.run(image.entry, passed=asked | {"COMMAND": "false"}, mounts=((str(here), "/here"),), folder="/here")
+    wrong = image.run(image.entry, passed=asked | {"COMMAND": "false"}, mounts=((str(here), "/here"),))
     assert wrong.returncode == 1, wrong.stdout[-2000:] + wrong.stderr[-2000:]

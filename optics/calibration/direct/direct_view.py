@@ -8,13 +8,14 @@ by the static scene.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
 
-from mirrorcam.optics.base.figure_texts import names_together
+from mirrorcam.optics.base.figure_texts import count_text, names_together
 from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError
@@ -62,6 +63,7 @@ def calibrate_with_direct_view(
     mirrors: int,
     names: Sequence[str],
     base: Sequence[Grey] = (),
+    base_names: Sequence[str] = (),
     most: int | None = None,
     level: str | None = None,
     beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
@@ -82,6 +84,8 @@ def calibrate_with_direct_view(
         Names of the pictures, for the notes.
     base
         Pictures of the board by the same camera that show it without mirrors, which help to find the intrinsics.
+    base_names
+        Their names, for messages.
     most
         Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
     level
@@ -107,9 +111,7 @@ def calibrate_with_direct_view(
     """
     if not pictures:
         raise InputError("no pictures given")
-    sizes = {picture.shape for picture in (*pictures, *base)}
-    if len(sizes) > 1:
-        raise InputError(f"pictures of {len(sizes)} sizes, expected pictures of one camera and size")
+    _check_sizes((*pictures, *base), (*names, *base_names))
     if level is not None:
         additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
@@ -171,6 +173,17 @@ def calibrate_with_direct_view(
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to mirrors that cannot be: {one_line(error)}") from None
     return replace(found, notes=(*notes, *found.notes))
+
+
+def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:
+    """Raise InputError for the first picture of another size than most of them."""
+    sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
+    ((usual, count),) = Counter(sizes).most_common(1)
+    for number, size in enumerate(sizes):
+        if size != usual:
+            name = names[number] if number < len(names) else f"picture {number + 1}"
+            others = f"{usual[0]}x{usual[1]} of {count_text(count, 'other')}"
+            raise InputError(f"{name}: {size[0]}x{size[1]} px, expected {others}: pictures of one camera and size")
 
 
 def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observations]) -> tuple[Fitted, Observations]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.x264 import X264, require_x264
 from mirrorcam.optics.light_field.io.media_files import file_address
 
 # Frames that lean on later ones come out differently from run to run.
@@ -48,9 +49,10 @@ def _write_gif(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
 def _write_mp4(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: float) -> None:
     import av
 
+    require_x264()
     height, width = (side // 2 * 2 for side in pictures[0].shape[:2])
     with av.open(file_address(path), "w") as container:
-        stream = container.add_stream("libx264", rate=Fraction(pictures_hz).limit_denominator(1000), options=_X264)
+        stream = container.add_stream(X264, rate=Fraction(pictures_hz).limit_denominator(1000), options=_X264)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         for picture in pictures:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="rgb24")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property, partial
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any
 
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.jpeg import DamagedPicture
+from mirrorcam.optics.base.sample_bits import ALL, SampleBits
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.media_files import opened
@@ -20,8 +22,11 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     Picture,
     are_plain_jpegs,
     decoded_pictures,
+    has_16_bits,
     have_ends,
     jpeg_pictures,
+    rgb_of_bits,
+    samples_of_16_bits,
 )
 from mirrorcam.optics.light_field.io.video_remarks import remarks
 
@@ -112,7 +117,25 @@ class Video:
             packets = chain(first, packets)
             if are_plain_jpegs(first, self.height_px):
                 return jpeg_pictures(packets, size, have_ends(first))
+        if has_16_bits(stream.codec_context):
+            return decoded_pictures(stream.codec_context, packets, size, partial(rgb_of_bits, self.sample_bits.used))
         return decoded_pictures(stream.codec_context, packets, size)
+
+    @cached_property
+    def sample_bits(self) -> SampleBits:
+        """What all frames of 16 bits, which are decoded for it, have in common; nothing in a video of other samples."""
+        found = SampleBits()
+        with opened(self.path) as container:
+            stream = self._stream(container)
+            if has_16_bits(stream.codec_context):
+                size = (self.width_px, self.height_px)
+                packets = packets_of(container, stream)
+                for picture in decoded_pictures(stream.codec_context, packets, size, samples_of_16_bits):
+                    if picture.pixels is not None:
+                        found = SampleBits.together((found, SampleBits.of(picture.pixels())))
+                    if found.used == ALL:
+                        break
+        return found
 
 
 def _count(container: Any, stream: Any) -> int | None:

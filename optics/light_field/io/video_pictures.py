@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.jpeg import EXTRANEOUS, JPEG_BEGIN, JPEG_END, DamagedPicture, Jpeg, decode_jpeg
+from mirrorcam.optics.base.sample_bits import to_8_bits
 from mirrorcam.optics.light_field.io.video_packets import Packet
 
 DAMAGED, DEPENDS = "is damaged", "depends on a damaged one"
@@ -36,7 +37,7 @@ class Picture:
     """
 
     moment: int
-    pixels: Callable[[], NDArray[np.uint8]] | None
+    pixels: Callable[[], NDArray[Any]] | None
     reason: str = ""
     broken: bool = False
     skipped: int = 0
@@ -189,12 +190,43 @@ class _Order:
         self._damaged = {each for each in self._damaged if each >= self._key}
 
 
-def decoded_pictures(decoder: Any, packets: Iterable[Packet], size: tuple[int, int]) -> Iterator[Picture]:
-    """The pictures that FFmpeg's decoder makes of packets, in order of time."""
-    from av.codec.context import Flags
-    from av.video.reformatter import VideoReformatter
+def has_16_bits(decoder: Any) -> bool:
+    """Return whether a decoder gives grey values or RGB of 16 bits, of which cameras may use the lowest alone.
 
-    convert = VideoReformatter().reformat
+    Samples of 10, 12 or 14 bits are stored as such, and need no guess.
+    """
+    shown = decoder.format
+    return shown is not None and shown.name.startswith(
+        ("gray16", "ya16", "rgb48", "rgba64", "bgr48", "bgra64", "gbrp16", "gbrap16")
+    )
+
+
+def samples_of_16_bits(frame: Any) -> NDArray[Any]:
+    """Samples of a frame as stored: (h, w), or (h, w, 3) in RGB."""
+    wanted = "gray16le" if frame.format.name.startswith(("gray", "ya")) else "rgb48le"
+    return np.asarray(frame.reformat(format=wanted, threads=1).to_ndarray())
+
+
+def rgb_of(frame: Any) -> NDArray[np.uint8]:
+    """A frame (h, w, 3) in RGB with 8 bits."""
+    return np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), dtype=np.uint8)
+
+
+def rgb_of_bits(bits: int, frame: Any) -> NDArray[np.uint8]:
+    """A frame of 16 bits, of which the lowest `bits` are used, as `rgb_of`."""
+    image = to_8_bits(samples_of_16_bits(frame), bits)
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
+
+
+def decoded_pictures(
+    decoder: Any,
+    packets: Iterable[Packet],
+    size: tuple[int, int],
+    convert: Callable[[Any], NDArray[Any]] = rgb_of,
+) -> Iterator[Picture]:
+    """The pictures that FFmpeg's decoder makes of packets, in order of time; `convert` makes their pixels."""
+    from av.codec.context import Flags
+
     decoder.thread_type = "AUTO"
     decoder.flags |= Flags.copy_opaque
     # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
@@ -202,8 +234,8 @@ def decoded_pictures(decoder: Any, packets: Iterable[Packet], size: tuple[int, i
     order = _Order(bool(decoder.codec.intra_only))
 
     def picture(shown: _Shown, reason: str, at_end: bool = False) -> Picture:
-        def pixels() -> NDArray[np.uint8]:
-            return np.asarray(convert(shown.frame, format="rgb24", threads=1).to_ndarray(), dtype=np.uint8)
+        def pixels() -> NDArray[Any]:
+            return convert(shown.frame)
 
         # Frames that are shown before the last, but are decoded after it, may be cut off.
         broken, skipped = shown.packet.gap or (at_end and bool(decoder.has_b_frames)), shown.packet.skipped

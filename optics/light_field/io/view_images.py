@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import check_bytes
 from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import picture_size, read_image, read_opacity
+from mirrorcam.optics.base.pictures import agree_on_bits, picture_size, read_image, read_opacity
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
@@ -56,7 +56,7 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
 
 
 def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
-    """Width and height of pictures that make one light field, by the header of the first.
+    """Width and height of pictures that make one light field, by the header of the first; they are scaled alike.
 
     Raises InputError where all together would take more memory than their files may; the others are to be checked when
     they are read.
@@ -64,6 +64,7 @@ def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
     width, height = picture_size(pictures[0])
     stored = sum(picture.stat().st_size for picture in pictures if picture.is_file())
     check_bytes(pictures[0], _PIXEL_BYTES * width * height * len(pictures), stored)
+    agree_on_bits(pictures)
     return width, height
 
 

@@ -114,13 +114,13 @@ def run(options: CalibrateOptions) -> int:
     def on_hint(picture: str, hint: NextPose) -> None:
         say("calibrate", f"{picture}: {hint.sentence}")
 
-    def on_video(sentence: str) -> None:
+    def tell(sentence: str) -> None:
         say("calibrate", sentence)
 
     with output_folder(options.out, "calibrate", force=options.force) as output:
         output.refuse_others(*FILES)
         with long_work("calibrate", "finding corners" if options.images else "solving", "pictures") as advance:
-            calibration = calibrate_files(request, advance, on_hint if options.live_hint else None, on_video)
+            calibration = calibrate_files(request, advance, on_hint if options.live_hint else None, tell)
         with output.staged() as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}

@@ -27,16 +27,17 @@ class CamerasOptions(Value):
 
 def run(options: CamerasOptions) -> int:
     """Write the cameras."""
+    from mirrorcam.optics.base.picture_data import EXPECTED
     from mirrorcam.optics.base.pictures import is_picture, pictures_in
     from mirrorcam.optics.base.values import InputError
     from mirrorcam.optics.exports.write_exports import export_names, write_exports
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.workflow.output_folder import output_folder
 
-    layout, pictures = Layout.load(options.layout), pictures_in(options.pictures)
+    layout, pictures = Layout.load(options.layout), pictures_in(options.pictures, lambda line: say("cameras", line))
     for path in pictures:
         if not is_picture(path):
-            raise InputError(f"{path}: no picture, expected PNG or JPEG frames or folders of them, not videos")
+            raise InputError(f"{path}: no picture, expected {EXPECTED} frames or folders of them, not videos")
     with output_folder(options.out, "cameras", force=options.force) as output:
         output.refuse_others(*(glob.escape(name) for name in export_names(layout, pictures)))
         with output.staged() as folder:

@@ -24,7 +24,7 @@ class DecodeOptions(Value):
 
     frames: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[FRAME|VIDEO...]", help_behavior_hint="")
-    ] = Field(default=(), description="frames of the camera (PNG or JPEG), or videos (such as MP4 or AVI)")
+    ] = Field(default=(), description="frames of the camera (PNG, JPEG, TIFF or BMP), or videos (such as MP4 or AVI)")
     layout: Path = Field(description="layout.json, calibrated where there is one")
     out: Path = Field(
         default=Path("output/decoded"),

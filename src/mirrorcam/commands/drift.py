@@ -23,7 +23,8 @@ class DriftOptions(Value):
     """Tell from pictures of any scene whether mirrors moved since the calibration, and re-solve those that did."""
 
     frames: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FRAME|VIDEO...")] = Field(
-        min_length=1, description="frames of the camera (PNG or JPEG), or videos, of one recording of a textured scene"
+        min_length=1,
+        description="frames of the camera (PNG, JPEG, TIFF or BMP), or videos, of one recording of a textured scene",
     )
     layout: Path = Field(description="calibrated layout.json")
     checks: Annotated[

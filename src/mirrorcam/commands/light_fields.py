@@ -72,7 +72,7 @@ class LightFieldsOptions(GeometryOptions):
         min_length=1,
         description=(
             "light fields: .npz, .zarr or .mcap of mirrorcam decode, a file or folder in a format of mirrorcam export, "
-            "or, with --layout, frames of the camera (PNG or JPEG)"
+            "or, with --layout, frames of the camera (PNG, JPEG, TIFF or BMP)"
         ),
     )
     layout: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(

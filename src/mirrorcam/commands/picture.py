@@ -30,11 +30,11 @@ class PictureOptions(Value):
 
 def run(options: PictureOptions) -> int:
     """Render and write the picture."""
-    from mirrorcam.optics.base.pictures import PICTURE_ENDINGS, is_picture
+    from mirrorcam.optics.base.pictures import WRITTEN_ENDINGS
     from mirrorcam.optics.geometry.layout import Layout
 
-    if not is_picture(options.out):
-        raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(PICTURE_ENDINGS)}")
+    if options.out.suffix.lower() not in WRITTEN_ENDINGS:
+        raise InputError(f"--out {options.out}: expected a name that ends in {', '.join(WRITTEN_ENDINGS)}")
     layout = Layout.load(options.layout)
     require("render")
     from mirrorcam.workflow.output_folder import output_folder

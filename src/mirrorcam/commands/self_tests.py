@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import mirrorcam
 from mirrorcam.optics.base.child_program import run_program
 from mirrorcam.optics.base.values import Value
+from mirrorcam.workflow.system_libraries import missing_library
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,11 +73,13 @@ def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
 
 
 def _said(done: subprocess.CompletedProcess[bytes]) -> str:
-    """The sentence of a test that passed; of another, the last line of its traceback, or how it ended."""
+    """The sentence of a test that passed; of another, what the system lacks, the last line of its traceback, or how it
+    ended."""
     lines = (done.stderr if done.returncode else done.stdout).decode("utf-8", "replace").strip().splitlines()
     if done.returncode == 0:
         return str(json.loads(lines[-1]))
-    return lines[-1] if lines else f"ended with exit code {done.returncode}"
+    lacking = missing_library("\n".join(lines))
+    return lacking or (lines[-1] if lines else f"ended with exit code {done.returncode}")
 
 
 def report(name: str) -> None:

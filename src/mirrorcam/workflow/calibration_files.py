@@ -85,24 +85,24 @@ def calibrate_files(
     request: CalibrationRequest,
     progress: Progress = no_progress,
     on_hint: Callable[[str, NextPose], None] | None = None,
-    on_video: Callable[[str], None] = lambda sentence: None,
+    tell: Callable[[str], None] = lambda sentence: None,
 ) -> Calibration:
     """Calibrate from files; every picture is read when its turn comes, and of every video some frames are used.
 
     `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
     through the mirrors (without a layout, after all of them) with its name and the pose that the next one should show;
-    `on_video` with a sentence on the choice of each video's frames. Raises InputError where a file cannot be read or
-    the pictures do not suffice.
+    `tell` with a sentence on the frames of each video, and on files left out. Raises InputError where a
+    file cannot be read or the pictures do not suffice.
     """
     target = load_board(request.board)
     if request.layout is None:
-        return _calibrate_directly(request, target, progress, on_hint, on_video)
+        return _calibrate_directly(request, target, progress, on_hint, tell)
     layout = Layout.load(request.layout)
     if request.corners:
         given = _from_corners(request, layout, target)
         return _with_surface(request, layout, given, given)
     seen, base = (
-        calibration_pictures(paths, most, camera=layout.camera, on_video=on_video)
+        calibration_pictures(paths, most, camera=layout.camera, tell=tell)
         for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
     )
     planner = None if on_hint is None else NextPosePlanner.designed(layout, target)
@@ -180,18 +180,19 @@ def _calibrate_directly(
     target: Target,
     progress: Progress,
     on_hint: Callable[[str, NextPose], None] | None,
-    on_video: Callable[[str], None],
+    tell: Callable[[str], None],
 ) -> Calibration:
     if request.mirrors is None:
         raise InputError("expected the number of mirrors")
-    taken = calibration_pictures(request.pictures, MOST_FRAMES, on_video=on_video)
-    base = calibration_pictures(request.base_pictures, MOST_BASE_FRAMES, on_video=on_video)
+    taken = calibration_pictures(request.pictures, MOST_FRAMES, tell=tell)
+    base = calibration_pictures(request.base_pictures, MOST_BASE_FRAMES, tell=tell)
     return calibrate_with_direct_view(
         taken.read(),
         target,
         mirrors=request.mirrors,
         names=taken.names,
         base=base.read(),
+        base_names=base.labels,
         most=taken.most,
         level=request.level,
         beside=taken.beside if any(taken.sources) else None,

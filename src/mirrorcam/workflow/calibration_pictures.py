@@ -63,7 +63,7 @@ class CalibrationPictures:
 
 
 def calibration_pictures(
-    paths: Sequence[Path], most: int, *, camera: Camera | None = None, on_video: Callable[[str], None]
+    paths: Sequence[Path], most: int, *, camera: Camera | None = None, tell: Callable[[str], None]
 ) -> CalibrationPictures:
     """The pictures of files, folders and videos, in order.
 
@@ -75,9 +75,9 @@ def calibration_pictures(
         Number of pictures to use where there is a video among them.
     camera
         Whose size videos must have; None for any.
-    on_video
-        Called with sentences about each video: what to know of it, how many of its frames were chosen, and how long it
-        took.
+    tell
+        Called with a sentence about each video: what to know of it, how many of its frames were chosen, and how long it
+        took; and about files of folders that are left out, and pictures of 16 bits.
 
     Raises
     ------
@@ -87,24 +87,26 @@ def calibration_pictures(
     pictures: list[Path | Grey] = []
     names: list[str] = []
     sources: list[tuple[Path, int] | None] = []
-    for path in pictures_in(paths):
+    for path in pictures_in(paths, tell):
         if is_picture(path):
             pictures.append(path)
             names.append(path.name)
             sources.append(None)
             continue
-        for frame in _sharp_frames(path, camera, on_video):
+        for frame in _sharp_frames(path, camera, tell):
             pictures.append(frame.picture)
             names.append(f"{path.name} frame {frame.number}")
             sources.append((path, frame.number))
     return CalibrationPictures(pictures, names, most if any(sources) else None, sources)
 
 
-def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], None]) -> list[SharpFrame]:
+def _sharp_frames(path: Path, camera: Camera | None, tell: Callable[[str], None]) -> list[SharpFrame]:
     started = time.monotonic()
-    video, kept, count, lost = Video(path, on_video), SharpestFrames(SEARCHED), 0, 0
+    video, kept, count, lost = Video(path, tell), SharpestFrames(SEARCHED), 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
+    if video.sample_bits.largest:
+        tell(f"{path.name}: {video.sample_bits}")
     for frame in video.frames():
         count += 1
         if not isinstance(frame, Frame):
@@ -115,7 +117,7 @@ def _sharp_frames(path: Path, camera: Camera | None, on_video: Callable[[str], N
     if not chosen:
         raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
     damaged = f", {lost} of them damaged" if lost else ""
-    on_video(
+    tell(
         f"{path.name}: the {len(chosen)} sharpest of {count} frames, from all of the video{damaged}, "
         f"read in {time.monotonic() - started:.1f} s"
     )

@@ -113,7 +113,7 @@ def decode_files(request: DecodeRequest, folder: Path, reporter: Reporter = SILE
 
 def _decode_files(request: DecodeRequest, output: OutputFolder, reporter: Reporter) -> int:
     layout = Layout.load(request.layout)
-    check_frames(request.frames, layout, request.layout)
+    check_frames(request.frames, layout, request.layout, lambda line: reporter.note("decode", line))
     images = [path for path in request.frames if is_picture(path)]
     _refuse_blocked(request, layout, images, output)
     decoder = _decoder(request, layout)
@@ -288,6 +288,8 @@ def _streams(
     for path in request.frames:
         if not is_picture(path):
             video = Video(path, lambda line: reporter.note("decode", line))
+            if video.sample_bits.largest:
+                reporter.note("decode", f"{path.name}: {video.sample_bits}")
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if request.device is not None:
         size = layout.camera.width_px, layout.camera.height_px

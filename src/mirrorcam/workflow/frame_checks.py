@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mirrorcam.optics.base.jpeg import DamagedPicture
-from mirrorcam.optics.base.pictures import check_size, is_picture, picture_size
+from mirrorcam.optics.base.pictures import agree_on_bits, check_size, is_picture, picture_size
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
 from mirrorcam.optics.light_field.io.video import Video
@@ -30,10 +30,13 @@ def layout_identity_of(path: Path) -> str | None:
     return None
 
 
-def check_frames(paths: Sequence[Path], layout: Layout, layout_path: Path) -> None:
+def check_frames(
+    paths: Sequence[Path], layout: Layout, layout_path: Path, tell: Callable[[str], None] = lambda line: None
+) -> None:
     """Read the headers of pictures and videos: raise InputError for one that cannot be read or is not of the layout.
 
-    A damaged picture is none of those: it is found when its turn comes.
+    A damaged picture is none of those: it is found when its turn comes. Pictures of 16 bits are taken for one set, of
+    which `tell` takes a line.
     """
     for path in paths:
         try:
@@ -44,6 +47,7 @@ def check_frames(paths: Sequence[Path], layout: Layout, layout_path: Path) -> No
         identity = layout_identity_of(path)
         if identity is not None:
             check_belongs(layout, identity, str(path))
+    agree_on_bits(paths, tell)
 
 
 def video_size(path: Path) -> tuple[int, int]:

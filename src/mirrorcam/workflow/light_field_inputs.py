@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.console.reporter import SILENT, Reporter
-from mirrorcam.optics.base.pictures import is_picture
+from mirrorcam.optics.base.pictures import is_picture, line_on_bits
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -104,6 +104,9 @@ def opened(
     """
     contents = open_light_fields(path, assumed=assumed, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
+    bits = line_on_bits(path)
+    if bits is not None:
+        reporter.note("views", f"{name}: {bits}")
     equalisation: Equalisation | None = None
     for number, light_field in enumerate(contents.frames):
         own_name = f"{name}_{number:06d}" if contents.is_recording else name

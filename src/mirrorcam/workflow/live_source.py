@@ -24,13 +24,13 @@ Kind = Literal["camera", "video", "folder"]
 
 
 class PictureFolder:
-    """The pictures of a folder as frames, by name, FOLDER_HZ a second.
+    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `tell` takes a line about its other files.
 
     Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
     """
 
-    def __init__(self, folder: Path, size: tuple[int, int]) -> None:
-        self._paths, self._over, self._size = pictures_in([folder]), threading.Event(), size
+    def __init__(self, folder: Path, size: tuple[int, int], tell: Callable[[str], None] = lambda line: None) -> None:
+        self._paths, self._over, self._size = pictures_in([folder], tell), threading.Event(), size
         check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
@@ -82,7 +82,8 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
     wanted
         The camera whose size frames must have.
     tell
-        Takes a line when a camera goes and when it is back, and remarks on a video.
+        Takes a line when a camera goes and when it is back, remarks on a video, and about files of a folder that are
+        not shown.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
     is_number = text.isascii() and text.isdigit()
     path = None if is_number else existing(text)
     if path is not None and path.is_dir():
-        return LiveSource(PictureFolder(path, size), path.name, "folder")
+        return LiveSource(PictureFolder(path, size, tell), path.name, "folder")
     if path is not None and path.is_file() and not is_sdp(path):
         video = Video(path, tell)
         check_size(path, (video.width_px, video.height_px), size, "the layout's camera")

@@ -46,4 +46,4 @@ def test_a_video_is_refused_with_what_is_taken(
 ) -> None:
     (tmp_path / "clip.mp4").write_bytes(b"")
     assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "clip.mp4"), "--out", str(tmp_path)]) == 2
-    assert "clip.mp4: no picture, expected PNG or JPEG frames or folders of them" in capsys.readouterr().err
+    assert "clip.mp4: no picture, expected PNG, JPEG, TIFF or BMP frames or folders of them" in capsys.readouterr().err

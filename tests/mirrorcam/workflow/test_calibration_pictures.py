@@ -36,7 +36,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
     said: list[str] = []
     picture = clip.with_name("007.jpg")
-    taken = calibration_pictures([picture, clip], 30, on_video=said.append)
+    taken = calibration_pictures([picture, clip], 30, tell=said.append)
     assert taken.pictures[0] == picture
     assert taken.names[0] == "007.jpg"
     numbers = [int(name.removeprefix("clip.avi frame ")) for name in taken.names[1:]]
@@ -51,17 +51,17 @@ def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
 
 
 def test_pictures_alone_are_all_used(clip: Path) -> None:
-    taken = calibration_pictures([clip.with_name("001.jpg")], 30, on_video=lambda sentence: None)
+    taken = calibration_pictures([clip.with_name("001.jpg")], 30, tell=lambda sentence: None)
     assert taken.most is None
 
 
 def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) -> None:
     camera = Camera(width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0)
     with pytest.raises(InputError, match="64x48 px, expected 640x480 of the layout's camera"):
-        calibration_pictures([clip], 30, camera=camera, on_video=lambda sentence: None)
+        calibration_pictures([clip], 30, camera=camera, tell=lambda sentence: None)
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match="not a video that can be opened"):
-        calibration_pictures([tmp_path / "text.mp4"], 30, on_video=lambda sentence: None)
+        calibration_pictures([tmp_path / "text.mp4"], 30, tell=lambda sentence: None)
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "2026-11-26T10:30:05.mkv"])
@@ -69,7 +69,7 @@ def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     write_h264(tmp_path / name, pictures(3), interlaced=True)
     said: list[str] = []
-    taken = calibration_pictures([Path(name)], 30, on_video=said.append)
+    taken = calibration_pictures([Path(name)], 30, tell=said.append)
     assert len(taken.pictures) == 3
     assert [line.startswith(f"{name} is interlaced: ") for line in said] == [True, False]
     assert len(taken.beside([1])) == 1

@@ -33,6 +33,15 @@ def refusal(call: Any, *arguments: Any) -> str:
     return str(caught.value)
 
 
+@pytest.mark.parametrize("read", [files.read_bytes, files.read_json, files.stored_bytes, files.refuse_pointer])
+def test_a_pointer_of_git_lfs_is_none_of_the_file(tmp_path: Path, read: Any) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1000000\n")
+    assert refusal(read, path) == f"{path}: is a Git LFS pointer, not the file itself: run `git lfs pull`"
+    for other in (tmp_path, tmp_path / "none"):
+        files.refuse_pointer(other)
+
+
 def test_a_file_appears_whole_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "er" / "note.txt"
     with files.atomic(path) as temporary:

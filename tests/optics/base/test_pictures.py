@@ -53,7 +53,7 @@ def test_truncated_images_are_refused(tmp_path: Path, suffix: str, kept: float) 
     assert refusal(pictures.read_image, path) == f"{path}: image is truncated"
 
 
-@pytest.mark.parametrize("suffix", pictures.PICTURE_ENDINGS)
+@pytest.mark.parametrize("suffix", pictures.WRITTEN_ENDINGS)
 def test_pictures_of_every_ending_are_written_and_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix.upper()}"
     assert pictures.is_picture(path)
@@ -66,6 +66,66 @@ def test_pictures_of_every_ending_are_written_and_read(tmp_path: Path, suffix: s
 
 def test_other_files_are_no_pictures() -> None:
     assert not any(pictures.is_picture(Path(name)) for name in ("a.mp4", "png", "a.png.partial", "a"))
+    assert all(pictures.is_picture(Path(name)) for name in ("a.png", "a.JPG", "a.tif", "a.TIFF", "a.bmp"))
+
+
+def test_files_of_a_folder_that_are_left_out_are_counted_and_named(tmp_path: Path) -> None:
+    for name in ("b.bmp", "a.tif"):
+        Image.fromarray(picture()).save(tmp_path / name)
+    for name in ("c.heic", "d.mp4", "notes.txt", "e", "board.toml", "truth.json", ".DS_Store", "Thumbs.db"):
+        (tmp_path / name).write_text("x")
+    lines: list[str] = []
+    assert pictures.pictures_in([tmp_path], lines.append) == [tmp_path / "a.tif", tmp_path / "b.bmp"]
+    assert lines == [f"{tmp_path}: 4 of 6 files left out: c.heic, d.mp4, e, ..."]
+    for name in ("b.bmp", "a.tif"):
+        (tmp_path / name).unlink()
+    assert "holds no picture, but c.heic, d.mp4, e, ..., expected .png, " in refusal(pictures.pictures_in, [tmp_path])
+
+
+def write_16_bits(path: Path, samples: NDArray[np.uint16]) -> Path:
+    """Write samples (h, w) or (h, w, 3) in RGB as PNG or TIFF."""
+    stored = samples if samples.ndim == 2 else samples[..., ::-1]
+    path.write_bytes(cv2.imencode(path.suffix, np.ascontiguousarray(stored))[1].tobytes())
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_pictures_of_16_bits_are_read_by_the_bits_in_use(suffix: str, bits: int, channels: int, tmp_path: Path) -> None:
+    wanted = picture() if channels == 3 else picture()[..., 1]
+    wanted[0, 0] = 255
+    samples = (wanted.astype(np.uint16) << (bits - 8)) + (1 << (bits - 8)) - 1
+    path = write_16_bits(tmp_path / f"a{suffix}", samples.astype(np.uint16))
+    found = pictures.read_image(path)
+    assert np.array_equal(found, wanted if channels == 3 else np.repeat(wanted[..., None], 3, axis=2))
+    grey = pictures.read_image(path, grey=True)
+    assert np.array_equal(grey, cv2.cvtColor(wanted, cv2.COLOR_RGB2GRAY) if channels == 3 else wanted)
+
+
+def test_pictures_of_a_set_are_scaled_alike(tmp_path: Path) -> None:
+    for number, largest in enumerate((300, 4095, 1000)):
+        ramp = np.linspace(0, largest, 100).astype(np.uint16).reshape(10, 10)
+        write_16_bits(tmp_path / f"{number}.png", ramp)
+    pictures.write_image(tmp_path / "3.png", picture())
+    lines: list[str] = []
+    found = pictures.pictures_in([tmp_path], lines.append)
+    assert [int(pictures.read_image(path, grey=True).max()) for path in found[:3]] == [300 >> 4, 255, 1000 >> 4]
+    assert len(lines) == 1
+    assert lines[0].startswith("3 pictures of 16 bits a channel, largest value 4095: the lowest 12 of these bits")
+    assert pictures.line_on_bits(tmp_path) == lines[0]
+    assert pictures.line_on_bits(tmp_path / "3.png") is None
+
+
+def test_opacity_of_16_bits_is_scaled_as_colours_or_by_all_bits(tmp_path: Path) -> None:
+    colours = (picture().astype(np.uint16) << 4) + 15
+    opacity = np.full(colours.shape[:2], 4095, np.uint16)
+    for stored in (opacity, opacity * 16 + 15):
+        raw = cv2.imencode(".png", np.dstack([colours, stored]))[1].tobytes()
+        (tmp_path / "a.png").write_bytes(raw)
+        found = pictures.read_opacity(tmp_path / "a.png")
+        assert found is not None
+        assert (found == 255).all()
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
@@ -137,17 +197,22 @@ def test_opacity_is_that_of_pictures_with_one(tmp_path: Path) -> None:
 def test_what_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(content)
-    assert "not an image that can be decoded, expected PNG or JPEG" in refusal(pictures.read_image, path)
+    assert "not an image that can be decoded, expected PNG, JPEG, TIFF or BMP" in refusal(pictures.read_image, path)
 
 
-@pytest.mark.parametrize("kind", ["webp", "tiff", "bmp", "gif"])
+@pytest.mark.parametrize("kind", ["webp", "gif"])
 def test_the_name_makes_no_picture_of_another_format(tmp_path: Path, kind: str) -> None:
     Image.fromarray(picture()).save(tmp_path / f"a.{kind}")
     (tmp_path / f"a.{kind}").rename(tmp_path / "a.jpg")
-    assert "expected PNG or JPEG" in refusal(pictures.read_image, tmp_path / "a.jpg")
-    Image.fromarray(picture()).save(tmp_path / "b.png")
-    (tmp_path / "b.png").rename(tmp_path / "b.jpg")
+    assert "expected PNG, JPEG, TIFF or BMP" in refusal(pictures.read_image, tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("kind", ["png", "tiff", "bmp"])
+def test_the_content_tells_the_format(tmp_path: Path, kind: str) -> None:
+    Image.fromarray(picture()).save(tmp_path / f"b.{kind}")
+    (tmp_path / f"b.{kind}").rename(tmp_path / "b.jpg")
     assert np.array_equal(pictures.read_image(tmp_path / "b.jpg"), picture())
+    assert pictures.picture_size(tmp_path / "b.jpg") == (90, 60)
 
 
 def test_a_header_without_a_size_is_refused(tmp_path: Path) -> None:

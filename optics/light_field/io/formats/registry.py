@@ -55,7 +55,7 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     Parameters
     ----------
     path
-        Light field, recording, or, with a decoder, a frame of the camera (PNG or JPEG).
+        Light field, recording, or, with a decoder, a frame of the camera (a picture).
     assumed
         Geometry of the views for files that do not state it.
     decoder

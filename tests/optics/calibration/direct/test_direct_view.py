@@ -96,8 +96,10 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
         calibrate_with_direct_view([blank, blank], BOARD, mirrors=2, names=["a", "b"])
     with pytest.raises(InputError, match="no pictures given"):
         calibrate_with_direct_view([], BOARD, mirrors=2, names=[])
-    with pytest.raises(InputError, match="pictures of 2 sizes"):
-        calibrate_with_direct_view([blank, blank[:200]], BOARD, mirrors=2, names=["a", "b"])
+    with pytest.raises(InputError, match="b: 400x200 px, expected 400x300 of 2 others"):
+        calibrate_with_direct_view([blank, blank[:200], blank], BOARD, mirrors=2, names=["a", "b", "c"])
+    with pytest.raises(InputError, match="d: 400x200 px, expected 400x300 of 1 other"):
+        calibrate_with_direct_view([blank], BOARD, mirrors=2, names=["a"], base=[blank[:200]], base_names=["d"])
     charuco = Charuco(cols=8, rows=7, square_mm=20.0, marker_mm=14.0)
     with pytest.raises(InputError, match="no 8 x 7 ChArUco found in any of 1 pictures"):
         calibrate_with_direct_view([blank], charuco, mirrors=2, names=["a"])

@@ -157,6 +157,37 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("stored", "bits"), [("gray16le", 12), ("gray16le", 16), ("rgb48le", 10), ("gray12le", 12)])
+def test_frames_of_many_bits_are_scaled_alike_by_those_in_use(stored: str, bits: int, tmp_path: Path) -> None:
+    channels = 3 if stored.startswith("rgb") else 1
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        stream: Any = container.add_stream("ffv1", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, stored
+        for largest in (100, 255):
+            ramp = np.linspace(0, largest, 48 * 64 * channels).astype("<u2").reshape(48, -1) << (bits - 8)
+            frame = av.VideoFrame(64, 48, stored)
+            lines = np.zeros((48, frame.planes[0].line_size // 2), "<u2")
+            lines[:, : ramp.shape[1]] = ramp
+            frame.planes[0].update(lines.tobytes())
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    video = Video(tmp_path / "a.mkv")
+    frames, lost = split(list(video.frames()))
+    assert lost == []
+    assert [int(frame.pixels.max()) for frame in frames] == pytest.approx([100, 255], abs=1)
+    is_guessed = "16" in stored or "48" in stored
+    assert (video.sample_bits.largest > 0) == is_guessed
+    assert not is_guessed or video.sample_bits.used == bits
+
+
+def test_a_pointer_of_git_lfs_is_no_video(tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_text(
+        f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1000000\n"
+    )
+    with pytest.raises(InputError, match="is a Git LFS pointer"):
+        Video(tmp_path / "a.mp4")
+
+
 def test_names_that_are_no_text_do_not_matter(tmp_path: Path) -> None:
     path = tmp_path / "a.mkv"
     with av.open(str(path), "w") as container:

@@ -1,0 +1,69 @@
+"""How many of the 16 bits of stored samples a camera has used: 10, 12 or 14 are stored as the lowest ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_USED = (8, 10, 12, 14, 16)
+ALL = 16
+_LINES = 256
+
+
+@dataclass(frozen=True)
+class SampleBits:
+    """The largest of some samples, which of their bits are set in any, and how many the file states to be significant.
+
+    Without statement, as many bits are used as hold the largest sample. A statement (as sBIT of PNG) should mean the
+    highest bits; of those who write it, some mean the lowest, which the samples tell.
+    """
+
+    largest: int = 0
+    set_bits: int = 0
+    stated: int | None = None
+
+    @classmethod
+    def of(cls, samples: NDArray[Any], stated: int | None = None) -> SampleBits:
+        """Those of samples of 16 bits."""
+        return cls(int(samples.max(initial=0)), int(np.bitwise_or.reduce(samples, axis=None)), stated)
+
+    @classmethod
+    def together(cls, some: Iterable[SampleBits]) -> SampleBits:
+        """Those of all pictures or frames of a set, which are scaled alike."""
+        found = list(some)
+        stated = {each.stated for each in found}
+        return cls(
+            max((each.largest for each in found), default=0),
+            reduce(or_, (each.set_bits for each in found), 0),
+            stated.pop() if len(stated) == 1 else None,
+        )
+
+    @property
+    def used(self) -> int:
+        """How many bits are used: 8, 10, 12, 14 or 16, or as many as are stated."""
+        if self.stated is not None and self.stated >= 8:
+            are_lowest = self.largest < 1 << self.stated and self.set_bits & ((1 << (ALL - self.stated)) - 1)
+            return self.stated if are_lowest else ALL
+        return next(bits for bits in _USED if self.largest < 1 << bits)
+
+    def __str__(self) -> str:
+        used = "all" if self.used == ALL else f"the lowest {self.used}"
+        return (
+            f"16 bits a channel, largest value {self.largest}: {used} of these bits are taken as used, and the highest "
+            "8 of them are read"
+        )
+
+
+def to_8_bits(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
+    """Samples of 16 bits, of which the lowest `bits` are used, with 8 bits."""
+    scaled = np.empty(samples.shape, np.uint8)
+    for begin in range(0, len(samples), _LINES):  # so that a large picture is in memory once
+        lines = slice(begin, begin + _LINES)
+        scaled[lines] = np.minimum(samples[lines] >> (bits - 8), 255)
+    return scaled

@@ -1,0 +1,18 @@
+"""Whether H.264 can be written: by x264, which is under the GPL, and which a PyAV of one's own may lack."""
+
+from __future__ import annotations
+
+from mirrorcam.optics.base.values import InputError
+
+X264 = "libx264"
+
+
+def require_x264() -> None:
+    """Raise InputError where the FFmpeg of PyAV is built without x264."""
+    import av
+
+    if X264 not in av.codecs_available:
+        raise InputError(
+            "this PyAV (av) is built without x264, expected its wheel from PyPI to write H.264; AVI, GIF and pictures "
+            "need none"
+        )
