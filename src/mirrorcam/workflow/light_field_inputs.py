@@ -104,6 +104,8 @@ def opened(
     """
     contents = open_light_fields(path, assumed=assumed, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
+    for note in contents.notes:
+        reporter.note("views", f"{name}: {note}")
     equalisation: Equalisation | None = None
     for number, light_field in enumerate(contents.frames):
         own_name = f"{name}_{number:06d}" if contents.is_recording else name

@@ -11,8 +11,9 @@ import pytest
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import format_of
-from mirrorcam.optics.light_field.io.formats.stanford import PLACED, read_stanford, write_stanford
+from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
+from mirrorcam.optics.light_field.io.view_names import PLACED
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 
 
