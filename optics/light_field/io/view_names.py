@@ -1,6 +1,6 @@
 """Pictures of views by the numbers in their names: which two of them are the row and the column.
 
-`NAME_ROW_COLUMN_Y_X_.png` has the place of the camera, too. Other names may have more numbers, before, between or after:
+`NAME_ROW_COLUMN_Y_X_.png` has the place of the camera, too. Other names may have more numbers:
 row and column are the two that take every combination once.
 """
 
