@@ -108,19 +108,26 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     alike = _likeness(views)
     if np.isnan(alike):
         return
-    if alike < _UNLIKE:
-        unlike = f"neighbouring tiles of {rows} rows and {cols} columns are not views of one scene"
-        lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
-        if lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
-            raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
-        others = [each for each in picture.others() if _likeness(picture.views(each, "tiles")) > _ALIKE]
-        if others:
-            # Tiles of several views each are alike, too.
-            down, across = max(others, key=lambda each: each[0] * each[1])
-            raise InputError(f"{unlike}: the picture looks like --rows {down} --cols {across}")
-        if _structure(views) > _STRUCTURE and picture.seams(grid) < _NO_SEAM:
-            raise InputError(f"{unlike}, expected --rows and --cols of the views in it")
+    has_seams = picture.seams(grid) > _NO_SEAM
+    if alike > _UNLIKE and has_seams:
+        _check_single(picture, grid)
         return
+    unlike = f"tiles of {rows} rows and {cols} columns are not views of one scene"
+    lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
+    if alike < _UNLIKE and lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
+        raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
+    others = [each for each in picture.others() if _likeness(picture.views(each, "tiles")) > _ALIKE]
+    # Tiles of several views each are alike, too: the finest grid counts.
+    down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
+    if (down, across) != grid and (alike < _UNLIKE or rows % down or cols % across):
+        raise InputError(f"{unlike}: the picture looks like --rows {down} --cols {across}")
+    if alike < _UNLIKE and not has_seams and _structure(views) > _STRUCTURE:
+        raise InputError(f"{unlike}, expected --rows and --cols of the views in the picture")
+
+
+def _check_single(picture: _Picture, grid: Grid) -> None:
+    """Raise InputError where each tile shows several views, with seams between them."""
+    rows, cols = grid
     multiples = [(rows * down, cols * across) for down in range(1, 6) for across in range(1, 6) if down * across > 1]
     finer = [
         each

@@ -21,7 +21,11 @@ _CORNERS, _APART_PX, _ROUND_TRIP_PX = 80, 4, 0.3
 _ITERATIONS = 12
 _LEAST_CELLS = 4
 _LEAST_MOTION_PX = 0.05
-_LEAST_SIGMAS = 6.0
+_LEAST_AGREEMENT, _SURE = 0.8, 0.98
+"""Agreement of the displacements by one half of the cells with those by the other, of many and of few pairs."""
+_FEW_PAIRS = 3
+_LEAST_PAIR_PX = 0.3
+"""Motion of few pairs, at least: cameras of a pair may be out of line by less."""
 Pairs = NDArray[np.intp]
 
 
@@ -71,12 +75,19 @@ def measured_motion(light_field: LightField) -> Motion | None:
     seen = np.isfinite(flow[..., 0])
     if np.median(seen.sum(axis=1)) < _LEAST_CELLS:
         return None
-    displacement, sigma = _rank_one(np.nan_to_num(flow), seen)
     known = seen.sum(axis=1) >= _LEAST_CELLS
-    length = float(np.sqrt(np.mean(np.sum(displacement[known] ** 2, axis=1))))
-    if length < max(_LEAST_MOTION_PX, _LEAST_SIGMAS * sigma):
+    flow, seen = np.nan_to_num(flow[known]), seen[known]
+    displacement = _rank_one(flow, seen)
+    half = (np.arange(CELLS)[:, None] + np.arange(CELLS)).ravel() % 2
+    if not (seen[:, half == 0].any() and seen[:, half == 1].any()):
         return None
-    return Motion(pairs[known], displacement[known])
+    one, other = (_rank_one(flow[:, half == side], seen[:, half == side]) for side in (0, 1))
+    agreement = 2.0 * abs(float(np.sum(one * other))) / max(float(np.sum(one**2) + np.sum(other**2)), 1e-12)
+    length = float(np.sqrt(np.mean(np.sum(displacement**2, axis=1))))
+    few = len(flow) < _FEW_PAIRS
+    if length < (_LEAST_PAIR_PX if few else _LEAST_MOTION_PX) or agreement < (_SURE if few else _LEAST_AGREEMENT):
+        return None
+    return Motion(pairs[known], displacement)
 
 
 def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
@@ -104,20 +115,25 @@ def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
     return cells
 
 
-def _rank_one(flow: FloatArray, seen: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """Displacements (pair, 2) whose product with a factor per cell, of mean square 1, fits a flow best, and their σ."""
+def _displacement(flow: FloatArray, factor: FloatArray, weight: FloatArray) -> FloatArray:
+    """Displacements (pair, 2) that fit a flow (pair, cell, 2) best, given the factor of each cell."""
+    scale = np.maximum((weight * factor**2).sum(axis=1), 1e-9)
+    return np.asarray(np.einsum("pkc,k,pk->pc", flow, factor, weight) / scale[:, None])
+
+
+def _rank_one(flow: FloatArray, seen: NDArray[np.bool_]) -> FloatArray:
+    """Displacements (pair, 2) whose products with factors of cells, of mean square 1, fit a flow best but for outliers.
+
+    They have the sign of most cells.
+    """
     factor = np.linalg.svd(flow.transpose(0, 2, 1).reshape(-1, flow.shape[1]), full_matrices=False)[2][0]
     weight = seen.astype(np.float64)
-    displacement = np.zeros((len(flow), 2))
-    spread = 0.0
     for _ in range(_ITERATIONS):
-        scale = np.maximum((weight * factor**2).sum(axis=1), 1e-9)
-        displacement = np.einsum("pkc,k,pk->pc", flow, factor, weight) / scale[:, None]
+        displacement = _displacement(flow, factor, weight)
         square = np.maximum(np.einsum("pc,pk->k", displacement**2, weight), 1e-9)
         factor = np.einsum("pkc,pc,pk->k", flow, displacement, weight) / square
         size = max(float(np.sqrt(np.mean(factor[seen.any(axis=0)] ** 2))), 1e-9)
-        factor, displacement = factor / size, displacement * size
-        apart = np.linalg.norm(flow - factor[:, None] * displacement[:, None], axis=2)
-        spread = float(np.median(apart[seen]))
-        weight = seen / (1.0 + (apart / max(2.0 * spread, 0.02)) ** 2)
-    return displacement, spread / float(np.sqrt(max(np.median(seen.sum(axis=1)), 1.0)))
+        factor = factor * np.copysign(1.0 / size, (factor * weight.sum(axis=0)).sum())
+        apart = np.linalg.norm(flow - factor[:, None] * _displacement(flow, factor, weight)[:, None], axis=2)
+        weight = seen / (1.0 + (apart / max(2.0 * float(np.median(apart[seen])), 0.02)) ** 2)
+    return _displacement(flow, factor, weight)

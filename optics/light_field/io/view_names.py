@@ -20,7 +20,8 @@ _COUNT = r"([0-9]{1,9})"
 # The shortest beginning counts: where numbers follow that could be a place, they are one.
 PLACED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
 UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
-_WORD = re.compile(r"[0-9]{1,9}")
+# Neither parts of longer numbers nor negative ones, whose minus sign stands after an underscore.
+_WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])")
 _MOST_WORDS = 8
 """Numbers of a name, counted from its end, that are looked at."""
 

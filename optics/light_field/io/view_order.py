@@ -22,10 +22,10 @@ _FITS, _MISFITS = 0.35, 0.6
 """Errors of a motion, in steps, that an order explains, and that contradict it."""
 _LEAST_SHARE = 0.75
 """Share of the pairs of views that an order must explain."""
+_RIVAL = 0.1
+"""Difference of mean errors by which one order is better than another for certain."""
 _LEAST_STEP = 0.2
 """Ratio of the steps along the two axes, at least."""
-_LEAST_PAIR_PX = 0.3
-"""Motion of only one or two pairs of views that counts: cameras of a pair may be out of line by less."""
 _EVEN = 1e-6
 """Deviation from an even grid, in steps, that is rounding."""
 
@@ -69,18 +69,23 @@ class _Fit:
         return bool(np.mean(self.errors < _FITS) >= _LEAST_SHARE and least > _LEAST_STEP * most)
 
     @property
+    def cost(self) -> float:
+        """Mean error of the pairs, each of one step at most."""
+        return float(np.minimum(self.errors, 1.0).mean())
+
+    @property
     def is_mirrored(self) -> bool:
         """Whether the picture moves one way along rows and the other way along columns."""
         return bool(self.steps_px[0] * self.steps_px[1] < 0)
 
     def beats(self, other: _Fit) -> bool:
-        """Whether this explains nearly all of the pairs for which the two differ, and the other nearly none."""
+        """Whether this explains nearly all of the pairs for which the two differ, and the other not half of them."""
         size = float(np.sqrt(np.mean(self.steps_px**2)))
         differ = np.linalg.norm(self.displacement_px - other.displacement_px, axis=1) > 0.5 * size
         if not self.holds or not differ.any():
             return False
         apart = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
-        return bool(np.mean(apart[0] < _FITS) >= _LEAST_SHARE and np.mean(apart[1] > _MISFITS) >= _LEAST_SHARE)
+        return bool(np.mean(apart[0] < _FITS) >= _LEAST_SHARE and np.median(apart[1]) > _MISFITS)
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
@@ -94,7 +99,7 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
     not be taken.
     """
     motion = measured_motion(light_field)
-    if motion is None or (len(motion.pairs) < 3 and np.abs(motion.displacement_px).max() < _LEAST_PAIR_PX):
+    if motion is None:
         return light_field, None
     places, is_even = _given_places(light_field)
     given = _Fit.of(motion, places)
@@ -103,8 +108,10 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
     grid = light_field.rows, light_field.cols
     orders = list(_orders(grid)) if is_even else [_Order("with x and y exchanged", grid, places[:, ::-1])]
     fits = [(order, fit) for order in orders if (fit := _Fit.of(motion, order.places)).beats(given)]
-    upright = [order for order, fit in fits if not fit.is_mirrored]
-    if may_change and len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
+    fits.sort(key=lambda each: each[1].cost)
+    likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _RIVAL]
+    upright = [order for order, fit in likely if not fit.is_mirrored]
+    if may_change and len(likely) == len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
         return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: read so"
     wanted = "expected row by row from the top left; rename or reorder the pictures"
     if upright:
