@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -95,15 +95,15 @@ def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:
     cells = np.full((len(pairs), CELLS * CELLS, 2), np.nan)
     size = np.array([views.shape[2], views.shape[1]])
     corners: dict[int, Any] = {}
-    how: Mapping[str, Any] = {"winSize": (11, 11), "maxLevel": 3}
+    follow: Any = partial(cv2.calcOpticalFlowPyrLK, winSize=(11, 11), maxLevel=3)
     for index, (one, other) in enumerate(pairs.tolist()):
         if one not in corners:
             corners[one] = cv2.goodFeaturesToTrack(views[one], _CORNERS, 0.01, _APART_PX)
         begin = corners[one]
         if begin is None:
             continue
-        end, there, _ = cv2.calcOpticalFlowPyrLK(views[one], views[other], begin, None, **how)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(views[other], views[one], end, None, **how)
+        end, there, _ = follow(views[one], views[other], begin, None)
+        back, again, _ = follow(views[other], views[one], end, None)
         good = (there.ravel() > 0) & (again.ravel() > 0)
         good &= np.abs(back - begin).max(axis=(1, 2)) < _ROUND_TRIP_PX
         start, moved = begin[good, 0], (end - begin)[good, 0]

@@ -95,7 +95,7 @@ def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
             # Cheap for folders of many pictures: a grid has as many as its numbers span.
             if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
                 continue
-            views = _grid([_Named(files[at], *pair) for at, pair in zip(having, pairs.tolist(), strict=True)])
+            views = _grid([_Named(files[at], *pair) for at, pair in zip(having.tolist(), pairs.tolist(), strict=True)])
             if not isinstance(views, str) and _is_plane(views):
                 yield views
 
