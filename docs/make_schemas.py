@@ -30,6 +30,7 @@ from mirrorcam.optics.scoring.score_report import ScoreReport
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
+from mirrorcam.workflow.blind_sets import DescribedViews
 from mirrorcam.workflow.evaluation import Evaluation
 from mirrorcam.workflow.poses_file import PosesFile
 from mirrorcam.workflow.suite_folder import SuiteManifest
@@ -42,6 +43,7 @@ FILES: dict[str, Any] = {
     "camera_profile": CameraProfile,
     "dataset": Dataset,
     "design": DesignSpec,
+    "device_views": DescribedViews,
     "equalisation": Equalisation,
     "evaluation": Evaluation,
     "finish": SurfaceFinish,

@@ -23,7 +23,7 @@ FOLDERS = {
 OPTICS = {"numpy", "scipy", "cv2", "numba", "simplejpeg", "casadi", "pydantic", "pydantic_core", "shapely", "yaml"}
 # Our own packages and libraries that a package may import beside the standard library and itself. What only `cad` and
 # `render_scenes` import comes with the extras of these names, distributed with `cluster`, fsspec with `remote`, pyarrow
-# with `parquet`, rosbags and its backports.zstd with `robot`, rerun with `view`;
+# with `parquet`, rosbags and its backports.zstd and lz4 with `robot`, rerun with `view`;
 # everything else is in the base installation.
 MAY_IMPORT = {
     # Videos and animations are read and written, and streams of light fields, where these are made; all imported late.
@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "mirrorcam.optics": OPTICS
     | {"av", "zarr", "numcodecs", "PIL", "h5py", "jinja2", "markupsafe"}
     # Zstandard is `compression.zstd` of the standard library from Python 3.14 on, and in backports before.
-    | {"rosbags", "backports", "compression"},
+    | {"rosbags", "backports", "compression", "lz4"},
     "mirrorcam.cad": OPTICS
     | {"mirrorcam.optics", "build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "skfem"}
     | {"matplotlib", "jinja2", "markupsafe", "markdown_it", "tomli_w"},

@@ -22,6 +22,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.views_file import parallel_views, write_views
 from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.workflow.blind_sets import described_views
 from mirrorcam.workflow.board_files import print_board
 from mirrorcam.workflow.design_request import request_toml
 from tests.mirrorcam.small_set import small_set_request
@@ -90,6 +91,19 @@ def test_figures_and_views_are_valid(tmp_path: Path) -> None:
     places = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0]), axis=-1)
     write_views(tmp_path / "views.json", parallel_views(places, (4, 3), 100.0, 400.0))
     assert findings("views", of_file(tmp_path / "views.json")) == []
+
+
+def test_the_views_of_a_device_are_valid(default_layout: Layout) -> None:
+    described = json.loads(described_views(default_layout).model_dump_json(by_alias=True))
+    assert findings("device_views", described) == []
+    assert findings("views", described) != []
+
+
+def test_every_kind_of_file_has_a_schema_name_of_its_own() -> None:
+    stated = [schema(name).get("properties", {}).get("schema", {}).get("const") for name in FILES]
+    names = [each for each in stated if each is not None]
+    assert len(names) > 10
+    assert sorted(names) == sorted(set(names))
 
 
 @pytest.mark.parametrize(

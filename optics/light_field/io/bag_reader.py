@@ -23,6 +23,8 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
 _NS_PER_S = 10**9
+_SHOWN = 3
+"""Names that a message lists."""
 View = tuple[int, int]
 
 
@@ -114,11 +116,12 @@ class StoredBag(StoredFrames):
                 found[connection.topic.removesuffix(VIEWS_TOPIC)] = ViewsFile.model_validate_json(
                     message.data, strict=True
                 )
-        if len(found) != 1:
-            what = f"of {len(found)} cameras ({', '.join(sorted(found))})" if found else "of none"
-            raise InputError(
-                f"{self.path}: has a topic .../{VIEWS_TOPIC} with the geometry {what}, expected the light fields of one"
-            )
+        if not found:
+            topics = _some(sorted({each.topic for each in self._reader.connections}))
+            raise InputError(f"{self.path}: holds no light field: topics are {topics}, expected .../{VIEWS_TOPIC}")
+        if len(found) > 1:
+            cameras = _some(sorted(found))
+            raise InputError(f"{self.path}: holds the light fields of {len(found)} cameras ({cameras}), expected one")
         ((space, stated),) = found.items()
         return stated, space
 
@@ -171,6 +174,12 @@ class StoredBag(StoredFrames):
             )
         rows = np.ascontiguousarray(message.data.reshape(height, message.step)[:, :row])
         return rows.view(self._dtype.newbyteorder("<")).reshape(shape)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    shown = ", ".join(name[:60] for name in names[:_SHOWN]) or "none"
+    return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
 
 
 def _stamp_of(raw: bytes) -> int:

@@ -66,6 +66,8 @@ class Contents:
         Whether the frames are numbered ones of a stream, even where there is only one.
     times_s
         Times of the frames; None without them.
+    notes
+        Lines about what was read in another order than names and options state.
     """
 
     frames: Sequence[LightField]
@@ -73,6 +75,7 @@ class Contents:
     depth_range_mm: tuple[float, float] | None = None
     is_recording: bool = False
     times_s: Sequence[float] | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

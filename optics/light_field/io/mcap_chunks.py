@@ -1,4 +1,8 @@
-"""Chunks of MCAP files, judged by what they state before anything is decompressed (https://mcap.dev/spec)."""
+"""Chunks of MCAP files, judged before they are decompressed into memory (https://mcap.dev/spec).
+
+rosbags reads the messages. It, as the `mcap` library, decompresses a chunk whole, however much comes out of it, so that
+all chunks pass here first.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHUNK = 0x02, 0x06
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
+_COMPRESSIONS = ("", "zstd", "lz4")
+_PIECE_BYTES = 1 << 16
 
 
 class Chunk(NamedTuple):
@@ -52,31 +58,59 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
             if after > stored:
                 raise InputError(f"{path}: is cut off, expected a whole MCAP file (`mcap recover` saves what is there)")
             if opcode == _CHUNK:
-                chunks.append(_chunk(file, start, after))
-                check_bytes(path, chunks[-1].held, stored)
+                chunks.append(_chunk(path, file, start, after, stored))
             file.seek(after)
         if file.read() != MAGIC:
             raise ValueError("does not end as one")
     return frozenset(chunks)
 
 
-def _chunk(file: BinaryIO, start: int, end: int) -> Chunk:
-    """The chunk whose record ends at `end`; raises ValueError where it does not state truly how much it holds."""
+def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chunk:
+    """The chunk whose record ends at `end`, in a file of `stored` bytes.
+
+    Raises ValueError where it does not state truly how much it holds, and InputError where that is too much.
+    """
     _, _, held, _, named = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
     compression = file.read(min(named, 16)).decode()
     (length,) = struct.unpack("<Q", file.read(8))
-    if compression not in ("", "zstd") or length > end - file.tell():
-        raise ValueError(f"a chunk of {length} bytes compressed by {compression!r}, expected all of it, zstd or none")
-    if compression:
+    if compression not in _COMPRESSIONS or length > end - file.tell():
+        raise ValueError(f"a chunk of {length} bytes compressed by {compression!r}, expected zstd, lz4 or none")
+    check_bytes(path, int(held if compression else length), stored)
+    if compression == "zstd":
         _check_zstd(file.read(length), int(held))
+    elif compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        _check_pieces(LZ4FrameDecompressor(), file.read(length), int(held))
     return Chunk(start, compression, int(held if compression else length), int(length))
 
 
 def _check_zstd(raw: bytes, stated: int) -> None:
-    """Raise ValueError unless raw data are one frame of Zstandard that holds as many bytes as stated."""
+    """Raise ValueError unless raw data are one frame of Zstandard that holds as many bytes as stated.
+
+    A frame need not state its content size: ROS 2 writes none.
+    """
     try:
         held, size = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
+        if held is None:
+            _check_pieces(zstd().ZstdDecompressor(), raw, stated)
+            return
     except zstd().ZstdError as error:
         raise ValueError(str(error)) from None
     if held != stated or size != len(raw):
         raise ValueError(f"a chunk states {stated} bytes, its compressed data {held} in {size} of {len(raw)} bytes")
+
+
+def _check_pieces(decompressor: Any, raw: bytes, stated: int) -> None:
+    """Raise ValueError unless raw data are one frame that holds as many bytes as stated, with one piece in memory."""
+    held = taken = 0
+    while not decompressor.eof:
+        piece = raw[taken : taken + _PIECE_BYTES] if decompressor.needs_input else b""
+        taken += len(piece)
+        found = len(decompressor.decompress(piece, _PIECE_BYTES))
+        held += found
+        if held > stated or not (piece or found):
+            break
+    rest = len(raw) - taken + len(decompressor.unused_data or b"")
+    if not decompressor.eof or held != stated or rest:
+        raise ValueError(f"a chunk states {stated} bytes, its compressed data are not one frame that holds as many")

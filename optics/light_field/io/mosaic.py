@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.optics.light_field.io.mosaic_order import AXES, Order, check_division
 from mirrorcam.optics.light_field.io.view_images import light_field_of, read_rgba, rgb, weight_bytes, write_rgba
 from mirrorcam.optics.light_field.io.views_file import even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
-
-Order = Literal["eslf", "tiles"]
-# Axes t, s, v, u in the order in which a picture has them, from the slowest: rows, then columns.
-_AXES: dict[str, tuple[int, int, int, int]] = {"eslf": (2, 0, 3, 1), "tiles": (0, 2, 1, 3)}
 
 
 def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
     """Write all views as one PNG."""
     rows, cols, height, width = light_field.weights.shape
-    axes, size = _AXES[order], (rows * height, cols * width)
+    axes, size = AXES[order], (rows * height, cols * width)
     colours = rgb(light_field.samples).transpose(*axes, 4).reshape(*size, 3)
     opacity = weight_bytes(light_field.weights).transpose(axes).reshape(size)
     write_rgba(path, colours, None if light_field.weights.min() == 1.0 else opacity)
@@ -32,7 +28,8 @@ def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
 def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightField:
     """The light field of such a picture; what NAME.json says of it goes before `order` and `assumed`.
 
-    Raises InputError in one line where the geometry is not known, or the picture does not divide into the views.
+    Raises InputError in one line where the geometry is not known, the picture does not divide into the views, or its
+    pixels show that it is divided otherwise.
     """
     colours, opacity = read_rgba(path)
     stated = read_views(path.with_suffix(".json"))
@@ -46,7 +43,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
         )
     else:
         grid = (assumed.rows, assumed.cols)
-    if stated_order not in _AXES:
+    if stated_order not in AXES:
         raise InputError(f"{path.with_suffix('.json')}: order is {stated_order!r}, expected 'eslf' or 'tiles'")
     height, width = (side // count for side, count in zip(opacity.shape, grid, strict=True))
     shape = (*grid, height, width)
@@ -54,7 +51,9 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
         raise InputError(
             f"{path}: {opacity.shape[1]}x{opacity.shape[0]} px do not divide into {grid[1]}x{grid[0]} views"
         )
-    axes = _AXES[str(stated_order)]
+    if stated is None:
+        check_division(colours, grid, order)
+    axes = AXES[str(stated_order)]
     parts, back = [shape[axis] for axis in axes], np.argsort(axes)
     views = even_views(path, assumed, grid, (width, height)) if stated is None else stated[0]
     if (views.width_px, views.height_px) != (width, height):

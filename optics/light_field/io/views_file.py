@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened, write_json
+from mirrorcam.optics.base.files import model_from, read_bytes, shortened, tables_of, write_json
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -136,10 +136,18 @@ class ViewsFile(Value):
 
 
 def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
-    """Read what `write_views` wrote: the views, and the rest; None without such a file."""
+    """Read what `write_views` wrote: the views, and the rest; None without such a file.
+
+    Raises InputError in one line for any other file, also for the `views.json` that `evaluate` gives to calibrators.
+    """
     if not path.exists():
         return None
-    stated = read_model(ViewsFile, path)
+    tables = tables_of(path, read_bytes(path))
+    if isinstance(tables, dict) and isinstance(tables.get("views"), list):
+        raise InputError(
+            f"{path}: has the views of a device for calibrators, expected those of a light field ({SCHEMA})"
+        )
+    stated = model_from(ViewsFile, path, tables)
     return views_of_fields(stated.views, str(path)), stated
 
 

@@ -60,6 +60,8 @@ def run(options: ExportOptions) -> int:
         assumed=options.assumed,
         force=options.force,
     )
+    for note in exported.notes:
+        say("views", note)
     if exported.measured is not None:
         say("export", f"depth measured: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field

@@ -57,12 +57,13 @@ class DescribedView(Value):
 
 
 class DescribedViews(Value):
-    """`views.json`: the views of a device as designed, for calibrators that know nothing of mirrors.
+    """`views.json` of a set: the views of a device as designed, for calibrators that know nothing of mirrors.
 
+    The `views.json` beside an exported light field is another file, of the schema `mirrorcam.views/1`.
     `flip_code` is that of `cv2.flip`, with which a frame becomes the picture of every view's camera.
     """
 
-    schema_id: Literal["mirrorcam.views/1"] = Field(default="mirrorcam.views/1", alias="schema")
+    schema_id: Literal["mirrorcam.device_views/1"] = Field(default="mirrorcam.device_views/1", alias="schema")
     width_px: int
     height_px: int
     flip_code: Literal[0, 1]

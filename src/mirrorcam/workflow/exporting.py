@@ -19,7 +19,7 @@ from mirrorcam.optics.light_field.io.formats.registry import (
     open_light_fields,
     write_light_field,
 )
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Depth
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.workflow.output_folder import output_folder
 
@@ -31,13 +31,15 @@ SURE = 0.5
 class Exported:
     """An exported light field: its path, the format it was read from, and its samples.
 
-    `measured` is the share of its pixels with a sure depth where depth was measured for the export, else None.
+    `measured` is the share of its pixels with a sure depth where depth was measured for the export, else None. `notes`
+    are lines about views that were read in another order.
     """
 
     path: Path
     source_format: str
     light_field: LightField
     measured: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 def export_light_field(
@@ -74,17 +76,17 @@ def export_light_field(
         # Files of others in the folder of a format would be read as part of it.
         within = f"{glob.escape(name)}/**/*"
         output.refuse_others(*([within] if output.path.joinpath(name).is_dir() else [within, glob.escape(name)]))
-        light_field, depth_mm, measured = _read(source, to, frame, depth, assumed)
+        contents = open_light_fields(source, assumed=assumed)
+        light_field, depth_mm, measured = _read(contents, source, to, frame, depth)
         with output.staged(complete=False) as staged:
             write_light_field(staged / name, light_field, to, depth_mm)
-    return Exported(folder / name, format_of(source).name, light_field, measured)
+    return Exported(folder / name, format_of(source).name, light_field, measured, contents.notes)
 
 
 def _read(
-    source: Path, to: str, frame: int, depth: Path | None, assumed: Assumed
+    contents: Contents, source: Path, to: str, frame: int, depth: Path | None
 ) -> tuple[LightField, Depth | None, float | None]:
     """The light field, its depth where there is one, and the share of pixels where that was measured for the export."""
-    contents = open_light_fields(source, assumed=assumed)
     light_field, depth_mm = frame_of(contents, frame, source), contents.depth_mm
     if depth is not None:
         depth_mm = load_depth(depth, light_field)

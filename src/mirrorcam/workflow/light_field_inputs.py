@@ -107,6 +107,8 @@ def opened(
     bits = line_on_bits(path)
     if bits is not None:
         reporter.note("views", f"{name}: {bits}")
+    for note in contents.notes:
+        reporter.note("views", f"{name}: {note}")
     equalisation: Equalisation | None = None
     for number, light_field in enumerate(contents.frames):
         own_name = f"{name}_{number:06d}" if contents.is_recording else name

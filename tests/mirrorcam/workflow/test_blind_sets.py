@@ -28,7 +28,7 @@ def test_a_blind_set_has_pictures_layout_and_board_as_they_are_and_goes_away(fin
         *("base/0000.jpg", "board.toml", "frames/0000.jpg", "frames/0001.jpg", "frames/0002.jpg", "layout.json")
     ]
     assert found == {name: (place / name).read_bytes() for name in found}
-    assert described["schema"] == "mirrorcam.views/1"
+    assert described["schema"] == "mirrorcam.device_views/1"
 
 
 def test_what_a_calibrator_changes_there_leaves_the_set_alone(finished_suite: Path) -> None:

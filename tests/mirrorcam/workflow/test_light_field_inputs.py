@@ -16,6 +16,7 @@ from mirrorcam.optics.light_field.temporal import TemporalFilter
 from mirrorcam.workflow.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from tests.mirrorcam.workflow.recordings import noisy_walls, write_recording
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+from tests.optics.light_field.io.orders import GIVEN, scene
 
 
 def test_given_depths_come_before_those_of_the_file() -> None:
@@ -60,6 +61,17 @@ def test_views_that_differ_are_made_alike_and_it_is_said(tmp_path: Path, capsys:
     said = capsys.readouterr().out
     assert "tinted: views differ by up to 25% in brightness or colour, matched" in " ".join(said.split())
     assert "alike" not in said
+
+
+def test_views_in_another_order_are_read_in_theirs_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    light_field = scene(2, 3)
+    for t, s in np.ndindex(2, 3):
+        write_image(tmp_path / "a" / f"{s}_{t}.png", light_field.samples[t, s])
+    (found,) = LightFieldInputs((tmp_path / "a",), assumed=GIVEN, reporter=TERMINAL).each()
+    assert np.array_equal(found.light_field.samples, light_field.samples)
+    assert "a: the pictures show that views are column by column in 3 columns of 2" in capsys.readouterr().out
 
 
 def test_frames_of_recordings_are_numbered_and_each_recording_is_filtered_on_its_own(tmp_path: Path) -> None:

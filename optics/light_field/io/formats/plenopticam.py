@@ -15,6 +15,7 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_arrays import read_arrays, write_arrays
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb
+from mirrorcam.optics.light_field.io.view_names import named_views
 from mirrorcam.optics.light_field.io.views_file import even_views
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -25,7 +26,12 @@ VIEWPOINTS = "viewpoints_*px"
 
 def is_plenopticam(path: Path) -> bool:
     """Return whether a folder has its array, or its folder of viewpoints."""
-    return (path / ARRAY).exists() or any(path.glob(VIEWPOINTS))
+    return (path / ARRAY).exists() or bool(_folders(path))
+
+
+def _folders(path: Path) -> list[Path]:
+    """Its folders of viewpoints; PlenoptiCam makes one."""
+    return sorted(folder for folder in path.glob(VIEWPOINTS) if folder.is_dir())
 
 
 def write_plenopticam(folder: Path, light_field: LightField) -> None:
@@ -43,22 +49,16 @@ def read_plenopticam(folder: Path, assumed: Assumed = NOTHING) -> LightField:
     """The light field of such a folder, or of its folder of viewpoints alone."""
     if (folder / ARRAY).exists():
         return read_arrays(folder / ARRAY, LARGEST, assumed)
-    return _viewpoints(next(iter(sorted(folder.glob(VIEWPOINTS)))), assumed)
+    return _viewpoints(_folders(folder)[0], assumed)
 
 
 def _viewpoints(folder: Path, assumed: Assumed) -> LightField:
-    found = {}
-    for file in folder.iterdir():
-        row, _, col = file.stem.partition("_")
-        if is_picture(file) and row.isdecimal() and col.isdecimal():
-            found[int(row), int(col)] = file
-    rows, cols = (1 + max((index[axis] for index in found), default=-1) for axis in (0, 1))
-    if not found or len(found) != rows * cols:
-        raise InputError(f"{folder}: {len(found)} views ROW_COLUMN.png, expected {max(rows * cols, 1)}")
-    size = common_size(list(found.values()))
-    pictures = [read_image(found[index]) for index in np.ndindex(rows, cols)]
-    for index, picture in zip(np.ndindex(rows, cols), pictures, strict=True):
-        check_size(found[index], picture, size)
+    named = named_views(folder, [file for file in sorted(folder.iterdir()) if is_picture(file)])
+    rows, cols = named.grid
+    size = common_size(named.files)
+    pictures = [read_image(file) for file in named.files]
+    for file, picture in zip(named.files, pictures, strict=True):
+        check_size(file, picture, size)
     samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)
     views = even_views(folder, assumed, (rows, cols), size)
     return light_field_of(views, samples, np.full(samples.shape[:4], 255, np.uint8))

@@ -7,6 +7,7 @@ names alone cost nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -69,7 +70,8 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     Raises
     ------
     InputError
-        In one line for what cannot be read, and for a geometry that is neither stated nor assumed.
+        In one line for what cannot be read, for a geometry that is neither stated nor assumed, and for views whose
+        pictures contradict their order.
     """
     if decoder is not None:
         from mirrorcam.optics.base.pictures import is_picture, read_image
@@ -80,10 +82,21 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     if form.read is None:
         raise InputError(f"{path}: {form.name} is only written, expected a light field")
     try:
-        return form.read(path, assumed)
+        return _in_order(form.read(path, assumed))
     except InputError as error:
         reason = " ".join(str(error).split()) if "\n" in str(error) else str(error)
         raise InputError(shortened(reason if str(path.parent / path.stem) in reason else f"{path}: {reason}")) from None
+
+
+def _in_order(contents: Contents) -> Contents:
+    """The same with views in the order that their pictures show; light fields of ours and recordings state it."""
+    if contents.is_recording or contents.frames[0].layout_identity:
+        return contents
+    from mirrorcam.optics.light_field.io.view_order import in_order
+
+    # A true depth is of the view that the file puts in the middle.
+    light_field, note = in_order(contents.frames[0], may_change=contents.depth_mm is None)
+    return contents if note is None else replace(contents, frames=(light_field,), notes=(*contents.notes, note))
 
 
 def open_light_field(

@@ -5,12 +5,12 @@ camera's place, y down and x right, in the gantry's unit in the archive and in m
 plane of zero disparity. `masks/` has the weights where a view has not all samples.
 
 Such folders are read with any name before ROW, counted from 0 or from 1, of any type of picture, and without Y and X:
-`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`.
+`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`. Which of the numbers in a name are ROW and COLUMN is seen from
+all names together, and which of the two is which from the pictures: `IMG_0001_002_01_02.png`.
 """
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +20,10 @@ from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.views_file import (
-    VIEWS,
-    even_views,
-    parallel_views,
-    read_views,
-    write_views,
-)
+from mirrorcam.optics.light_field.io.view_names import has_named_views, named_views
+from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, parallel_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
 
-_NUMBER = r"(-?\d+(?:\.\d+)?)"
-# The shortest beginning counts: where numbers follow that could be a place, they are one.
-PLACED = re.compile(rf"(?:.*?_)?(\d+)_(\d+)_{_NUMBER}_{_NUMBER}_?")
-UNPLACED = re.compile(r"(?:.*_)?(\d+)_(\d+)")
 MASKS = "masks"
 
 
@@ -52,44 +43,7 @@ def write_stanford(folder: Path, light_field: LightField) -> None:
 
 def is_stanford(folder: Path) -> bool:
     """Return whether a folder has pictures named so."""
-    return folder.is_dir() and any(
-        is_picture(file) and (PLACED.fullmatch(file.stem) or UNPLACED.fullmatch(file.stem)) for file in folder.iterdir()
-    )
-
-
-def _named_views(folder: Path) -> tuple[list[Path], FloatArray | None, tuple[int, int]]:
-    """The pictures row by row, the places (t, s, 2) of x and y that they name or None, and how many rows and columns.
-
-    Names are read as without places where they make no grid with them.
-    """
-    files = [file for file in sorted(folder.iterdir()) if is_picture(file)]
-    complaints = []
-    for pattern in (PLACED, UNPLACED):
-        matches = [(file, match) for file in files if (match := pattern.fullmatch(file.stem))]
-        if not matches:
-            continue
-        first = [min(int(match[axis]) for _, match in matches) for axis in (1, 2)]
-        if max(first) > 1:
-            complaints.append(f"its first view is {tuple(first)}, expected rows and columns from 0 or from 1")
-            continue
-        found: dict[tuple[int, int], list[tuple[Path, re.Match[str]]]] = {}
-        for file, match in matches:
-            found.setdefault((int(match[1]) - first[0], int(match[2]) - first[1]), []).append((file, match))
-        rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
-        missing = next((index for index in np.ndindex(rows, cols) if index not in found), None)
-        twice = next((each for each in found.values() if len(each) > 1), None)
-        if twice is not None:
-            complaints.append(f"{twice[0][0].name} and {twice[1][0].name} are of one view, expected one picture each")
-        elif missing is not None:
-            at = missing[0] + first[0], missing[1] + first[1]
-            complaints.append(f"lacks view {at}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}")
-        else:
-            order = [found[index][0] for index in np.ndindex(rows, cols)]
-            places = None
-            if pattern is PLACED:
-                places = np.array([[float(match[4]), float(match[3])] for _, match in order]).reshape(rows, cols, 2)
-            return [file for file, _ in order], places, (rows, cols)
-    raise InputError(f"{folder}: {complaints[0] if complaints else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
+    return folder.is_dir() and has_named_views([file for file in folder.iterdir() if is_picture(file)])
 
 
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
@@ -102,7 +56,8 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
     Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
     """
     with refusing(folder, "pictures of a grid of views"):
-        files, places, (rows, cols) = _named_views(folder)
+        named = named_views(folder, [file for file in sorted(folder.iterdir()) if is_picture(file)])
+    files, places, (rows, cols) = named.files, named.places, named.grid
     size, stated = common_size(files), read_views(folder / VIEWS)
     if stated is not None:
         size = (stated[0].width_px, stated[0].height_px)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -59,8 +60,54 @@ def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
         (chunk(900, b"zstd", large), "a chunk states 900 bytes, its compressed data 2000"),
         (chunk(900, b"zstd", small + small), "a chunk states 900 bytes, its compressed data 900 in"),
         (chunk(900, b"zstd", b"no frame of Zstandard"), "not an MCAP file that can be read"),
-        (chunk(900, b"lz4", small), "compressed by 'lz4', expected"),
+        (chunk(900, b"lz4", small), "not an MCAP file that can be read"),
+        (chunk(900, b"bz2", small), "compressed by 'bz2', expected zstd, lz4 or none"),
     ):
         path.write_bytes(MAGIC + bad + FOOTER + MAGIC)
         with pytest.raises(InputError, match=message):
             checked_chunks(path)
+
+
+def unsized_zstd(content: bytes) -> bytes:
+    """A frame that does not state its content size, as ROS 2 writes them."""
+    zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
+    compressor = zstd.ZstdCompressor()
+    return bytes(compressor.compress(content) + compressor.flush())
+
+
+def unsized_lz4(content: bytes) -> bytes:
+    frame = pytest.importorskip("lz4.frame", reason="needs lz4, as rosbags does")
+    return bytes(frame.compress(content, store_size=False))
+
+
+def sized_lz4(content: bytes) -> bytes:
+    frame = pytest.importorskip("lz4.frame", reason="needs lz4, as rosbags does")
+    return bytes(frame.compress(content))
+
+
+@needs_rosbags
+@pytest.mark.parametrize(
+    ("name", "compress"), [(b"zstd", unsized_zstd), (b"lz4", unsized_lz4), (b"lz4", sized_lz4)], ids=str
+)
+def test_frames_are_counted_without_holding_them(path: Path, name: bytes, compress: Callable[[bytes], bytes]) -> None:
+    for size in (0, 1, 900):
+        path.write_bytes(MAGIC + chunk(size, name, compress(bytes(size))) + FOOTER + MAGIC)
+        assert {each.held for each in checked_chunks(path)} == {size}
+    whole = compress(bytes(900))
+    for content in (
+        compress(bytes(899)),
+        compress(bytes(901)),
+        compress(bytes(100_000_000)),
+        whole + whole,
+        whole + b"x",
+        whole[:-1],
+        whole[:5],
+        b"",
+        b"no frame at all",
+    ):
+        path.write_bytes(MAGIC + chunk(900, name, content) + FOOTER + MAGIC)
+        with pytest.raises(InputError, match="not an MCAP file that can be read"):
+            checked_chunks(path)
+    path.write_bytes(MAGIC + chunk(1001, name, compress(bytes(1001))) + FOOTER + MAGIC)
+    with pytest.raises(InputError, match="states arrays of 0 MB"):
+        checked_chunks(path)

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.views_file import check_weights, fields_of_views, parallel_views, views_of_fields
+from mirrorcam.optics.light_field.io.views_file import (
+    check_weights,
+    fields_of_views,
+    parallel_views,
+    read_views,
+    views_of_fields,
+)
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import grid_views
 
@@ -92,3 +99,12 @@ def test_weights_outside_0_to_1_are_refused(value: float) -> None:
         check_weights(weights)
     with pytest.raises(InputError, match="weights are all zero"):
         check_weights(np.zeros((1, 1, 2, 2), np.float32))
+
+
+@pytest.mark.parametrize("schema", ["mirrorcam.device_views/1", "mirrorcam.views/1"])
+def test_views_of_a_device_are_refused_by_their_kind(tmp_path: Path, schema: str) -> None:
+    """`evaluate` gives calibrators a `views.json`, too; once it had the schema of this one."""
+    described = {"schema": schema, "width_px": 4, "height_px": 3, "flip_code": 0, "views": []}
+    (tmp_path / "views.json").write_text(json.dumps(described), encoding="utf-8")
+    with pytest.raises(InputError, match=r"views\.json: has the views of a device for calibrators, expected those of"):
+        read_views(tmp_path / "views.json")

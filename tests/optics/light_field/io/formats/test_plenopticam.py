@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.plenopticam import read_plenopticam, write_plenopticam
+from mirrorcam.optics.light_field.io.formats.plenopticam import is_plenopticam, read_plenopticam, write_plenopticam
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from tests.optics.light_field.io.formats.planes import plane
 
@@ -40,10 +40,15 @@ def test_plenopticams_viewpoints_are_enough(tmp_path: Path) -> None:
     found = read_plenopticam(tmp_path, Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
     assert np.array_equal(found.samples, light_field.samples)
     (tmp_path / "viewpoints_3px" / "01_00.png").unlink()
-    with pytest.raises(InputError, match=r"8 views ROW_COLUMN\.png, expected 9"):
+    with pytest.raises(InputError, match=r"lacks view \(1, 0\), expected .* of all 3x3"):
         read_plenopticam(tmp_path, Assumed(step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0))
 
 
 def test_plenopticam_knows_square_grids_only(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="as many down as across"):
         write_plenopticam(tmp_path, plane(2, 3, 1.0))
+
+
+def test_a_file_named_as_the_folder_of_viewpoints_is_none(tmp_path: Path) -> None:
+    (tmp_path / "viewpoints_3px").write_bytes(b"a file")
+    assert not is_plenopticam(tmp_path)

@@ -10,10 +10,12 @@ import pytest
 
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.formats.registry import format_of
-from mirrorcam.optics.light_field.io.formats.stanford import PLACED, read_stanford, write_stanford
+from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_fields
+from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
+from mirrorcam.optics.light_field.io.view_names import PLACED
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
+from tests.optics.light_field.io.orders import GIVEN, scene
 
 
 def numbers(file: Path) -> tuple[str, ...]:
@@ -105,3 +107,24 @@ def test_views_in_one_place_have_no_step(tmp_path: Path) -> None:
         file.rename(tmp_path / f"out_00_0{number}_1.0_2.0_.png")
     with pytest.raises(InputError, match="give all views one place"):
         read_stanford(tmp_path, Assumed(step_mm=1.0, focal_px=400.0, reference_depth_mm=455.0))
+
+
+def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_path: Path) -> None:
+    """As a Lytro set has them, IMG_0001_SEQUENCE_COLUMN_ROW: three of the numbers look like a row with places."""
+    light_field = scene(3, 4)
+    for t, s in np.ndindex(3, 4):
+        number = 3 * s + (t if s % 2 == 0 else 2 - t) + 1
+        write_image(tmp_path / f"IMG_0001_{number:03d}_{s + 1:02d}_{t + 1:02d}.png", light_field.samples[t, s])
+    contents = open_light_fields(tmp_path, assumed=GIVEN)
+    assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: read so",)
+    assert np.array_equal(contents.frames[0].samples, light_field.samples)
+    assert contents.frames[0].step_mm() == GIVEN.step_mm
+
+
+def test_places_that_contradict_the_pictures_are_refused(tmp_path: Path) -> None:
+    light_field = scene(2, 3)
+    for t, s in np.ndindex(2, 3):
+        x, y = light_field.positions_mm[t, s, :2]
+        write_image(tmp_path / f"out_{t:02d}_{s:02d}_{-y:.6f}_{x:.6f}_.png", light_field.samples[t, s])
+    with pytest.raises(InputError, match=r"^.*: the pictures show that rows run upwards, or columns leftwards"):
+        open_light_fields(tmp_path, assumed=GIVEN)

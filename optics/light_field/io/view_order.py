@@ -1,0 +1,215 @@
+"""The order of views, tested by their pictures: along a row the picture moves along x, along a column along y.
+
+Numbers in names and options say which picture is which view, but not whether the first number is the row, or whether
+rows run upwards or as a snake. A wrong order gives depths without meaning, so every light field from a file that does
+not state its geometry exactly passes through `in_order`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.light_field.io.view_motion import Motion, measured_motion
+from mirrorcam.optics.light_field.light_field import LightField
+
+_FITS, _MISFITS = 0.35, 0.6
+"""Errors of a motion, in steps, that an order explains, and that contradict it."""
+_LEAST_SHARE = 0.75
+"""Share of the pairs of views that an order must explain."""
+_RIVAL = 0.1
+"""Difference of mean errors by which one order is better than another for certain."""
+_LEAST_STEP = 0.2
+"""Ratio of the steps along the two axes, at least."""
+_EVEN = 1e-6
+"""Deviation from an even grid, in steps, that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Order:
+    """An order that pictures may have: its name, rows and columns, and the column and row (n, 2) of each in turn."""
+
+    name: str
+    grid: tuple[int, int]
+    places: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """How an order explains the motion: px per step along x and y, displacements (n, 2), and errors (n,) in steps."""
+
+    steps_px: FloatArray
+    displacement_px: FloatArray
+    errors: FloatArray
+
+    @classmethod
+    def of(cls, motion: Motion, places: FloatArray) -> _Fit:
+        """The fit of places (n, 2) of x and y of all views."""
+        moved = places[motion.pairs[:, 1]] - places[motion.pairs[:, 0]]
+        steps = np.full(2, np.nan)
+        for axis in (0, 1):
+            along = np.abs(moved[:, axis]) > 0.5
+            if along.any():
+                steps[axis] = np.median(motion.displacement_px[along, axis] / moved[along, axis])
+        # Of one row, or one column, the other axis has no step.
+        steps = np.where(np.isnan(steps), steps[::-1], steps)
+        expected = moved * steps
+        size = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
+        return cls(steps, expected, np.linalg.norm(motion.displacement_px - expected, axis=1) / size)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the order explains nearly all pairs."""
+        least, most = np.sort(np.abs(self.steps_px))
+        return bool(np.mean(self.errors < _FITS) >= _LEAST_SHARE and least > _LEAST_STEP * most)
+
+    @property
+    def cost(self) -> float:
+        """Mean error of the pairs, each of one step at most."""
+        return float(np.minimum(self.errors, 1.0).mean())
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the picture moves one way along rows and the other way along columns."""
+        return bool(self.steps_px[0] * self.steps_px[1] < 0)
+
+    def beats(self, other: _Fit) -> bool:
+        """Whether this explains nearly all of the pairs for which the two differ, and the other not half of them."""
+        size = float(np.sqrt(np.mean(self.steps_px**2)))
+        differ = np.linalg.norm(self.displacement_px - other.displacement_px, axis=1) > 0.5 * size
+        if not self.holds or not differ.any():
+            return False
+        apart = [fit.errors[differ] * float(np.sqrt(np.mean(fit.steps_px**2))) / size for fit in (self, other)]
+        return bool(np.mean(apart[0] < _FITS) >= _LEAST_SHARE and np.median(apart[1]) > _MISFITS)
+
+
+def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
+    """A light field with its views as their pictures show them, and a line about what was changed, or None.
+
+    Views are exchanged where one other order, and no second one, explains how the picture moves. Pictures that do not
+    tell, such as those without texture, stay as they are. Both orders in which the picture moves the same way along
+    rows and columns are right: one is of a scene before the plane of zero disparity, the other of one behind it.
+
+    Raises InputError in one line for pictures that contradict their order where the right one is not certain, or may
+    not be taken.
+    """
+    motion = measured_motion(light_field)
+    if motion is None:
+        return light_field, None
+    places, is_even = _given_places(light_field)
+    given = _Fit.of(motion, places)
+    if given.holds and not given.is_mirrored and (given.errors < _MISFITS).all():
+        return light_field, None
+    grid = light_field.rows, light_field.cols
+    orders = list(_orders(grid)) if is_even else [_Order("with x and y exchanged", grid, places[:, ::-1])]
+    fits = [(order, fit) for order in orders if (fit := _Fit.of(motion, order.places)).beats(given)]
+    fits.sort(key=lambda each: each[1].cost)
+    likely = [(order, fit) for order, fit in fits if fit.cost < fits[0][1].cost + _RIVAL]
+    upright = [order for order, fit in likely if not fit.is_mirrored]
+    if may_change and len(likely) == len(upright) == 1 and is_even and upright[0].grid in (grid, grid[::-1]):
+        return _rearranged(light_field, upright[0]), f"the pictures show that views are {upright[0].name}: read so"
+    wanted = "expected row by row from the top left; rename or reorder the pictures"
+    if upright:
+        raise InputError(f"the pictures show that views are {upright[0].name}, {wanted}")
+    if given.holds and given.is_mirrored:
+        raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {wanted}")
+    if fits:
+        raise InputError(
+            f"the pictures show that views are {fits[0][0].name}, and rows run upwards or columns leftwards, {wanted}"
+        )
+    shuffled = _sorted(motion, grid) if is_even else None
+    if shuffled is not None and _Fit.of(motion, shuffled).beats(given):
+        wrong = int((np.abs(shuffled - places).max(axis=1) > 0.5).sum())
+        raise InputError(f"the pictures show {wrong} of {len(places)} views at other places of the grid, {wanted}")
+    return light_field, None
+
+
+def _given_places(light_field: LightField) -> tuple[FloatArray, bool]:
+    """Places (n, 2) of views in steps, and whether they are an even grid of rows and columns."""
+    rows, cols = light_field.rows, light_field.cols
+    t, s = np.indices((rows, cols))
+    index = np.stack([s, t], axis=-1).reshape(-1, 2).astype(np.float64)
+    positions = light_field.positions_mm[..., :2].reshape(-1, 2)
+    design = np.column_stack([index, np.ones(len(index))])
+    fitted = np.linalg.lstsq(design, positions, rcond=None)[0]
+    steps = np.diag(fitted[:2])
+    step = float(np.abs(steps).max())
+    is_even = bool(np.abs(design @ fitted - positions).max() < _EVEN * step and (steps >= 0).all())
+    is_even &= bool(np.abs(fitted[[0, 1], [1, 0]]).max() < _EVEN * step)
+    return (index, True) if is_even else (positions / max(_nearest(positions), 1e-9), False)
+
+
+def _nearest(positions: FloatArray) -> float:
+    """Median distance of places (n, 2) to the nearest other one."""
+    apart = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(apart.min(axis=1)))
+
+
+def _orders(grid: tuple[int, int]) -> Iterator[_Order]:
+    """Orders other than row by row, of any number of rows; those with as many as given first."""
+    count = grid[0] * grid[1]
+    number = np.arange(count)
+    shapes = [grid, grid[::-1], *((rows, count // rows) for rows in range(1, count + 1) if count % rows == 0)]
+    for rows, cols in dict.fromkeys(shapes):
+        if (rows, cols) != grid:
+            line = "in one row" if rows == 1 else "in one column"
+            name = f"row by row in {rows} rows of {cols}" if min(rows, cols) > 1 else line
+            yield _Order(name, (rows, cols), _places(number, cols))
+        if min(rows, cols) > 1:
+            columns = _places(number, rows)[:, ::-1]
+            yield _Order(f"column by column in {cols} columns of {rows}", (rows, cols), columns)
+            snake = f"in a snake along {rows} rows of {cols}"
+            yield _Order(snake, (rows, cols), _places(number, cols, snake=True))
+            snake = f"in a snake along {cols} columns of {rows}"
+            yield _Order(snake, (rows, cols), _places(number, rows, snake=True)[:, ::-1])
+
+
+def _places(number: NDArray[np.int_], length: int, *, snake: bool = False) -> FloatArray:
+    """Place in the line, and line (n, 2), of numbers that fill lines of a length; of a snake every second backwards."""
+    line, place = number // length, number % length
+    return np.stack([np.where(snake & (line % 2 == 1), length - 1 - place, place), line], axis=1).astype(np.float64)
+
+
+def _sorted(motion: Motion, grid: tuple[int, int]) -> FloatArray | None:
+    """Column and row (n, 2) of each view by where the motion puts it; None where views are not connected."""
+    count = grid[0] * grid[1]
+    graph = np.zeros((len(motion.pairs), count))
+    index = np.arange(len(motion.pairs))
+    graph[index, motion.pairs[:, 0]], graph[index, motion.pairs[:, 1]] = -1.0, 1.0
+    if np.linalg.matrix_rank(graph) < count - 1:
+        return None
+    found = np.linalg.lstsq(graph, motion.displacement_px, rcond=None)[0]
+    t, s = np.indices(grid)
+    if float(np.sum(found * np.stack([s, t], axis=-1).reshape(-1, 2))) < 0:
+        found = -found  # nearer or farther than the plane of zero disparity
+    places = np.empty((count, 2))
+    for column, members in enumerate(np.argsort(found[:, 0], kind="stable").reshape(grid[1], grid[0])):
+        places[members[np.argsort(found[members, 1], kind="stable")]] = [[column, row] for row in range(grid[0])]
+    return places
+
+
+def _rearranged(light_field: LightField, order: _Order) -> LightField:
+    """The light field with its views, row by row, at the places of an order, on an even grid with the same steps."""
+    rows, cols = order.grid
+    count = rows * cols
+    source = np.empty(count, np.intp)
+    source[(order.places[:, 1] * cols + order.places[:, 0]).astype(np.intp)] = np.arange(count)
+    own = light_field.positions_mm[..., :2].reshape(-1, 2)
+    steps = np.ptp(own, axis=0) / np.maximum([light_field.cols - 1, light_field.rows - 1], 1)
+    steps = np.where(steps > 0, steps, steps[::-1])
+    t, s = np.indices((rows, cols))
+    places = np.stack([(s - cols // 2) * steps[0], (t - rows // 2) * steps[1], 0.0 * s], axis=-1)
+    samples: Any = light_field.samples.reshape(count, *light_field.samples.shape[2:])[source]
+    weights = light_field.weights.reshape(count, *light_field.weights.shape[2:])[source]
+    return replace(
+        light_field,
+        positions_mm=places,
+        samples=samples.reshape(rows, cols, *samples.shape[1:]),
+        weights=weights.reshape(rows, cols, *weights.shape[1:]),
+    )

@@ -1,0 +1,68 @@
+"""Pictures of all views: the right division passes whatever they show, others are refused with the one that fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.light_field.io.mosaic_order import AXES, Order, check_division
+from tests.optics.light_field.io.orders import scene
+from tests.optics.light_field.io.test_view_order import blurred, faint, noisy, unlike, vignetted
+
+GRIDS = [(1, 2), (2, 2), (2, 3), (4, 4)]
+
+
+def mosaic(samples: Any, order: Order) -> Any:
+    """The picture of samples (t, s, v, u, c) in an order."""
+    rows, cols, height, width = samples.shape[:4]
+    return samples.transpose(*AXES[order], 4).reshape(rows * height, cols * width, -1)
+
+
+def flat(samples: Any) -> Any:
+    return np.full_like(samples, 90)
+
+
+def only_noise(samples: Any) -> Any:
+    return np.random.default_rng(6).integers(60, 180, samples.shape).astype(np.uint8)
+
+
+@pytest.mark.parametrize("change", [np.array, noisy, faint, vignetted, unlike, blurred, flat, only_noise])
+@pytest.mark.parametrize("order", ["eslf", "tiles"])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_the_true_division_passes(grid: tuple[int, int], order: Order, change: Callable[[Any], Any]) -> None:
+    check_division(mosaic(change(scene(*grid).samples), order), grid, order)
+
+
+@pytest.mark.parametrize("grid", [(2, 2), (2, 3), (4, 4)])
+def test_lenslets_and_tiles_are_told_apart(grid: tuple[int, int]) -> None:
+    samples = scene(*grid).samples
+    with pytest.raises(InputError, match=rf"shows lenslets of {grid[1]}x{grid[0]} px, expected a name with _eslf"):
+        check_division(mosaic(samples, "eslf"), grid, "tiles")
+    with pytest.raises(InputError, match="shows views beside each other and no lenslets"):
+        check_division(mosaic(samples, "tiles"), grid, "eslf")
+
+
+@pytest.mark.parametrize(
+    "given", [(2, 8), (8, 2), (1, 16), (8, 8), (3, 4), (4, 3), (2, 2), (2, 4), (4, 2), (1, 4), (4, 1)]
+)
+def test_tiles_of_other_numbers_are_refused(given: tuple[int, int]) -> None:
+    picture = mosaic(scene(4, 4).samples, "tiles")
+    with pytest.raises(InputError, match="the picture looks like --rows 4 --cols 4"):
+        check_division(picture, given, "tiles")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"), [((2, 4), "--rows 2: it looks like --rows 4"), ((4, 8), "--cols 8: it looks like --cols 4")]
+)
+def test_lenslets_of_another_size_are_refused(given: tuple[int, int], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        check_division(mosaic(scene(4, 4).samples, "eslf"), given, "eslf")
+
+
+def test_a_photograph_has_no_tiles() -> None:
+    with pytest.raises(InputError, match="not views of one scene, expected --rows and --cols"):
+        check_division(blurred(scene(1, 1).samples)[0, 0], (2, 2), "tiles")
