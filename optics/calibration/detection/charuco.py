@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.detection.marker_numbering import Markers, num
 from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.detection.tag_grids import linked_tags
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
+from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -80,10 +80,7 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
         numbers = target.tag_numbers
         tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
-    dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
-    white = [(col - 1, row - 1) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2]
-    codes = [dictionary.generateImageMarker(number, modules, borderBits=1)[1:-1, 1:-1] for number in range(len(white))]
-    return Markers(np.array(codes) > 0, np.array(white), target.marker_mm / target.square_mm, parity=1)
+    return Markers(target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1)
 
 
 def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
@@ -137,7 +134,7 @@ def marker_places(target: Charuco | AprilGrid) -> FloatArray:
 
 
 def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Ids (n,) and corners (n, 4, 2) of the target's markers, with repetitions.
+    """Numbers (n,) and corners (n, 4, 2) of the target's markers, from 0 on and with repetitions.
 
     Not all need to be found, as boards are grown from a few; where there is none, other window sizes are tried.
     """
@@ -147,13 +144,13 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = MIN_PERIMETER
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
-    dictionary, count = _dictionary(target)
+    dictionary, first, count = _dictionary(target)
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
-        names = np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()
-        known = names < count
+        names = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
+        known = (names >= 0) & (names < count)
         if known.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
@@ -162,11 +159,11 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     return names[known], corners[known]
 
 
-def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int]:
-    """OpenCV's dictionary of a print's markers, and how many of them it has."""
+def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int, int]:
+    """OpenCV's dictionary of a print's markers, the id of the first one, and how many of them it has."""
     if isinstance(target, AprilGrid):
-        return TAG_FAMILY, target.cols * target.rows
-    return target.opencv.getDictionary(), len(target.opencv.getIds())
+        return TAG_FAMILY, 0, target.cols * target.rows
+    return target.opencv.getDictionary(), target.first_marker, len(target.markers)
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:

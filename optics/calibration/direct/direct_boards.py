@@ -51,7 +51,7 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
         progress(number + 1, len(pictures))
     if not any(found):
         raise InputError(
-            other_board(pictures, target, mirrored=False, found=False)
+            other_board(pictures, target, mirrored=None, found=False)
             or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
         )
     return found
