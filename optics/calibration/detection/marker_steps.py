@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.charuco import PREDICTION_ERROR, find_markers, marker_maps, marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, ReadMarkers, read_markers
@@ -151,21 +152,26 @@ class GriddedPicture:
             ),
         )
 
+    @property
+    def picture(self) -> Image:
+        """The grey values (h, w)."""
+        return np.asarray(self.grey, dtype=np.float32)
+
     def read(self, target: Charuco | AprilGrid, *, mirrored: bool) -> list[ReadMarkers]:
         """The markers in each grid, whatever part of whatever board they are."""
-        picture, markers = np.asarray(self.grey, dtype=np.float32), _every_marker(target)
+        picture, markers = self.picture, _every_marker(target)
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
 def marker_pairs(
-    shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool, one_by_one: bool = True
+    shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool
 ) -> MarkerPairs:
     """Pairs of markers of all boards in a picture, of any size but otherwise like the target.
 
-    Markers are read in grids of corners or, where these show few and `one_by_one`, as OpenCV finds them.
+    Markers are read in grids of corners or, where these show few, as OpenCV finds them one by one.
     """
     pairs = _in_grids(shown.read(target, mirrored=mirrored))
-    if one_by_one and len(pairs.steps(target).columns) < FEW:
+    if len(pairs.steps(target).columns) < FEW:
         pairs = MarkerPairs.together([pairs, _one_by_one(shown.grey, target, mirrored=mirrored)])
     return pairs
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mirrorcam.optics.calibration.detection.charuco import families_seen
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_size import marker_side
 from mirrorcam.optics.calibration.detection.marker_steps import GriddedPicture, MarkerPairs, Steps, marker_pairs
@@ -18,8 +19,8 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco
 
 MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
 MIN_STEPS = 3  # pairs of markers that say the same number of columns, by picture
-EXPLAINED = 0.9  # of the pairs that some numbering explains, for the stated one to be right
-MAX_OFF = 0.03  # squares, between the side of markers as stated and as seen
+UNEXPLAINED = 0.05  # of the pairs that some numbering explains, for another one to be as likely
+MAX_OFF = 0.035  # squares, between the side of markers as stated and as seen
 
 
 def other_markers(
@@ -56,24 +57,27 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
     first, count = target.first_marker, len(target.markers)
     white = bool(not target.black[0, 0])
     votes = [pairs.explained(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)]
-    least = max(MIN_STEPS * pictures, EXPLAINED * max(votes))
     lowest, highest = int(steps.highest.min()) - target.cols, int(steps.highest.max())
     beyond = int(((steps.highest >= first + count) | (steps.highest - target.cols < first)).sum())
-    if max(votes) < least:
+    # With an odd number of columns, a wrong numbering fails only where it goes on in the next row.
+    close = max(votes) - max(MIN_STEPS * pictures, UNEXPLAINED * max(votes))
+    if close < 0:
         return None
-    as_stated = votes[0] >= least
-    if not as_stated and pairs.explained(target.cols, first, white_first=not white) >= least:
+    as_stated = votes[0] > close
+    if not as_stated and pairs.explained(target.cols, first, white_first=not white) > close:
         return _other_pattern(target)
     if as_stated and beyond < MIN_BEYOND * pictures:
         return None
-    phase = first if as_stated else first + int(np.argmax(votes))
+    phase = 0 if as_stated else int(np.argmax(votes))
     # The numbers of whole pairs of rows, from the one that holds the lowest number.
-    begin = phase + (lowest - phase) // target.cols * target.cols
+    begin = first + phase + (lowest - first - phase) // target.cols * target.cols
     if begin == first or highest >= begin + count or begin < 0:
         return None
+    # Where neither side of the board is visible, several numberings are as likely.
+    known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
         f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of board.toml "
-        f"has {first} to {first + count - 1}: set first_marker = {begin} there, unless the board has more rows"
+        f"has {first} to {first + count - 1}: set first_marker = {known} there, unless the board has more rows"
     )
 
 
@@ -121,17 +125,18 @@ def _unreadable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *,
 
 
 def _other_dictionary(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
-    for one_by_one in (False, True):
-        for name in dictionaries.FAMILIES:
-            if name == dictionaries.family(target.dictionary) or dictionaries.count(name) < len(target.markers):
-                continue
-            other = target.replaced(dictionary=name, first_marker=0)
-            steps = _pairs(shown, other, mirrored=mirrored, one_by_one=one_by_one).steps(other).likely[1]
-            if len(steps.highest) >= MIN_STEPS * len(shown):
-                markers = max(len(target.markers), int(steps.highest.max()) + 1)
-                named = dictionaries.smallest(name, markers)
-                return f"the pictures show markers of {named}, board.toml says dictionary {target.dictionary}"
-    return None
+    own = dictionaries.family(target.dictionary)
+    others = [name for name in dictionaries.FAMILIES if name != own]
+    counts = np.sum([families_seen(one.grey, others, mirrored=mirrored) for one in shown], axis=0)
+    name = others[int(counts.argmax())]
+    if counts.max() < MIN_STEPS * len(shown) or dictionaries.count(name) < len(target.markers):
+        return None
+    other = target.replaced(dictionary=name, first_marker=0)
+    steps = _pairs(shown, other, mirrored=mirrored).steps(other).likely[1]
+    if len(steps.highest) < MIN_STEPS * len(shown):
+        return None
+    named = dictionaries.smallest(name, max(len(target.markers), int(steps.highest.max()) + 1))
+    return f"the pictures show markers of {named}, board.toml says dictionary {target.dictionary}"
 
 
 def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
@@ -140,8 +145,6 @@ def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, m
 
 
 def _pairs(
-    shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool, one_by_one: bool = True
+    shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool
 ) -> MarkerPairs:
-    return MarkerPairs.together(
-        [marker_pairs(one, target, mirrored=mirrored, one_by_one=one_by_one) for one in shown]
-    )
+    return MarkerPairs.together([marker_pairs(one, target, mirrored=mirrored) for one in shown])
