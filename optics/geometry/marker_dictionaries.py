@@ -22,9 +22,12 @@ FAMILIES = tuple(name for name in NAMES if not name.endswith(tuple(f"_{count}" f
 """The largest dictionary of each family: smaller ones of a family are its first markers."""
 
 
-def dictionary(name: str) -> cv2.aruco.Dictionary:
-    """The dictionary of a name of `NAMES`."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+def dictionary(name: str, most: int | None = None) -> cv2.aruco.Dictionary:
+    """The dictionary of a name of `NAMES`, or its first markers."""
+    found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    if most is None:
+        return found
+    return cv2.aruco.Dictionary(found.bytesList[:most], found.markerSize, found.maxCorrectionBits)
 
 
 def as_named(name: str) -> str | None:

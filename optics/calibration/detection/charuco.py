@@ -159,11 +159,11 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     return names[known], corners[known]
 
 
-def families_seen(grey: Grey, families: Sequence[str], *, mirrored: bool) -> IntArray:
-    """How many markers of each of some families (f,) of dictionaries a picture shows."""
+def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
+    """How many of the first markers of each of some families (f,) of dictionaries a picture shows."""
     bright, parameters = _as_searched(grey, mirrored=mirrored)
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
-    detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name) for name in families], parameters)
+    detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
     _, _, _, seen = detector.detectMarkersMultiDict(bright)
     return np.bincount(np.zeros(0, np.int64) if seen is None else np.ravel(seen), minlength=len(families))
 

@@ -127,7 +127,7 @@ def _unreadable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *,
 def _other_dictionary(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
     own = dictionaries.family(target.dictionary)
     others = [name for name in dictionaries.FAMILIES if name != own]
-    counts = np.sum([families_seen(one.grey, others, mirrored=mirrored) for one in shown], axis=0)
+    counts = np.sum([families_seen(one.grey, others, len(target.markers), mirrored=mirrored) for one in shown], axis=0)
     name = others[int(counts.argmax())]
     if counts.max() < MIN_STEPS * len(shown) or dictionaries.count(name) < len(target.markers):
         return None

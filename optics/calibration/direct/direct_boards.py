@@ -18,7 +18,9 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
+MOST_FLIPPED = 0.003  # of the picture's diagonal, rms of the corners of flipped pictures to their first estimate
 MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
+FLIPPED = "the pictures are flipped left to right, as those of a selfie camera: switch that off, or flip them all back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
     "corners are numbered as if its top left square were black"
@@ -37,6 +39,19 @@ class SeenBoard:
         """One of its numberings; None where it has none."""
         every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
         return every[0] if every else None
+
+
+    def flipped(self, width_px: int) -> SeenBoard:
+        """The board in the picture flipped left to right, which shows it directly for in a mirror, and vice versa."""
+        return SeenBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))
+
+
+def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
+    direct, image = (
+        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in some]
+        for some in (board.image, board.direct)
+    )
+    return FoundBoard(direct, image)
 
 
 def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: Progress) -> list[list[SeenBoard]]:
@@ -127,6 +142,18 @@ def start_of(
         raise refusals[0] if refusals else InputError("the parts of boards in the pictures cannot be numbered")
     # Colours as stated are believed unless they explain the corners much worse.
     return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
+
+
+def fits_flipped(
+    boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+) -> bool:
+    """Return whether boards of which no first estimate can be made have one once left and right are exchanged."""
+    flipped = [[seen.flipped(width_px) for seen in in_picture] for in_picture in boards]
+    try:
+        start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
+    except InputError:
+        return False
+    return start.error_px < MOST_FLIPPED * float(np.hypot(width_px, height_px))
 
 
 def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:

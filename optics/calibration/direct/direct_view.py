@@ -35,9 +35,11 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 )
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_boards import (
+    FLIPPED,
     INVERTED,
     boards_in,
     confirmed,
+    fits_flipped,
     more_mirrors,
     negative,
     start_of,
@@ -130,6 +132,8 @@ def calibrate_with_direct_view(
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
         other = other_board(pictures, target, mirrored=None, found=True, fits=False)
+        if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
+            other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)

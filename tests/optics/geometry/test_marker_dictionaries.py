@@ -36,6 +36,7 @@ def test_markers_are_as_opencv_draws_them(name: str) -> None:
     assert drawn.shape == (count(name), side, side)
     last = count(name) - 1
     np.testing.assert_array_equal(drawn[last], dictionary(name).generateImageMarker(last, side, borderBits=1) > 0)
+    np.testing.assert_array_equal(dictionary(name, 5).bytesList, dictionary(name).bytesList[:5])
     assert not drawn[:, [0, -1]].any(), "the border is black"
     np.testing.assert_array_equal(white_modules(family(name))[: count(name)], drawn)
 

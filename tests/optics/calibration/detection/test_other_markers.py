@@ -113,13 +113,16 @@ def test_a_dictionary_with_the_same_markers_is_none_of_another_board(monkeypatch
     """A board of 24 markers is the same from DICT_4X4_50 and from DICT_4X4_250; pictures too poor once named either."""
     tried: set[str] = set()
 
-    monkeypatch.setattr(module, "families_seen", lambda grey, names, *, mirrored: tried.update(names) or np.zeros(9, int))
+    def counted(grey: Grey, names: list[str], first: int, *, mirrored: bool) -> np.ndarray:
+        tried.update(names)
+        return np.zeros(len(names), dtype=int)
 
     def pairs(shown: object, target: Charuco, *, mirrored: bool) -> MarkerPairs:
         tried.add(target.dictionary)
         return MarkerPairs.of([], inner=False)
 
     monkeypatch.setattr(module, "_pairs", pairs)
+    monkeypatch.setattr(module, "families_seen", counted)
     assert other_markers([np.zeros((9, 9), np.uint8)], BOARD, mirrored=False, found=False) is None
     assert {"DICT_4X4_50", "DICT_5X5_1000"} < tried
     assert not tried & {"DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"}
