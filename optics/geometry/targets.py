@@ -324,8 +324,5 @@ def _of_kalibr(path: Path) -> AprilGrid:
 
 def save_board(path: Path, target: Target) -> None:
     """Write `board.toml` atomically."""
-    lines = (
-        f"{name} = {json.dumps(value)}"
-        for name, value in target.model_dump().items()
-    )
+    lines = (f"{name} = {json.dumps(value)}" for name, value in target.model_dump().items())
     write_text(path, "\n".join(lines) + "\n")

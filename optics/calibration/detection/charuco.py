@@ -82,7 +82,9 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
         numbers = target.tag_numbers
         tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
-    return Markers(target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1)
+    return Markers(
+        target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1
+    )
 
 
 def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:

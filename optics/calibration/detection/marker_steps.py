@@ -85,9 +85,10 @@ class MarkerPairs:
         return Steps(columns[possible], highest[possible], follows[possible].astype(np.int64))
 
     def explained(self, cols: int, first: int, *, white_first: bool) -> int:
-        """How many of the pairs on a slant are as on a ChArUco board of columns whose top-left square, white or black, is as stated.
+        """How many of the pairs on a slant are as on a ChArUco board of so many columns.
 
-        `first` is the number of its first marker; numbers go on above and below the board.
+        `first` is the number of its first marker, and `white_first` whether its top-left square is white. Numbers go on
+        above and below the board.
         """
         # Of two rows, the first holds fewer where the number of columns is odd and its first square is black.
         of_first = (cols + white_first) // 2
@@ -147,9 +148,7 @@ class GriddedPicture:
         linked = linked_tags(grey, target) if isinstance(target, AprilGrid) else linked_grids(grey)
         return cls(
             grey,
-            tuple(
-                SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS) for places, pixels in linked
-            ),
+            tuple(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS) for places, pixels in linked),
         )
 
     @property
@@ -163,9 +162,7 @@ class GriddedPicture:
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
-def marker_pairs(
-    shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool
-) -> MarkerPairs:
+def marker_pairs(shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Pairs of markers of all boards in a picture, of any size but otherwise like the target.
 
     Markers are read in grids of corners or, where these show few, as OpenCV finds them one by one.

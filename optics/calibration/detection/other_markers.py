@@ -76,8 +76,8 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
     # Where neither side of the board is visible, several numberings are as likely.
     known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
-        f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of board.toml "
-        f"has {first} to {first + count - 1}: set first_marker = {known} there, unless the board has more rows"
+        f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
+        f"board.toml has {first} to {first + count - 1}: set first_marker = {known} there, unless the board has more rows"
     )
 
 
@@ -100,8 +100,8 @@ def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
     if not _readable(shown, target.replaced(marker_mm=side * target.square_mm), mirrored=bool(mirrored)):
         return None
     return (
-        f"the markers in the pictures look like {side * target.square_mm:.2g} mm on squares of {target.square_mm:g} mm, "
-        f"board.toml says marker_mm = {target.marker_mm:g}"
+        f"the markers in the pictures look like {side * target.square_mm:.2g} mm on squares of {target.square_mm:g} "
+        f"mm, board.toml says marker_mm = {target.marker_mm:g}"
     )
 
 
@@ -144,7 +144,5 @@ def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, m
     return len(steps.highest) >= MIN_STEPS * len(shown)
 
 
-def _pairs(
-    shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool
-) -> MarkerPairs:
+def _pairs(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     return MarkerPairs.together([marker_pairs(one, target, mirrored=mirrored) for one in shown])

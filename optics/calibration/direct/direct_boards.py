@@ -40,7 +40,6 @@ class SeenBoard:
         every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
         return every[0] if every else None
 
-
     def flipped(self, width_px: int) -> SeenBoard:
         """The board in the picture flipped left to right, which shows it directly for in a mirror, and vice versa."""
         return SeenBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))

@@ -89,7 +89,8 @@ def test_another_side_of_the_markers_is_measured(stated: float, *, mirrored: boo
     shown = pictures(BOARD, mirrored=mirrored)
     said = other_markers(shown, BOARD.replaced(marker_mm=32.0 * stated), mirrored=mirrored, found=False)
     assert said == (
-        f"the markers in the pictures look like 24 mm on squares of 32 mm, board.toml says marker_mm = {32.0 * stated:g}"
+        "the markers in the pictures look like 24 mm on squares of 32 mm, "
+        f"board.toml says marker_mm = {32.0 * stated:g}"
     )
 
 

@@ -22,7 +22,9 @@ def through_fisheye(*, flipped: bool) -> tuple[Grey, FloatArray]:
     angle = np.hypot(u, v)
     out = np.tan(np.minimum(angle, 1.5)) / np.maximum(angle, 1e-9)
     middle = np.array([20.0, -30.0])
-    x, y = (60.0 * axis * out + move + size / 2.0 for axis, move, size in zip((u, v), middle, BOARD.size_mm, strict=True))
+    x, y = (
+        60.0 * axis * out + move + size / 2.0 for axis, move, size in zip((u, v), middle, BOARD.size_mm, strict=True)
+    )
     at = [((axis / BOARD.square_mm + 1.0) * 40.0 - 0.5).astype(np.float32) for axis in (x, y)]
     seen = cv2.GaussianBlur(cv2.remap(print_, *at, cv2.INTER_LINEAR, borderValue=120.0), (0, 0), 0.8)
     corners = (BOARD.corners_in_board_mm[:, :2] - np.array(BOARD.size_mm) / 2.0 - middle) / 60.0

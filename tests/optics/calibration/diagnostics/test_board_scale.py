@@ -39,7 +39,8 @@ def test_another_unit_is_named(pictures: list[Grey]) -> None:
         target = BOARD.replaced(square_mm=11.0 * factor)
         said = other_size(pictures, LAYOUT, target)
         assert said == (
-            f"board.toml says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: were they measured in {unit}?"
+            f"board.toml says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: "
+            f"were they measured in {unit}?"
         )
     with pytest.raises(InputError, match="were they measured in inches"):
         calibrate(pictures, [], LAYOUT, target)
