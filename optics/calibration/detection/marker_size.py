@@ -126,7 +126,7 @@ def _alike(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> Float
     at = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
     v, u = (axis.ravel() for axis in np.meshgrid(at, at, indexing="ij"))
     shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    seen = standardised(sample(squares.picture, shares @ squares.quads))
+    seen = standardised(sample(squares.picture, shares @ squares.quads).astype(np.float64))
     white = dictionaries.white_modules(target.dictionary)[squares.ids]
 
     def with_side(side: float, blur: float) -> float:
@@ -136,7 +136,7 @@ def _alike(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> Float
         padded = np.pad(drawn, ((0, 0), (PADDING, PADDING), (PADDING, PADDING))).transpose(1, 2, 0)
         soft = np.asarray(cv2.GaussianBlur(np.ascontiguousarray(padded), (0, 0), blur * PX_PER_SQUARE))
         inner = soft.reshape(padded.shape)[PADDING:-PADDING, PADDING:-PADDING].transpose(2, 0, 1)
-        return float((seen * standardised(inner.reshape(len(white), -1))).sum())
+        return float((seen * standardised(inner.reshape(len(white), -1).astype(np.float64))).sum())
 
     likely = sides[len(sides) // 2 :: len(sides)]
     for _ in range(ROUNDS):

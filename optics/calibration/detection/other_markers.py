@@ -39,7 +39,7 @@ def other_markers(
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     size = f"{target.cols} x {target.rows}"
-    highest = steps.highest - (0 if tags else target.first_marker)
+    highest = steps.highest - (target.first_marker if isinstance(target, Charuco) else 0)
     rows = (highest if tags else 2 * highest + 1) // columns + 1 + steps.follows  # at least
     if columns != target.cols:
         said = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
@@ -63,21 +63,24 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
     close = max(votes) - max(MIN_STEPS * pictures, UNEXPLAINED * max(votes))
     if close < 0:
         return None
-    as_stated = votes[0] > close
-    if not as_stated and pairs.explained(target.cols, first, white_first=not white) > close:
-        return _other_pattern(target)
-    if as_stated and beyond < MIN_BEYOND * pictures:
+    as_stated, few_beyond = votes[0] > close, beyond < MIN_BEYOND * pictures
+    if as_stated and few_beyond:
         return None
+    other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > close
     phase = 0 if as_stated else int(np.argmax(votes))
     # The numbers of whole pairs of rows, from the one that holds the lowest number.
     begin = first + phase + (lowest - first - phase) // target.cols * target.cols
-    if begin == first or highest >= begin + count or begin < 0:
+    fits = begin != first and begin >= 0 and highest < begin + count
+    if other_pattern and (few_beyond or not fits):
+        return _other_pattern(target)
+    if not fits:
         return None
     # Where neither side of the board is visible, several numberings are as likely.
     known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
         f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
-        f"board.toml has {first} to {first + count - 1}: set first_marker = {known} there, unless the board has more rows"
+        f"board.toml has {first} to {first + count - 1}: set "
+        f"first_marker = {known} there, unless the board has more rows"
     )
 
 

@@ -83,6 +83,14 @@ def test_other_numbers_are_named(first: int, *, mirrored: bool) -> None:
     assert "set first_marker = 0 there" in back
 
 
+def test_the_numbers_of_the_second_board_of_a_series_are_not_taken_for_the_old_pattern() -> None:
+    """Those of 8 x 5 squares begin half a pair of rows later, as those of the old pattern would."""
+    board = sized(8, 5)
+    said = other_markers(pictures(board.replaced(first_marker=20), mirrored=False), board, mirrored=False, found=False)
+    assert said is not None
+    assert "set first_marker = 20 there" in said
+
+
 @DIRECT_OR_MIRRORED
 @pytest.mark.parametrize("stated", [0.5, 0.68, 0.81, 0.9])
 def test_another_side_of_the_markers_is_measured(stated: float, *, mirrored: bool) -> None:

@@ -25,8 +25,9 @@ def through_fisheye(*, flipped: bool) -> tuple[Grey, FloatArray]:
     x, y = (
         60.0 * axis * out + move + size / 2.0 for axis, move, size in zip((u, v), middle, BOARD.size_mm, strict=True)
     )
-    at = [((axis / BOARD.square_mm + 1.0) * 40.0 - 0.5).astype(np.float32) for axis in (x, y)]
-    seen = cv2.GaussianBlur(cv2.remap(print_, *at, cv2.INTER_LINEAR, borderValue=120.0), (0, 0), 0.8)
+    on_print = np.stack([x, y], axis=2) / BOARD.square_mm
+    at = ((on_print + 1.0) * 40.0 - 0.5).astype(np.float32)
+    seen = cv2.GaussianBlur(cv2.remap(print_, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=120.0), (0, 0), 0.8)
     corners = (BOARD.corners_in_board_mm[:, :2] - np.array(BOARD.size_mm) / 2.0 - middle) / 60.0
     radius = np.linalg.norm(corners, axis=1, keepdims=True)
     pixels = MIDDLE + FOCAL_PX * np.arctan(radius) / np.maximum(radius, 1e-9) * corners
