@@ -19,6 +19,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, resid
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MOST_FLIPPED = 0.003  # of the picture's diagonal, rms of the corners of flipped pictures to their first estimate
+NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances of boards that cameras with mirrors see sharp
 MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
 FLIPPED = "the pictures are flipped left to right, as those of a selfie camera: switch that off, or flip them all back"
 INVERTED = (
@@ -153,6 +154,18 @@ def fits_flipped(
     except InputError:
         return False
     return start.error_px < MOST_FLIPPED * float(np.hypot(width_px, height_px))
+
+
+def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
+    """A note where the board is so near to the camera, or so far, that its size seems to be in another unit than mm."""
+    middle = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
+    distance_mm = float(np.median((estimate.rig_from_board @ middle)[:, 2]))
+    if NEAREST_MM < distance_mm < FARTHEST_MM:
+        return ()
+    return (
+        f"the board of {target.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
+        "layout, pictures do not tell it",
+    )
 
 
 def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:

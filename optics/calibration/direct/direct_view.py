@@ -41,6 +41,7 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     confirmed,
     fits_flipped,
     more_mirrors,
+    nearness_note,
     negative,
     start_of,
 )
@@ -137,6 +138,7 @@ def calibrate_with_direct_view(
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)
+    notes += nearness_note(start.estimate, target)
     shown = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:

@@ -13,6 +13,7 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     confirmed,
     fits_flipped,
     more_mirrors,
+    nearness_note,
     negative,
     start_of,
 )
@@ -73,6 +74,15 @@ def test_flipped_pictures_of_markers_are_recognised() -> None:
         start_of(flipped, board, mirrors=2, **SIZE)
     assert fits_flipped(flipped, board, mirrors=2, **SIZE)
     assert not fits_flipped(boards_in(shown, board, most=3, progress=no_progress), board, mirrors=2, **SIZE)
+
+
+def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[Grey]) -> None:
+    for side_mm, noted in ((20.0, False), (2.0, True), (2000.0, True)):
+        target = EVEN.replaced(square_mm=side_mm)
+        start, _ = start_of(boards_in(pictures, target, most=3, progress=no_progress), target, mirrors=2, **SIZE)
+        note = nearness_note(start.estimate, target)
+        assert any("is its size in mm?" in each for each in note) == noted
+        assert bool(note) == noted
 
 
 def test_pictures_without_a_board_are_refused() -> None:
