@@ -33,7 +33,10 @@ def main() -> int:
         print(f"a board of the kind {board['kind']}, expected charuco", file=sys.stderr)
         return 1
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board["dictionary"]))
-    target = cv2.aruco.CharucoBoard((board["cols"], board["rows"]), board["square_mm"], board["marker_mm"], dictionary)
+    size = board["cols"], board["rows"]
+    ids = board.get("first_marker", 0) + np.arange(size[0] * size[1] // 2, dtype=np.int32)
+    target = cv2.aruco.CharucoBoard(size, board["square_mm"], board["marker_mm"], dictionary, ids)
+    target.setLegacyPattern(board.get("legacy", False))
     described = json.loads((folder / "views.json").read_text(encoding="utf-8"))
     views, size = described["views"], (described["width_px"], described["height_px"])
     pictures = (np.fromfile(path, dtype=np.uint8) for path in sorted((folder / "frames").iterdir()))

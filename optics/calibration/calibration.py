@@ -18,6 +18,7 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
 )
@@ -142,6 +143,8 @@ def calibrate(
     except InputError:
         # Unless it does not fit: parts of a checkerboard are taken for a smaller one here and there.
         taken.refuse_other_board(target, seen=shown[0], base=shown[1], fits=False)
+        if other := other_size(taken.first(mirrored=True), layout, target):
+            raise InputError(other) from None
         if fits_upside_down(seen, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise

@@ -62,6 +62,10 @@ class TakenPictures:
             if len(self._first[mirrored]) < MOST_PICTURES:
                 self._first[mirrored].append(grey)
 
+    def first(self, *, mirrored: bool) -> Sequence[Grey]:
+        """The first pictures, up to `MOST_PICTURES`, through the mirrors or without them."""
+        return self._first[mirrored]
+
     def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:
         """Raise InputError where the first pictures show another board than the stated one.
 

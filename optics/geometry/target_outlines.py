@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Target
 
 
 def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
@@ -23,11 +22,10 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
         x, y = (target.cell_edges(n, tag=target.tag_mm, gap=target.gap_mm) for n in (target.cols, target.rows))
         return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in _joined(target.black, x, y)])
     side = target.square_mm
+    black = target.black if isinstance(target, Charuco) else target.image(1) == 0
     squares = [
         shapely.box(column * side, row * side, (column + 1) * side, (row + 1) * side)
-        for row in range(target.rows)
-        for column in range(target.cols)
-        if (row + column) % 2 == 0
+        for row, column in np.argwhere(black).tolist()
     ]
     markers = _markers(target) if isinstance(target, Charuco) else ()
     return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in (*squares, *markers)])
@@ -35,14 +33,10 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
 
 def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
     """The polygons of the markers: in the middle of each white square, in the order of their numbers, row by row."""
-    name, modules = DICTIONARIES[target.dictionary]
-    dictionary = cv2.aruco.getPredefinedDictionary(name)
-    white = ((row, column) for row in range(target.rows) for column in range(target.cols) if (row + column) % 2)
-    for number, (row, column) in enumerate(white):
-        black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
+    for white, (row, column) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         corner = (np.array([column, row]) + 0.5) * target.square_mm - target.marker_mm / 2.0
         # Edges of neighbours are the same numbers, so that their union closes.
-        yield from _joined(black, *(corner[:, None] + np.arange(modules + 1) * target.marker_mm / modules))
+        yield from _joined(~white, *(corner[:, None] + np.arange(len(white) + 1) * target.marker_mm / len(white)))
 
 
 def _joined(black: NDArray[np.bool_], x: FloatArray, y: FloatArray) -> tuple[shapely.Polygon, ...]:

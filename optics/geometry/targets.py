@@ -7,6 +7,7 @@ print in pitches, the mean distance of neighbouring corners (`pitch_mm`).
 
 from __future__ import annotations
 
+import json
 import re
 from functools import cached_property
 from pathlib import Path
@@ -20,24 +21,20 @@ from pydantic import Field, RootModel, ValidationError, model_validator
 from mirrorcam.optics.base.bounds import PART_MM, Bounds
 from mirrorcam.optics.base.files import one_line, read_bytes, read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
-
-# Modules along one side of a marker of each dictionary, with its black border.
-DICTIONARIES = {
-    "DICT_4X4_50": (cv2.aruco.DICT_4X4_50, 6),
-    "DICT_4X4_100": (cv2.aruco.DICT_4X4_100, 6),
-    "DICT_4X4_250": (cv2.aruco.DICT_4X4_250, 6),
-    "DICT_4X4_1000": (cv2.aruco.DICT_4X4_1000, 6),
-    "DICT_5X5_100": (cv2.aruco.DICT_5X5_100, 7),
-    "DICT_5X5_250": (cv2.aruco.DICT_5X5_250, 7),
-    "DICT_5X5_1000": (cv2.aruco.DICT_5X5_1000, 7),
-}
+from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)
+MOST_MARKERS = 10000
 KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
 TAGS = Bounds(2, 100)
 SPACING = Bounds(0.05, 0.8)
-TAG_FAMILY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+TAG_FAMILY = dictionaries.dictionary("DICT_APRILTAG_36h11")
 TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, with its black border; modules of that border
+
+
+def _is_default(value: float) -> bool:
+    """Whether a key of a board is not written: files and digests of boards without it stay as they are."""
+    return not value
 
 
 class _Grid(Value):
@@ -105,21 +102,40 @@ class Checkerboard(_Grid):
 
 
 class Charuco(_Grid):
-    """A checkerboard with an ArUco marker in each white square: any part of it identifies its corners."""
+    """A checkerboard with an ArUco marker in each white square: any part of it identifies its corners.
+
+    Its top-left square is black, but for boards of the pattern of OpenCV before 4.6 with an even number of rows.
+    Markers are numbered row by row.
+    """
 
     kind: Literal["charuco"] = "charuco"
     marker_mm: float = PART_MM.field(description="side of a marker, smaller than a square")
     dictionary: str = Field(default="DICT_4X4_250", description="OpenCV's name of the marker dictionary")
+    legacy: bool = Field(
+        default=False,
+        exclude_if=_is_default,
+        description="printed by OpenCV before 4.6 (setLegacyPattern): with an even number of rows, top-left is white",
+    )
+    first_marker: int = Field(
+        default=0, ge=0, le=MOST_MARKERS, exclude_if=_is_default, description="id of the first marker"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.marker_mm >= self.square_mm:
             raise ValueError(f"marker_mm {self.marker_mm} is not smaller than square_mm {self.square_mm}")
-        if self.dictionary not in DICTIONARIES:
-            raise ValueError(f"dictionary {self.dictionary!r} is unknown, expected one of {', '.join(DICTIONARIES)}")
-        markers, available = self.rows * self.cols // 2, int(self.dictionary.rsplit("_", 1)[1])
+        known = dictionaries.as_named(self.dictionary)
+        if known is None:
+            raise ValueError(
+                f"dictionary {self.dictionary[:40]!r} is unknown, expected one of {', '.join(dictionaries.NAMES)}"
+            )
+        object.__setattr__(self, "dictionary", known)
+        markers, available = self.first_marker + self.rows * self.cols // 2, dictionaries.count(known)
         if markers > available:
-            raise ValueError(f"{markers} markers are needed, {self.dictionary} has {available}")
+            from_first = f" from {self.first_marker} on" if self.first_marker else ""
+            raise ValueError(
+                f"{self.rows * self.cols // 2} markers are needed{from_first}, {self.dictionary} has {available}"
+            )
         return self
 
     @property
@@ -128,10 +144,30 @@ class Charuco(_Grid):
         return "ChArUco"
 
     @cached_property
+    def black(self) -> NDArray[np.bool_]:
+        """Which squares (rows, cols) are black; the others hold markers."""
+        row, col = np.mgrid[: self.rows, : self.cols]
+        return np.asarray((row + col) % 2 == (self.legacy and self.rows % 2 == 0))
+
+    @cached_property
+    def marker_squares(self) -> NDArray[np.int64]:
+        """Row and column (m, 2) of the square of each marker, in the order of their ids."""
+        return np.argwhere(~self.black)
+
+    @cached_property
+    def markers(self) -> NDArray[np.bool_]:
+        """White modules (m, modules, modules) of the markers, with their black borders."""
+        drawn = dictionaries.white_modules(self.dictionary)
+        return drawn[self.first_marker : self.first_marker + len(self.marker_squares)]
+
+    @cached_property
     def opencv(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's board with the same geometry and ids."""
-        dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[self.dictionary][0])
-        return cv2.aruco.CharucoBoard((self.cols, self.rows), self.square_mm, self.marker_mm, dictionary)
+        dictionary = dictionaries.dictionary(self.dictionary)
+        ids = self.first_marker + np.arange(len(self.marker_squares), dtype=np.int32)
+        board = cv2.aruco.CharucoBoard((self.cols, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
+        board.setLegacyPattern(self.legacy)
+        return board
 
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
         """The squares with their markers (rows*p, cols*p) as they are printed, 0 black and 255 white."""
@@ -288,8 +324,5 @@ def _of_kalibr(path: Path) -> AprilGrid:
 
 def save_board(path: Path, target: Target) -> None:
     """Write `board.toml` atomically."""
-    lines = (
-        f"{name} = {value!r}" if not isinstance(value, str) else f'{name} = "{value}"'
-        for name, value in target.model_dump().items()
-    )
+    lines = (f"{name} = {json.dumps(value)}" for name, value in target.model_dump().items())
     write_text(path, "\n".join(lines) + "\n")

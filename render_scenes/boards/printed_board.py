@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MARGIN_SQUARES = 1  # of white paper around the printed squares; as wide as a tag around an AprilGrid
@@ -46,7 +46,7 @@ def _texels_per_tag(target: AprilGrid) -> int:
 
 def _marker_raster(target: Charuco) -> tuple[int, float]:
     """Texels per square, and the marker size (mm) nearest to the target's whose modules are whole numbers of texels."""
-    modules = DICTIONARIES[target.dictionary][1]
+    modules = target.markers.shape[1]
     choices = [
         (texels, texels_per_module * modules * target.square_mm / texels)
         for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
@@ -76,20 +76,19 @@ def _ink(target: Target) -> FloatArray:
     """
     if isinstance(target, AprilGrid):
         tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
-        right, down = (_covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
+        right, down = (covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
         return np.asarray(down.T @ target.black @ right)
-    ink = 1.0 - Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0).image(PX_PER_SQUARE) / 255.0
+    black = target.black if isinstance(target, Charuco) else target.image(1) == 0
+    ink = np.kron(black, np.ones((PX_PER_SQUARE, PX_PER_SQUARE)))
     if isinstance(target, Checkerboard):
         return ink
-    dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
+    modules = target.markers.shape[1]
     side = PX_PER_SQUARE * target.marker_mm / target.square_mm
     edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
-    covers = _covers(edges, PX_PER_SQUARE)
-    white = ((row, col) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2)
-    for number, (row, col) in enumerate(white):
-        black = dictionary.generateImageMarker(number, modules, borderBits=1) == 0
+    cover = covers(edges, PX_PER_SQUARE)
+    for white, (row, col) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
-        ink[square] = covers.T @ black @ covers
+        ink[square] = cover.T @ ~white @ cover
     return ink
 
 
@@ -113,7 +112,7 @@ def in_print_px(target: Target, places: Floats) -> Floats:
     return (places + 1.0) * px_per_pitch(target) - 0.5
 
 
-def _covers(edges: FloatArray, count: int | None = None) -> FloatArray:
+def covers(edges: FloatArray, count: int | None = None) -> FloatArray:
     """What the cells between edges (c + 1,) cover of each of `count` pixels (c, p); up to the last edge where None."""
     pixels = np.arange(np.ceil(edges[-1] - 1e-6) if count is None else count)
     begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)

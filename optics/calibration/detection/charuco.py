@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
@@ -21,7 +22,8 @@ from mirrorcam.optics.calibration.detection.marker_numbering import Markers, num
 from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.detection.tag_grids import linked_tags
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import DICTIONARIES, TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
+from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
+from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -80,10 +82,9 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
         numbers = target.tag_numbers
         tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
-    dictionary, modules = target.opencv.getDictionary(), DICTIONARIES[target.dictionary][1]
-    white = [(col - 1, row - 1) for row in range(target.rows) for col in range(target.cols) if (row + col) % 2]
-    codes = [dictionary.generateImageMarker(number, modules, borderBits=1)[1:-1, 1:-1] for number in range(len(white))]
-    return Markers(np.array(codes) > 0, np.array(white), target.marker_mm / target.square_mm, parity=1)
+    return Markers(
+        target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1
+    )
 
 
 def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
@@ -133,27 +134,25 @@ def marker_places(target: Charuco | AprilGrid) -> FloatArray:
         numbers = target.tag_numbers.ravel().argsort()
         low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
         return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
-    return np.array(target.opencv.getObjPoints())[:, :, :2] / target.square_mm
+    half = target.marker_mm / target.square_mm / 2.0
+    middles = target.marker_squares[:, None, ::-1] + 0.5
+    return np.asarray(middles + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
 
 
 def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Ids (n,) and corners (n, 4, 2) of the target's markers, with repetitions.
+    """Numbers (n,) and corners (n, 4, 2) of the target's markers, from 0 on and with repetitions.
 
     Not all need to be found, as boards are grown from a few; where there is none, other window sizes are tried.
     """
-    image = cv2.flip(grey, 1) if mirrored else grey
-    white = float(np.quantile(image[::4, ::4], WHITE_QUANTILE))
-    bright = cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0))
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = MIN_PERIMETER
+    bright, parameters = _as_searched(grey, mirrored=mirrored)
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
-    dictionary, count = _dictionary(target)
+    dictionary, first, count = _dictionary(target)
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
-        names = np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()
-        known = names < count
+        names = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
+        known = (names >= 0) & (names < count)
         if known.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
@@ -162,11 +161,29 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     return names[known], corners[known]
 
 
-def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int]:
-    """OpenCV's dictionary of a print's markers, and how many of them it has."""
+def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
+    """How many of the first markers of each of some families (f,) of dictionaries a picture shows."""
+    bright, parameters = _as_searched(grey, mirrored=mirrored)
+    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
+    detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
+    _, _, _, seen = detector.detectMarkersMultiDict(bright)
+    return np.bincount(np.zeros(0, np.int64) if seen is None else np.ravel(seen), minlength=len(families))
+
+
+def _as_searched(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:
+    """The picture, brightened and as the print is seen directly, and what to search markers with."""
+    image = cv2.flip(grey, 1) if mirrored else grey
+    white = float(np.quantile(image[::4, ::4], WHITE_QUANTILE))
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate = MIN_PERIMETER
+    return np.asarray(cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0)), dtype=np.uint8), parameters
+
+
+def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int, int]:
+    """OpenCV's dictionary of a print's markers, the id of the first one, and how many of them it has."""
     if isinstance(target, AprilGrid):
-        return TAG_FAMILY, target.cols * target.rows
-    return target.opencv.getDictionary(), len(target.opencv.getIds())
+        return TAG_FAMILY, 0, target.cols * target.rows
+    return dictionaries.dictionary(target.dictionary), target.first_marker, len(target.markers)
 
 
 def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:

@@ -16,13 +16,17 @@ from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArra
 from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
 from mirrorcam.optics.calibration.detection.saddle_points import saddle_points
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
+from mirrorcam.optics.calibration.detection.whole_board import whole_board
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
 
 CHECKERBOARD_WINDOW = 0.4
+WHOLE_WINDOW, MAX_REFINED = 0.2, 0.1  # of boards under strong distortion: half-window and move of a corner, in cells
+MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the part of them that a board keeps which is like the print
+SOFTENED_PX = 1.0  # sigma of the blur of pictures that are not
 MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
 SAME_CONTRAST = 0.6  # of the board's own contrast, for a corner to count as not covered
 # Where the square at a corner's lower right and that at its upper left are sampled, in cells.
@@ -63,7 +67,8 @@ def spread_out(corners: Corners) -> Corners:
 def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
-    Grids of saddle points start them; the print, compared with the picture, decides which corners are there.
+    Grids of saddle points start them; the print, compared with the picture, decides which corners are there. Where none
+    are found, as under the distortion of a fisheye lens, a board that is wholly visible is searched by its squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
     most = max(target.cols, target.rows)
@@ -73,8 +78,20 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
         if not new_corners(pixels, known):
             continue
         at, corners = grow_grid(picture, places, pixels, most=most)
+        if len(places) >= MIN_LINKED and len(corners) < MIN_KEPT * len(places):
+            # A picture that was sharpened is like the print only once it is softened.
+            soft = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
+            again = grow_grid(soft, places, pixels, most=most)
+            at, corners = max((at, corners), again, key=lambda grid: len(grid[1]))
         if new_corners(corners.pixels, known):
             found.append(SeenGrid(at, corners, board_ends(picture, at, corners.pixels)))
+    if not found and (whole := whole_board(grey, target)):
+        places, pixels = whole
+        cells = cell_px(pixels)
+        refined = refine(grey, pixels, cells, WHOLE_WINDOW)
+        stays = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINED * cells
+        pixels = np.where(stays[:, None], refined, pixels)
+        found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
     return sorted(found, key=lambda grid: -len(grid))
 
 

@@ -36,7 +36,7 @@ class Markers:
     side
         Side of a marker with its border, in sides of that square.
     parity
-        Sum of the coordinates of such corners, modulo 2.
+        Which squares hold markers: 1 for white ones, 0 for black ones.
     every_other
         Whether only every other square of that colour holds a marker, those with even coordinates on the print. On a
         grid, these have odd x and even y.
@@ -67,13 +67,13 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
         The grid, in the coordinates of the markers' places; None where its squares show no markers of the print, or
         more than one numbering is as likely.
     """
-    codes = _standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
+    codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
     scores: list[tuple[float, int, IntArray, int]] = []
     for turn in range(4):
         low, quads = _turned(grid, turn, markers)
         if not len(low):
             continue
-        agreement = _standardised(_modules(picture, quads, markers)) @ codes.T
+        agreement = standardised(_modules(picture, quads, markers)) @ codes.T
         shifts = markers.places - low[:, None]
         first = shifts.min(axis=(0, 1))
         width = np.ptp(shifts, axis=(0, 1)) + 1
@@ -93,7 +93,29 @@ def numbered_by_markers(picture: Image, grid: SeenGrid, markers: Markers) -> See
     return grid.moved(turn, np.asarray(by, dtype=np.int64))
 
 
-def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> tuple[IntArray, IntArray]:
+@dataclass(frozen=True)
+class ReadMarkers:
+    """Squares of a grid that show markers.
+
+    Attributes
+    ----------
+    low
+        Lowest coordinates (n, 2) of the squares, along x and y of the print but for a shift.
+    ids
+        Which marker (n,) each shows.
+    quads
+        Pixels (n, 4, 2) of their corners, row by row.
+    alike
+        Mean correlation of all squares that may hold markers with the markers that they are most like.
+    """
+
+    low: IntArray
+    ids: IntArray
+    quads: FloatArray
+    alike: float
+
+
+def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> ReadMarkers:
     """Read the squares of a grid one by one, whatever board it is of.
 
     Parameters
@@ -104,26 +126,21 @@ def read_markers(picture: Image, grid: SeenGrid, markers: Markers) -> tuple[IntA
         Corners, as on the print but for a shift and a turn.
     markers
         The markers that there may be, with no places.
-
-    Returns
-    -------
-    low
-        Lowest coordinates (n, 2) of the squares that show a marker, along x and y of the print but for a shift.
-    ids
-        Which marker (n,) each shows.
     """
-    codes = _standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
-    best, read = 0.0, (np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64))
+    codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
+    none = np.empty(0, dtype=np.int64)
+    best = ReadMarkers(np.empty((0, 2), dtype=np.int64), none, np.empty((0, 4, 2)), 0.0)
     for turn in range(4):
         low, quads = _turned(grid, turn, markers)
         if not len(low):
             continue
-        agreement = _standardised(_modules(picture, quads, markers)) @ codes.T
+        agreement = standardised(_modules(picture, quads, markers)) @ codes.T
         alike = agreement.max(axis=1)
-        if alike.mean() > best:
-            best, known = float(alike.mean()), alike > MIN_CORRELATION
-            read = low[known], agreement.argmax(axis=1)[known].astype(np.int64)
-    return read
+        if alike.mean() > best.alike:
+            known = alike > MIN_CORRELATION
+            ids = agreement.argmax(axis=1)[known].astype(np.int64)
+            best = ReadMarkers(low[known], ids, quads[known], float(alike.mean()))
+    return best
 
 
 def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
@@ -137,7 +154,7 @@ def _turned(grid: SeenGrid, turn: int, markers: Markers) -> tuple[IntArray, Floa
     return low, quads
 
 
-def _standardised(values: FloatArray) -> FloatArray:
+def standardised(values: FloatArray) -> FloatArray:
     """Rows with the mean 0 and the norm 1."""
     apart = values - values.mean(axis=1, keepdims=True)
     return np.asarray(apart / np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), 1e-9))

@@ -8,19 +8,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
-from mirrorcam.optics.calibration.detection.marker_steps import Steps, marker_steps
+from mirrorcam.optics.calibration.detection.other_markers import other_markers
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
-from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
 FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
 PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
-MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
-MIN_STEPS = 3  # pairs of markers that say the same number of columns, by picture
 
 
 def other_board(
@@ -46,7 +43,7 @@ def other_board(
     if not pictures:
         return None
     if not isinstance(target, Checkerboard):
-        return _other_markers(pictures, target, mirrored=bool(mirrored), found=found and fits)
+        return other_markers(pictures, target, mirrored=mirrored, found=found and fits)
     return None if found and fits else _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
 
 
@@ -86,56 +83,6 @@ def _size_like(target: Checkerboard, grid: SeenGrid) -> tuple[int, int]:
 
 def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
     return size[0] >= target.cols and size[1] >= target.rows
-
-
-def _other_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool, found: bool) -> str | None:
-    tags = isinstance(target, AprilGrid)
-    board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
-    least = MIN_STEPS * len(pictures)
-    columns, steps = _steps(pictures, target, mirrored=mirrored)
-    if len(steps.highest) < least:
-        return None if found else _unreadable_markers(pictures, target, mirrored=mirrored)
-    rows = (steps.highest if tags else 2 * steps.highest + 1) // columns + 1 + steps.follows  # at least
-    if columns != target.cols:
-        said = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {_size(target)} {cells}"
-        exchanged = columns == target.rows and rows.max() <= target.cols
-        return said + (": are cols and rows exchanged?" if exchanged else "")
-    if (rows > target.rows).sum() >= MIN_BEYOND * len(pictures):
-        return f"the pictures show {board} of more rows of {cells}, board.toml says {_size(target)} {cells}"
-    return None
-
-
-def _unreadable_markers(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> str | None:
-    least = MIN_STEPS * len(pictures)
-    if len(_steps(pictures, target, mirrored=not mirrored)[1].highest) >= least:
-        return (
-            "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
-            "selfie camera; switch that off, or flip them left to right"
-        )
-    if isinstance(target, Charuco):
-        for name in DICTIONARIES:
-            if _capacity(name) < target.rows * target.cols // 2 or _same_markers(name, target.dictionary):
-                continue
-            other = target.replaced(dictionary=name)
-            if len(_steps(pictures, other, mirrored=mirrored)[1].highest) >= least:
-                return f"the pictures show markers of {name}, board.toml says dictionary {target.dictionary}"
-    return None
-
-
-def _capacity(dictionary: str) -> int:
-    """Number of markers in a dictionary."""
-    return int(dictionary.rsplit("_", 1)[1])
-
-
-def _same_markers(one: str, other: str) -> bool:
-    """Whether the smaller of two dictionaries begins the larger, so that the same board is printed from either."""
-    markers = [cv2.aruco.getPredefinedDictionary(DICTIONARIES[name][0]).bytesList for name in (one, other)]
-    count = min(map(len, markers))
-    return np.array_equal(markers[0][:count], markers[1][:count])
-
-
-def _steps(pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, Steps]:
-    return Steps.together([marker_steps(picture, target, mirrored=mirrored) for picture in pictures]).likely
 
 
 def _size(target: Target) -> str:

@@ -18,7 +18,10 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Ob
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
+MOST_FLIPPED = 0.003  # of the picture's diagonal, rms of the corners of flipped pictures to their first estimate
+NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances of boards that cameras with mirrors see sharp
 MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
+FLIPPED = "the pictures are flipped left to right, as those of a selfie camera: switch that off, or flip them all back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
     "corners are numbered as if its top left square were black"
@@ -38,6 +41,18 @@ class SeenBoard:
         every = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
         return every[0] if every else None
 
+    def flipped(self, width_px: int) -> SeenBoard:
+        """The board in the picture flipped left to right, which shows it directly for in a mirror, and vice versa."""
+        return SeenBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))
+
+
+def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
+    direct, image = (
+        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in some]
+        for some in (board.image, board.direct)
+    )
+    return FoundBoard(direct, image)
+
 
 def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: Progress) -> list[list[SeenBoard]]:
     """The boards in each picture, up to `most` of each handedness; raises InputError where there are none at all."""
@@ -51,7 +66,7 @@ def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: 
         progress(number + 1, len(pictures))
     if not any(found):
         raise InputError(
-            other_board(pictures, target, mirrored=False, found=False)
+            other_board(pictures, target, mirrored=None, found=False)
             or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
         )
     return found
@@ -127,6 +142,30 @@ def start_of(
         raise refusals[0] if refusals else InputError("the parts of boards in the pictures cannot be numbered")
     # Colours as stated are believed unless they explain the corners much worse.
     return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
+
+
+def fits_flipped(
+    boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+) -> bool:
+    """Return whether boards of which no first estimate can be made have one once left and right are exchanged."""
+    flipped = [[seen.flipped(width_px) for seen in in_picture] for in_picture in boards]
+    try:
+        start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
+    except InputError:
+        return False
+    return start.error_px < MOST_FLIPPED * float(np.hypot(width_px, height_px))
+
+
+def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
+    """A note where the board is so near to the camera, or so far, that its size seems to be in another unit than mm."""
+    middle = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
+    distance_mm = float(np.median((estimate.rig_from_board @ middle)[:, 2]))
+    if NEAREST_MM < distance_mm < FARTHEST_MM:
+        return ()
+    return (
+        f"the board of {target.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
+        "layout, pictures do not tell it",
+    )
 
 
 def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:

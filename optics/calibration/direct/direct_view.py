@@ -36,10 +36,13 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 )
 from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_boards import (
+    FLIPPED,
     INVERTED,
     boards_in,
     confirmed,
+    fits_flipped,
     more_mirrors,
+    nearness_note,
     negative,
     start_of,
 )
@@ -132,9 +135,12 @@ def calibrate_with_direct_view(
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
         other = other_board(pictures, target, mirrored=None, found=True, fits=False)
+        if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
+            other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)
+    notes += nearness_note(start.estimate, target)
     shown = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:

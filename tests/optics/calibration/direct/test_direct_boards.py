@@ -8,7 +8,15 @@ import pytest
 from mirrorcam.optics.base.progress import no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.direct.direct_boards import boards_in, confirmed, more_mirrors, negative, start_of
+from mirrorcam.optics.calibration.direct.direct_boards import (
+    boards_in,
+    confirmed,
+    fits_flipped,
+    more_mirrors,
+    nearness_note,
+    negative,
+    start_of,
+)
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.direct.two_mirrors import CAMERA, POSES, corner_of_two_mirrors, lying, picture_of
@@ -54,6 +62,27 @@ def test_markers_tell_images_from_the_board_itself() -> None:
         assert [len(seen.stated.direct) for seen in in_picture] == [1, *[0] * (len(in_picture) - 1)]
         assert [len(seen.stated.image) for seen in in_picture] == [0, *[1] * (len(in_picture) - 1)]
         assert not any(seen.inverted.direct or seen.inverted.image for seen in in_picture)
+
+
+def test_flipped_pictures_of_markers_are_recognised() -> None:
+    board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
+    layout = corner_of_two_mirrors(90.0)
+    shown = [picture_of(layout, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:4])]
+    turned = [np.ascontiguousarray(picture[:, ::-1]) for picture in shown]
+    flipped = boards_in(turned, board, most=3, progress=no_progress)
+    with pytest.raises(InputError, match="show 0 mirrors"):
+        start_of(flipped, board, mirrors=2, **SIZE)
+    assert fits_flipped(flipped, board, mirrors=2, **SIZE)
+    assert not fits_flipped(boards_in(shown, board, most=3, progress=no_progress), board, mirrors=2, **SIZE)
+
+
+def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[Grey]) -> None:
+    for side_mm, noted in ((20.0, False), (2.0, True), (2000.0, True)):
+        target = EVEN.replaced(square_mm=side_mm)
+        start, _ = start_of(boards_in(pictures, target, most=3, progress=no_progress), target, mirrors=2, **SIZE)
+        note = nearness_note(start.estimate, target)
+        assert any("is its size in mm?" in each for each in note) == noted
+        assert bool(note) == noted
 
 
 def test_pictures_without_a_board_are_refused() -> None:

@@ -1,0 +1,65 @@
+"""OpenCV's predefined dictionaries of square markers."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_SIZES = (50, 100, 250, 1000)
+NAMES = (
+    *(f"DICT_{bits}X{bits}_{count}" for bits in (4, 5, 6, 7) for count in _SIZES),
+    "DICT_ARUCO_ORIGINAL",
+    "DICT_ARUCO_MIP_36h12",
+    "DICT_APRILTAG_16h5",
+    "DICT_APRILTAG_25h9",
+    "DICT_APRILTAG_36h10",
+    "DICT_APRILTAG_36h11",
+)
+FAMILIES = tuple(name for name in NAMES if not name.endswith(tuple(f"_{count}" for count in _SIZES[:-1])))
+"""The largest dictionary of each family: smaller ones of a family are its first markers."""
+
+
+def dictionary(name: str, most: int | None = None) -> cv2.aruco.Dictionary:
+    """The dictionary of a name of `NAMES`, or its first markers."""
+    found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    if most is None:
+        return found
+    return cv2.aruco.Dictionary(found.bytesList[:most], found.markerSize, found.maxCorrectionBits)
+
+
+def as_named(name: str) -> str | None:
+    """The name of `NAMES` that is equal but for the case of letters; None where there is none."""
+    return next((known for known in NAMES if known.lower() == name.lower()), None)
+
+
+def family(name: str) -> str:
+    """The largest dictionary that begins with a dictionary's markers."""
+    return name if name in FAMILIES else f"{name.rsplit('_', 1)[0]}_{_SIZES[-1]}"
+
+
+def smallest(name: str, markers: int) -> str:
+    """The smallest dictionary of a family that has so many markers."""
+    return min((each for each in NAMES if family(each) == family(name) and count(each) >= markers), key=count)
+
+
+def count(name: str) -> int:
+    """Number of markers in a dictionary."""
+    return len(dictionary(name).bytesList)
+
+
+def modules(name: str) -> int:
+    """Modules along one side of a marker, with its black border."""
+    return int(dictionary(name).markerSize) + 2
+
+
+@lru_cache(maxsize=32)
+def white_modules(name: str) -> NDArray[np.bool_]:
+    """White modules (count, modules, modules) of all markers of a dictionary, with their black borders."""
+    side, markers = modules(name), dictionary(name)
+    drawn = [markers.generateImageMarker(number, side, borderBits=1) for number in range(count(name))]
+    found = np.array(drawn) > 0
+    found.flags.writeable = False
+    return found
