@@ -4,10 +4,10 @@ Between the two stands a small Python process, this file. Its standard input is 
 other end; the system closes that when this process ends, even if it is killed, and the child is ended then: killed, or
 interrupted first, as by Ctrl-C, where it has files to finish. This works alike on all systems.
 
-A program of somebody else may leave processes behind. With `tree`, these end too, when the program ends or is ended: on
-Linux every descendant, those that have left its session included; on other POSIX systems its process group; on Windows
-the program alone. Not covered: processes that a service of the system starts for it (cron, systemd, a container engine),
-those of another user, and on Linux those that remain where a program kills the process between.
+A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
+that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered
+are processes that a service of the system starts for it (cron, systemd, a container engine), those of another user, and
+those that remain where a program kills the process between.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 
 # On Windows, no process but a whole group is interrupted, by Ctrl-Break.
 if sys.platform == "win32":
@@ -82,7 +83,7 @@ def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bo
         stdin=subprocess.DEVNULL,
         creationflags=NEW_GROUP if ending_s else 0,
         start_new_session=tree,
-        preexec_fn=_adopting() if tree else None,
+        preexec_fn=_adopting() if tree else None,  # noqa: PLW1509  no other thread runs yet
     )
     ended = threading.Event()
 
@@ -160,13 +161,12 @@ if sys.platform != "win32":
         """Numbers of all processes below this one, on Linux; none elsewhere."""
         children: dict[int, list[int]] = {}
         try:
-            numbers = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+            numbers = [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
         except FileNotFoundError:
             return set()
         for number in numbers:
             with suppress(OSError):  # it has ended meanwhile
-                with open(f"/proc/{number}/stat", "rb") as file:
-                    parent = int(file.read().rpartition(b")")[2].split()[1])
+                parent = int(Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[1])
                 children.setdefault(parent, []).append(number)
         found, waiting = set(), [os.getpid()]
         while waiting:

@@ -69,8 +69,9 @@ class EvaluateOptions(Value):
 
 def run(options: EvaluateOptions) -> int:
     """Evaluate, print a row for each set, and write the files; 1 where a set has no score or a limit is not kept."""
-    from mirrorcam.workflow.evaluation import EvaluationRequest, EvaluationStopped, evaluate, read_baseline
+    from mirrorcam.workflow.evaluation import EvaluationRequest, EvaluationStopped, evaluate
     from mirrorcam.workflow.evaluation_files import FILES, write_evaluation
+    from mirrorcam.workflow.evaluation_reading import read_evaluation
     from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.scoring import ScoreRequest
     from mirrorcam.workflow.suite_folder import read_finished
@@ -89,7 +90,7 @@ def run(options: EvaluateOptions) -> int:
         command=options.command,
         timeout_s=options.timeout_s,
         reading=reading,
-        baseline=None if options.baseline is None else read_baseline(options.baseline),
+        baseline=None if options.baseline is None else read_evaluation(options.baseline),
         worse_by=options.worse_by,
     )
     stopped = None

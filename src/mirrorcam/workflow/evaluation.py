@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
@@ -29,8 +30,10 @@ from mirrorcam.workflow.suite_folder import FinishedSuite, SuiteSet
 from mirrorcam.workflow.work_folder import remove_stale, work_folder
 
 RESULTS = "results"
-READING_S = 20.0
+READING_S = 10.0
 """Time to read and score a result, where the command has left less of its own."""
+RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
+"""Room on the disk for the files of an evaluation, which a command that fills the disk does not get."""
 WATCHED = "rms_px"
 """The figure that is compared with an earlier evaluation."""
 
@@ -122,9 +125,9 @@ def evaluate(
 ) -> tuple[Evaluation, dict[str, CalibrationScore]]:
     """Run a command on each set of a suite, in temporary folders, and score what it leaves.
 
-    Logs and results go to `folder / RESULTS`. Returns the evaluation, and the scores by the names of the sets. A command
-    that fails, or whose result cannot be read, fails the set, not the evaluation. Raises InputError for limits or views
-    that cannot be read, and EvaluationStopped.
+    Logs and results go to `folder / RESULTS`. Returns the evaluation, and the scores by the names of the sets. A
+    command that fails, or whose result cannot be read, fails the set, not the evaluation. Raises InputError for limits
+    or views that cannot be read, and EvaluationStopped.
     """
     reading = request.reading
     views = None if reading.views is None else ViewsFile.load(reading.views)
@@ -134,14 +137,17 @@ def evaluate(
     scores: dict[str, CalibrationScore] = {}
     stopped = ""
     remove_stale()
-    results = folder.absolute() / RESULTS  # a command may remove the folder that this process works in
+    folder = folder.absolute()  # a command may remove the folder that this process works in
+    folder.mkdir(parents=True, exist_ok=True)
+    reserve = folder / "reserve"
+    reserve.write_bytes(os.urandom(RESERVED_BYTES + RESERVED_BYTES_PER_SET * len(suite.folders)))
     worker = WorkerProcess(preload=("mirrorcam.workflow.scoring",))
     progress(0, len(suite.folders))
     try:
         worker.start()
         for done, (entry, place) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
             seconds, failure = 0.0, f"not run: {stopped}" if stopped else ""
-            kept = results / entry.name
+            kept = folder / RESULTS / entry.name
             try:
                 if not stopped:
                     seconds, failure = _run(request, place, kept)
@@ -159,6 +165,7 @@ def evaluate(
             progress(done, len(suite.folders))
     finally:
         worker.close()
+        reserve.unlink()
     report = report_of(scored, list(scores.values()), limits) if scored else None
     changes = changes_of(request, suite, {each.name: each for each in scored})
     passed = len(scored) == len(tried) and (report is None or report.passed) and all(each.passed for each in changes)
@@ -174,11 +181,6 @@ def evaluate(
     if stopped:
         raise EvaluationStopped(stopped, evaluation, scores)
     return evaluation, scores
-
-
-def read_baseline(path: Path) -> Evaluation:
-    """Read an earlier evaluation; raises InputError in one line where it is none."""
-    return read_model(Evaluation, path)
 
 
 def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:
@@ -268,6 +270,7 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
 
     It is read in another process, which is killed after a time, and whose end by what it reads ends nothing else.
     """
+    worker.start()  # so that the time finds a process to kill
     began = time.monotonic()
     timer = threading.Timer(limit_s, worker.kill)
     timer.start()

@@ -1,4 +1,4 @@
-"""Temporary folders that programs of others work in: removed whatever they hold, those of killed runs by the next run."""
+"""Temporary folders that programs of others work in: removed whatever they hold, after a killed run by the next."""
 
 from __future__ import annotations
 
@@ -66,16 +66,15 @@ def remove_tree(path: Path) -> None:
     while waiting:
         folder = waiting.pop()
         with os.scandir(folder) as entries:
-            within = list(entries)
-        for entry in within:
-            if entry.is_dir(follow_symlinks=False):
+            within = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
+        for each, is_folder in within:
+            if is_folder:
                 # Lifted to the top before it is emptied, so that no path grows too long for the system.
-                os.chmod(entry.path, 0o700)
-                waiting.append(path / f".{token}-{lifted}")
-                os.rename(entry.path, waiting[-1])
+                each.chmod(0o700)
+                waiting.append(each.rename(path / f".{token}-{lifted}"))
                 lifted += 1
             else:
-                os.unlink(entry.path)
+                each.unlink()
         if folder != path:
             folder.rmdir()
     path.rmdir()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import sys
@@ -48,12 +49,8 @@ def test_files_in_folders_are_taken_and_no_log(folders: tuple[Path, Path]) -> No
 
 
 def _socket(path: Path) -> None:
-    here = os.getcwd()
-    os.chdir(path.parent)  # the path of a socket is short
-    try:
+    with contextlib.chdir(path.parent):  # the path of a socket is short
         socket.socket(socket.AF_UNIX).bind(path.name)
-    finally:
-        os.chdir(here)
 
 
 def _many(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -26,14 +27,10 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def nested(folder: Path, depth: int) -> None:
     """Folders in folders, by a path that is too long for the system."""
-    here = os.getcwd()
-    os.chdir(folder)
-    try:
+    with contextlib.chdir(folder):
         for _ in range(depth):
-            os.mkdir("a" * 100)
+            Path("a" * 100).mkdir()
             os.chdir("a" * 100)
-    finally:
-        os.chdir(here)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files of POSIX")
