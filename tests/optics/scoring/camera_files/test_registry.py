@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports.write_exports import export_names
 from mirrorcam.optics.scoring.camera_files.registry import FORMATS, READERS, read_rig
-from tests.optics.scoring.rigs import device
+from tests.optics.scoring.rigs import EXACT, device
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,8 @@ from tests.optics.scoring.rigs import device
         ("colmap", "colmap"),
         ("colmap/sparse", "colmap"),
         ("colmap/sparse/cameras.txt", "colmap"),
+        ("anipose", "anipose"),
+        ("anipose/calibration.toml", "anipose"),
     ],
 )
 def test_formats_are_recognised(name: str, format: str, exported: Path) -> None:
@@ -93,3 +96,19 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("a: &a [1, *a]")
     with pytest.raises(InputError, match="holds more than 1000000 values"):
         read_rig(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("name", [name for name in export_names(device().truth) if not name.endswith((".png", ".md"))])
+def test_every_file_of_cameras_reads_back_with_the_same_geometry_or_is_refused_by_name(
+    name: str, exported: Path
+) -> None:
+    try:
+        rig = read_rig(exported / name)
+    except InputError as error:
+        assert name.endswith((".pickle", ".urdf", ".json", "images.txt", "rigs.txt", "frames.txt", "points3D.txt"))
+        assert str(error).endswith("expected layout.json or opencv.yaml")
+    else:
+        figures = device().score(rig).figures
+        assert figures["max_px"].value < EXACT
+        if rig.unit_mm is not None and "baseline_error_max_mm" in figures:
+            assert figures["baseline_error_max_mm"].value < EXACT
