@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from mirrorcam.optics.base.files import is_inside
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.camera_files import anipose, colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
@@ -19,6 +21,8 @@ UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none":
 """What `--unit` may say: `none` of poses that have no scale."""
 SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
 """Where `mirrorcam cameras` puts files of several."""
+FARTHEST = 1e12
+"""No number of a pose is larger, whatever its unit."""
 MOST_FILES = 1000
 """Files of a folder that are looked at."""
 UNREAD = {
@@ -82,6 +86,11 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
         names = ", ".join(each.format for each in found)
         raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
     rig = READERS[found[0].format](found[0].paths)
+    for camera in rig.cameras:
+        if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
+            raise InputError(
+                f"{path}: camera {camera.name[:40]!r} is beyond all bounds, expected a pose near the others"
+            )
     return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit], notes=rig.notes)
 
 
