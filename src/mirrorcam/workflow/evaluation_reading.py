@@ -18,7 +18,7 @@ def read_evaluation(path: Path) -> Evaluation:
     tables = tables_of(path, read_bytes(path))
     scores = tables.get("scores") if isinstance(tables, dict) else None
     sets = scores.get("sets") if isinstance(scores, dict) else None
-    if isinstance(sets, list):
+    if isinstance(scores, dict) and isinstance(sets, list):
         invalid = {name: why for each in sets if (name := _name_of(each)) and (why := _invalid(each))}
         scores["sets"] = [each for each in sets if _name_of(each) not in invalid]
         for each in tables["tried"] if isinstance(tables.get("tried"), list) else []:
