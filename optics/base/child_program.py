@@ -3,6 +3,11 @@
 Between the two stands a small Python process, this file. Its standard input is a pipe of which this process holds the
 other end; the system closes that when this process ends, even if it is killed, and the child is ended then: killed, or
 interrupted first, as by Ctrl-C, where it has files to finish. This works alike on all systems.
+
+A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
+that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered
+are processes that a service of the system starts for it (cron, systemd, a container engine), those of another user, and
+those that remain where a program kills the process between.
 """
 
 from __future__ import annotations
@@ -12,8 +17,10 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 
 # On Windows, no process but a whole group is interrupted, by Ctrl-Break.
 if sys.platform == "win32":
@@ -21,15 +28,20 @@ if sys.platform == "win32":
 else:
     _INTERRUPT, NEW_GROUP = signal.SIGINT, 0
 """What interrupts a program, and the flag with which one is created in a group of its own."""
+TREE_ENDING_S = 10.0
+"""Time in which the processes of a tree are ended; those that the system does not let end by then are left."""
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
 
-def supervised(command: Sequence[str], *, ending_s: float = 0.0) -> list[str]:
+def supervised(command: Sequence[str] | str, *, ending_s: float = 0.0, tree: bool = False) -> list[str]:
     """The command line of the process between: it runs a program, and ends it where its own standard input closes.
 
-    With `ending_s`, the program is interrupted then, as by Ctrl-C, and killed if it has not ended after that time. The
-    exit code is that of the program; 128 and the number of a signal where one has ended it.
+    A text is a line for the shell. With `ending_s`, the program is interrupted then, as by Ctrl-C, and killed if it has
+    not ended after that time. With `tree`, the program runs in a session of its own, and what it has started ends with
+    it. The exit code is that of the program; 128 and the number of a signal where one has ended it.
     """
-    return [sys.executable, "-I", "-S", __file__, str(ending_s), *command]
+    shell, words = (True, [command]) if isinstance(command, str) else (False, list(command))
+    return [sys.executable, "-I", "-S", __file__, str(ending_s), f"{tree:d}", f"{shell:d}", *words]
 
 
 def run_program(
@@ -61,27 +73,109 @@ def run_program(
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
-def _supervise(command: Sequence[str], ending_s: float) -> int:
+def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bool) -> int:
     """Run a program until it ends or standard input is closed; return its exit code."""
     # Ctrl-C is handled by the parent process. A program that may be interrupted must not inherit that it is ignored.
     signal.signal(signal.SIGINT, (lambda *_: None) if ending_s else signal.SIG_IGN)
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, creationflags=NEW_GROUP if ending_s else 0)
+    process = subprocess.Popen(
+        command[0] if shell else command,
+        shell=shell,
+        stdin=subprocess.DEVNULL,
+        creationflags=NEW_GROUP if ending_s else 0,
+        start_new_session=tree,
+        preexec_fn=_adopting() if tree else None,  # noqa: PLW1509  no other thread runs yet
+    )
+    ended = threading.Event()
 
     def end_with_input() -> None:
         while os.read(0, 1):
             pass
         try:
-            if ending_s:
-                process.send_signal(_INTERRUPT)
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(ending_s)
+            if ending_s and not ended.is_set():
+                os.kill(process.pid, _INTERRUPT)
+                ended.wait(ending_s)
         finally:
-            process.kill()
+            if tree and sys.platform != "win32":
+                _kill_tree(process.pid)
+            else:
+                process.kill()
 
     threading.Thread(target=end_with_input, daemon=True).start()
-    code = process.wait()
+    if tree and sys.platform != "win32":
+        code = _reaped(process.pid)
+        ended.set()
+        _end_tree(process.pid)
+    else:
+        code = process.wait()
+        ended.set()
     return code if code >= 0 else 128 - code
 
 
+def _adopting() -> Callable[[], object] | None:
+    """Have Linux give this process all orphans among its descendants; and what has a child killed with this process."""
+    if sys.platform != "linux":
+        return None
+    from ctypes import CDLL
+
+    prctl = CDLL(None).prctl
+    prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    return lambda: prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+if sys.platform != "win32":
+
+    def _reaped(pid: int) -> int:
+        """Wait for the end of a child, and take note of that of every other; its exit code, or minus a signal."""
+        while True:
+            found, status = os.waitpid(-1, 0)
+            if found == pid:
+                return os.waitstatus_to_exitcode(status)
+
+    def _end_tree(pid: int) -> None:
+        """Kill what is left of the tree of a child, and wait until it is gone, for a limited time."""
+        deadline = time.monotonic() + TREE_ENDING_S
+        with suppress(ChildProcessError):  # no process is left
+            while time.monotonic() < deadline:
+                _kill_tree(pid)
+                while os.waitpid(-1, os.WNOHANG)[0]:
+                    pass
+                time.sleep(0.005)
+
+    def _kill_tree(pid: int) -> None:
+        """Kill the group of a child, and every descendant of this process where the system lists them."""
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(pid, signal.SIGKILL)
+        # Stopped first, until no further ones turn up: one that is not could start others faster than they are killed.
+        stopped: set[int] = set()
+        while new := _descendants() - stopped:
+            _signal(new, signal.SIGSTOP)
+            stopped |= new
+        _signal(stopped, signal.SIGKILL)
+
+    def _signal(processes: set[int], number: int) -> None:
+        for each in processes:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(each, number)
+
+    def _descendants() -> set[int]:
+        """Numbers of all processes below this one, on Linux; none elsewhere."""
+        children: dict[int, list[int]] = {}
+        try:
+            numbers = [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
+        except FileNotFoundError:
+            return set()
+        for number in numbers:
+            with suppress(OSError):  # it has ended meanwhile
+                parent = int(Path(f"/proc/{number}/stat").read_bytes().rpartition(b")")[2].split()[1])
+                children.setdefault(parent, []).append(number)
+        found, waiting = set(), [os.getpid()]
+        while waiting:
+            below = children.get(waiting.pop(), [])
+            found.update(below)
+            waiting += below
+        return found
+
+
 if __name__ == "__main__":
-    sys.exit(_supervise(sys.argv[2:], float(sys.argv[1])))
+    _ending_s, _tree, _shell, *_command = sys.argv[1:]
+    sys.exit(_supervise(_command, float(_ending_s), tree=_tree == "1", shell=_shell == "1"))

@@ -13,6 +13,7 @@ import numpy as np
 from mirrorcam.optics.base.files import atomic, read_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.mrcal_corners import is_vnl, vnl_rows
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -67,7 +68,7 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
     ----------
     path
         A CSV file with the columns of `NEEDED`, and any of `OPTIONAL`; lines before the heads that begin with # are
-        comments.
+        comments. Or corners.vnl of mrcal, of pictures by the bare camera.
     layout
         The layout, whose mirrors the views are and whose camera took the pictures.
     corners
@@ -80,7 +81,7 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
     """
     reader, weighted = _Reader(path, layout, corners), False
     pictures: dict[str, _Picture] = {}
-    for line, row in _rows(path):
+    for line, row in _rows(path, corners):
         found = reader.corner(line, row)
         weighted = (found.sigma_px is not None) if not pictures else weighted
         if weighted != (found.sigma_px is not None):
@@ -135,12 +136,15 @@ class _Picture:
         return Observations.join(parts)
 
 
-def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
+def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and cells by column."""
     try:
         lines = read_bytes(path).decode("utf-8-sig").split("\n")
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text in UTF-8, expected a table of corners") from None
+    if is_vnl(path, lines):
+        yield from vnl_rows(path, lines, corners, DIRECT_NAME)
+        return
     columns: Sequence[str] = ()
     for number, line in enumerate(lines, start=1):
         if not line.strip() or (not columns and line.startswith("#")):

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_range_mm
@@ -38,11 +39,13 @@ class Pinhole:
     error_px: float
 
 
+@np.errstate(all="ignore")  # of numbers that grow past all bounds, which ends the fit
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinhole:
     """The camera nearest to what a mirror shows within its sub-image (n, 2), in the layout's working range.
 
     Of a flat first-surface mirror it is the base camera itself. Else pose, focal lengths and distortion are fitted by
     Gauss-Newton steps from there to points that appear on a grid: they describe this sub-image and nothing beyond it.
+    Steps end where they lead to no camera. Raises InputError where not even the base camera shows these points.
     """
     mirror, apparent = layout.mirrors[number], layout.mirrors[number].apparent
     pixels = np.concatenate([outline_px, _grid(outline_px)])
@@ -63,15 +66,22 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
         by_turn = -np.cross(by_point, turned[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
         columns = np.concatenate([by_turn, by_point, by_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
         scale = np.linalg.norm(columns, axis=0)
+        if not (np.isfinite(columns / scale).all() and np.isfinite(seen - found).all()):
+            break
         step = np.linalg.lstsq(columns / scale, (seen - found).ravel(), rcond=1e-9)[0] / scale
         rotation = Rotation.from_rotvec(step[:3]).as_matrix()
         turn, shift = rotation @ turn, rotation @ shift + step[3:6]
         intrinsics = camera.intrinsics.copy()
         intrinsics[free] += step[6:]
-        camera = camera.with_intrinsics(intrinsics)
+        try:
+            camera = camera.with_intrinsics(intrinsics)
+        except ValidationError:
+            break
         error_px = _worst(camera, images @ turn.T + shift, seen)
         if error_px < best.error_px:
             best = Pinhole(camera, turn, shift, error_px)
+    if not np.isfinite(best.error_px):
+        raise InputError("shows points where the lens model or the plate of the mirror is not defined, expected others")
     return best
 
 

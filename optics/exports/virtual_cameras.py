@@ -25,7 +25,9 @@ from typing import Literal
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.exports.nearest_pinhole import nearest_pinhole
 from mirrorcam.optics.geometry.camera import Camera
@@ -136,7 +138,13 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
         if np.isnan(outline).any():
             raise InputError(f"{name} reaches beyond where the lens model is defined")
-        pinhole = nearest_pinhole(layout, number, outline)
+        try:
+            pinhole = nearest_pinhole(layout, number, outline)
+            camera = flipped_camera(pinhole.camera, flip)
+        except ValidationError as error:
+            raise InputError(f"{name}: {one_line(error)}") from None
+        except InputError as error:
+            raise InputError(f"{name} {error}") from None
         camera_from_rig = rigid(
             axes @ pinhole.turn @ mirror.apparent.reflection,
             axes @ (pinhole.turn @ mirror.apparent.virtual_centre_in_rig_mm + pinhole.shift_mm),
@@ -147,7 +155,7 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
                 row=row,
                 column=column,
                 flip=flip,
-                camera=flipped_camera(pinhole.camera, flip),
+                camera=camera,
                 camera_from_rig=camera_from_rig,
                 outline_px=flipped_pixels(outline, layout.camera, flip),
                 pinhole_error_px=pinhole.error_px,

@@ -220,7 +220,7 @@ class Camera(Value):
             error = target - found
             if np.nanmax(np.abs(error), initial=0.0) < 1e-11 * max(self.width_px, self.height_px):
                 break
-            normalized += np.linalg.solve(d_points[:, :, :2], error[:, :, None])[:, :, 0]
+            normalized += _newton_step(d_points[:, :, :2], error)
         error = np.abs(target - self.pixels_from_normalized(normalized))
         converged = (error < 1e-6).all(axis=1)
         normalized[~converged] = np.nan
@@ -230,3 +230,15 @@ class Camera(Value):
         """Viewing rays (..., 3) with z = 1, in rig, of pixels (..., 2)."""
         normalized = self.normalized_from_pixels(pixels)
         return np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
+
+
+def _newton_step(by_point: FloatArray, error: FloatArray) -> FloatArray:
+    """Steps (n, 2) of Newton's method for errors (n, 2) with their derivatives (n, 2, 2); NaN where one is singular."""
+    try:
+        return np.asarray(np.linalg.solve(by_point, error[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        with np.errstate(invalid="ignore"):  # of those that are not finite
+            singular = np.linalg.det(by_point) == 0.0
+        regular = np.where(singular[:, None, None], np.eye(2), by_point)
+        steps = np.linalg.solve(regular, error[:, :, None])[:, :, 0]
+        return np.where(singular[:, None], np.nan, steps)

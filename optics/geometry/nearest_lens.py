@@ -68,7 +68,7 @@ def nearest_lens(
     Raises
     ------
     InputError
-        Where the camera's own lens is not defined in the part.
+        Where the camera's own lens is not defined in the part, or nothing of the other model is near it.
     """
     pixels = np.stack(np.meshgrid(*np.linspace(*part, SAMPLES).T), axis=-1).reshape(-1, 2)
     normalized = camera.normalized_from_pixels(pixels)
@@ -82,8 +82,15 @@ def nearest_lens(
     free = [place for place, name in enumerate(names) if name not in held]
     if _worst(fitted, rays, pixels) < EXACT_PX:
         return fitted, 0.0
-    best = fitted.with_intrinsics(_least_squares(fitted, free, rays, pixels))
-    return best, _worst(best, rays, pixels)
+    with np.errstate(all="ignore"):  # of lenses far from any that is made
+        try:
+            best = fitted.with_intrinsics(_least_squares(fitted, free, rays, pixels))
+        except (ValueError, np.linalg.LinAlgError):  # numbers that are not finite, or of no camera
+            raise InputError(f"camera {camera.name}: no {model} lens is near its own, expected another lens") from None
+        error_px = _worst(best, rays, pixels)
+    if not np.isfinite(error_px):
+        raise InputError(f"camera {camera.name}: no {model} lens is near its own, expected another lens")
+    return best, error_px
 
 
 def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels: FloatArray) -> FloatArray:

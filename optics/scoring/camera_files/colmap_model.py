@@ -112,7 +112,12 @@ def _check(model: ColmapModel, folder: Path) -> None:
         if not np.isfinite(camera.parameters).all():
             raise InputError(f"{folder}: camera {number} has parameters that are not finite")
     poses = [image.pose for image in model.images] + [pose for rig in model.rigs for pose in rig.values()]
-    if not np.isfinite(poses).all() or any(abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-3 for pose in poses):
+    if any(len(pose) != len(IDENTITY) for pose in poses):
+        raise InputError(f"{folder}: a pose has not {len(IDENTITY)} numbers, expected a quaternion and a translation")
+    # Numbers of a quaternion of length 1 are at most 1; larger ones may be too large for their squares.
+    if not np.isfinite(poses).all() or any(
+        max(map(abs, pose[:4])) > 2.0 or abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-3 for pose in poses
+    ):
         raise InputError(f"{folder}: a pose is not finite, or its quaternion not of length 1")
 
 

@@ -7,20 +7,35 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from mirrorcam.optics.base.files import is_inside
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.scoring.camera_files import colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
+from mirrorcam.optics.scoring.camera_files import anipose, colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
 from mirrorcam.optics.scoring.camera_files.file_text import YAML_SUFFIXES, read_yaml
 from mirrorcam.optics.scoring.camera_rig import CameraRig
 
-FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"]
+FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
 UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none": None}
 """What `--unit` may say: `none` of poses that have no scale."""
-SUBFOLDERS = {"ros": "ros", "colmap": "colmap"}
+SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
 """Where `mirrorcam cameras` puts files of several."""
+FARTHEST = 1e12
+"""No number of a pose is larger, whatever its unit."""
 MOST_FILES = 1000
 """Files of a folder that are looked at."""
+UNREAD = {
+    ".pickle": "a pickle, such as DeepLabCut's, is never opened",
+    ".urdf": "a URDF has poses alone, which are read with the camera_info files beside it (ros/)",
+    "transforms.json": "nerfstudio's cameras do not say where their pictures lie in the frame",
+    "rig_config.json": "COLMAP's rig_config.json has no lenses of its own, its model has (colmap/sparse)",
+    **dict.fromkeys(
+        (f"{name}.{ending}" for name in ("images", "rigs", "frames", "points3D") for ending in ("txt", "bin")),
+        "a file of a COLMAP model, which is given as its folder",
+    ),
+}
+"""What `mirrorcam cameras` and other tools write that holds no cameras to score, by the name or the ending."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +52,7 @@ READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
     "ros": ros.read_ros,
     "colmap": lambda paths: colmap.read_colmap(paths[0]),
     "mrcal": mrcal.read_mrcal,
+    "anipose": lambda paths: anipose.read_anipose(paths[0]),
     "mirrorcam": lambda paths: mirrorcam_layout.read_layout(paths[0]),
 }
 
@@ -58,17 +74,39 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
     InputError
         In one line where nothing of a known format is there, or several are.
     """
-    found = _in_folder(path) if path.is_dir() else _of_file(path)
+    found = _found(path)
     if format is not None:
         found = [each for each in found if each.format == format] or _in_subfolder(path, format)
     if not found:
         expected = " or ".join(FORMATS) if format is None else format
-        raise InputError(f"{path}: no calibration in a known format, expected {expected}")
+        why = unread(path)
+        known = f"no calibration in a known format, expected {expected}"
+        raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
     if len(found) > 1:
         names = ", ".join(each.format for each in found)
         raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
     rig = READERS[found[0].format](found[0].paths)
+    for camera in rig.cameras:
+        if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
+            raise InputError(
+                f"{path}: camera {camera.name[:40]!r} is beyond all bounds, expected a pose near the others"
+            )
     return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit], notes=rig.notes)
+
+
+def formats_in(path: Path) -> tuple[FormatName, ...]:
+    """The formats of the calibrations in a file or folder; raises InputError for a file that cannot be read."""
+    return tuple(each.format for each in _found(path))
+
+
+def _found(path: Path) -> list[Found]:
+    return _in_folder(path) if path.is_dir() else _of_file(path)
+
+
+def unread(path: Path) -> str:
+    """Why a file, or one in a folder, is of a known kind and no calibration; empty where it is not."""
+    names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MOST_FILES]
+    return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
 
 
 def _in_subfolder(path: Path, format: FormatName) -> list[Found]:
@@ -84,6 +122,8 @@ def _kind(path: Path) -> FormatName | None:
     suffix = path.suffix.lower()
     if suffix == mrcal.SUFFIX:
         return "mrcal"
+    if suffix == anipose.SUFFIX:
+        return "anipose" if anipose.is_anipose(anipose.read_value(path)) else None
     if suffix == ".json":
         return _kind_of(opencv.read_value(path))
     return _kind_of(read_yaml(path)) if suffix in YAML_SUFFIXES else None
@@ -118,7 +158,7 @@ def _in_folder(folder: Path) -> list[Found]:
             files.setdefault(kind, []).append(path)
     if "opencv" in files and (stereo := _extrinsics(names)) is not None and stereo not in files["opencv"]:
         files["opencv"].append(stereo)
-    single: tuple[FormatName, ...] = ("kalibr", "mirrorcam")
+    single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
     for kind in single:
         if len(files.get(kind, ())) > 1:
             listed = ", ".join(path.name for path in files[kind][:5])

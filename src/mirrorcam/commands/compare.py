@@ -43,13 +43,12 @@ class CompareOptions(Value):
 
 def run(options: CompareOptions) -> int:
     """Compare, write the map and the figures, and print them."""
-    from mirrorcam.optics.geometry.layout import Layout
-    from mirrorcam.workflow.comparison import FILES, compare_files, write_comparison
+    from mirrorcam.workflow.comparison import FILES, compare_files, read_compared, write_comparison
     from mirrorcam.workflow.output_folder import output_folder
 
     with output_folder(options.out, "compare", force=options.force) as output:
         output.refuse_others(*FILES)
-        layout = Layout.load(options.a)
+        layout = read_compared(options.a)
         difference = compare_files(options.a, options.b, options.distance_mm)
         with output.staged() as folder:
             write_comparison(difference, layout, folder)

@@ -40,7 +40,9 @@ class EvaluateOptions(Value):
         description="a line for the shell that calibrates one set: it reads the folder $MIRRORCAM_SET, and writes "
         "its calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
     )
-    timeout_s: float = TIMEOUT_S.field(600.0, "seconds that the command may take on one set")
+    timeout_s: float = TIMEOUT_S.field(
+        600.0, "seconds that the command may take on one set, with those to read and score its result"
+    )
     format: FormatOption = AUTO
     unit: UnitOption = AUTO
     pictures: PicturesOption = AUTO
@@ -67,8 +69,9 @@ class EvaluateOptions(Value):
 
 def run(options: EvaluateOptions) -> int:
     """Evaluate, print a row for each set, and write the files; 1 where a set has no score or a limit is not kept."""
-    from mirrorcam.workflow.evaluation import EvaluationRequest, evaluate, read_baseline
+    from mirrorcam.workflow.evaluation import EvaluationRequest, EvaluationStopped, evaluate
     from mirrorcam.workflow.evaluation_files import FILES, write_evaluation
+    from mirrorcam.workflow.evaluation_reading import read_evaluation
     from mirrorcam.workflow.output_folder import output_folder
     from mirrorcam.workflow.scoring import ScoreRequest
     from mirrorcam.workflow.suite_folder import read_finished
@@ -87,16 +90,23 @@ def run(options: EvaluateOptions) -> int:
         command=options.command,
         timeout_s=options.timeout_s,
         reading=reading,
-        baseline=None if options.baseline is None else read_baseline(options.baseline),
+        baseline=None if options.baseline is None else read_evaluation(options.baseline),
         worse_by=options.worse_by,
     )
-    with output_folder(options.out, "evaluate", force=options.force) as output:
+    stopped = None
+    # Absolute: the command may remove the folder that this process works in.
+    with output_folder(options.out.absolute(), "evaluate", force=options.force) as output:
         output.refuse_others(*FILES)
         with output.staged() as folder:
-            with long_work("evaluate", options.command, "sets") as advance:
-                evaluation, scores = evaluate(suite, request, folder, advance)
+            try:
+                with long_work("evaluate", options.command, "sets") as advance:
+                    evaluation, scores = evaluate(suite, request, folder, advance)
+            except EvaluationStopped as error:
+                evaluation, scores, stopped = error.evaluation, error.scores, error
             write_evaluation(evaluation, scores, suite, folder)
     _print(evaluation)
+    if stopped is not None:
+        raise stopped
     say("evaluate", f"{options.out} written: {'passed' if evaluation.passed else 'failed'}")
     return 0 if evaluation.passed else 1
 

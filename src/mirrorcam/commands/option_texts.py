@@ -17,7 +17,7 @@ FORCE = Field(default=False, description=FORCE_TEXT)
 AUTO: Final = "auto"
 FILE = tyro.conf.arg(metavar="FILE", help_behavior_hint="")
 FormatOption = Annotated[
-    Literal["auto", "kalibr", "opencv", "ros", "colmap", "mrcal", "mirrorcam"],
+    Literal["auto", "kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"],
     Field(description="format of a calibration; auto: as its content says"),
 ]
 UnitOption = Annotated[

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import inside, write_text
+from mirrorcam.optics.base.files import inside, stored_bytes, write_text
 from mirrorcam.optics.base.values import Matrix3, Value
 from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
 from mirrorcam.optics.geometry.layout import Layout
@@ -81,15 +78,16 @@ def described_views(layout: Layout) -> DescribedViews:
     )
 
 
-@contextmanager
-def blind_set(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder with a set's pictures, nominal layout and board, and `views.json`; no truth."""
+def write_blind_set(folder: Path, place: Path) -> None:
+    """Copy a set's pictures, nominal layout and board into a new folder, with `views.json`; no truth.
+
+    Raises InputError in one line where the set lacks one of its files.
+    """
     dataset = Dataset.load(folder)
-    with TemporaryDirectory(prefix="mirrorcam-set-") as temporary:
-        place = Path(temporary)
-        names = (*KNOWN, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
-        for name in names:
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(inside(folder, name), place / name)
-        write_text(place / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")
-        yield place
+    names = (*KNOWN, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
+    for name in names:
+        source = inside(folder, name)
+        stored_bytes(source)
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, place / name)
+    write_text(place / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")

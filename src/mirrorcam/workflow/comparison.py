@@ -14,6 +14,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.scoring.camera_files.registry import formats_in, unread
 
 FILES = ("difference.png", "metrics.json")
 
@@ -23,7 +24,7 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
 
     Raises InputError where a file cannot be read, the layouts are of different devices, or A does not tell a distance.
     """
-    layout, other = Layout.load(a), Layout.load(b)
+    layout, other = read_compared(a), read_compared(b)
     if distance_mm is None:
         distance_mm = working_distance_mm(layout)
     if distance_mm is None:
@@ -32,6 +33,20 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
         return calibration_difference(layout, other, range_mm=distance_mm)
     except InputError as error:
         raise InputError(f"{a} and {b}: {error}") from None
+
+
+def read_compared(path: Path) -> Layout:
+    """The layout in a file; raises InputError for none, and names what another tool's calibration is."""
+    try:
+        return Layout.load(path)
+    except InputError:
+        if not path.is_file():
+            raise
+        of_others = [name for name in formats_in(path) if name != "mirrorcam"]
+        named = f"a calibration as {of_others[0]}" if of_others else unread(path)
+        if not named:
+            raise
+        raise InputError(f"{path}: {named}, expected a layout.json, as `mirrorcam calibrate` writes it") from None
 
 
 def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:

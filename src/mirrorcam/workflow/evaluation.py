@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
-import sys
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,24 +12,28 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.scoring.attempt import TriedSet
 from mirrorcam.optics.scoring.calibration_score import CalibrationScore
 from mirrorcam.optics.scoring.figure_limits import Limits
 from mirrorcam.optics.scoring.matched_views import ViewsFile
 from mirrorcam.optics.scoring.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of
-from mirrorcam.workflow.blind_sets import blind_set
+from mirrorcam.workflow.blind_sets import write_blind_set
+from mirrorcam.workflow.calibrator_result import COVARIANCE, LOG, calibration_of, take_result
+from mirrorcam.workflow.calibrator_run import RESULT, run_calibrator
 from mirrorcam.workflow.scoring import ScoreRequest, score_set
 from mirrorcam.workflow.suite_folder import FinishedSuite, SuiteSet
+from mirrorcam.workflow.work_folder import remove_stale, work_folder
 
 RESULTS = "results"
-LOG = "log.txt"
-COVARIANCE = "covariance.json"
-LAST_BYTES = 2000
-"""Bytes of the end of a log in which the line that says what was wrong is looked for."""
+READING_S = 10.0
+"""Time to read and score a result, where the command has left less of its own."""
+RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
+"""Room on the disk for the files of an evaluation, which a command that fills the disk does not get."""
 WATCHED = "rms_px"
 """The figure that is compared with an earlier evaluation."""
 
@@ -88,7 +90,7 @@ class EvaluationRequest:
     command
         A line for the shell, which finds the set in $MIRRORCAM_SET, and puts its calibration into $MIRRORCAM_RESULT.
     timeout_s
-        Time that it may take on one set.
+        Time that it may take on one set, with that in which its result is read and scored: READING_S at least.
     reading
         How its results are read; sets and calibrations in it are not used.
     baseline
@@ -104,13 +106,28 @@ class EvaluationRequest:
     worse_by: float | None = None
 
 
+class EvaluationStopped(InputError):
+    """An evaluation that could not go on, because this machine has no more room or lost a folder; the message says why.
+
+    Attributes
+    ----------
+    evaluation, scores
+        As `evaluate` returns them. Sets that it has not come to are failures.
+    """
+
+    def __init__(self, reason: str, evaluation: Evaluation, scores: dict[str, CalibrationScore]) -> None:
+        super().__init__(reason)
+        self.evaluation, self.scores = evaluation, scores
+
+
 def evaluate(
     suite: FinishedSuite, request: EvaluationRequest, folder: Path, progress: Progress = no_progress
 ) -> tuple[Evaluation, dict[str, CalibrationScore]]:
-    """Run a command on each set of a suite, in folders of `folder / RESULTS`, and score what it leaves there.
+    """Run a command on each set of a suite, in temporary folders, and score what it leaves.
 
-    Returns the evaluation, and the scores by the names of the sets. A command that fails, or whose result cannot be
-    read, fails the set, not the evaluation. Raises InputError for limits or views that cannot be read.
+    Logs and results go to `folder / RESULTS`. Returns the evaluation, and the scores by the names of the sets. A
+    command that fails, or whose result cannot be read, fails the set, not the evaluation. Raises InputError for limits
+    or views that cannot be read, and EvaluationStopped.
     """
     reading = request.reading
     views = None if reading.views is None else ViewsFile.load(reading.views)
@@ -118,28 +135,37 @@ def evaluate(
     tried: list[TriedSet] = []
     scored: list[ScoredSet] = []
     scores: dict[str, CalibrationScore] = {}
+    stopped = ""
+    remove_stale()
+    folder = folder.absolute()  # a command may remove the folder that this process works in
+    folder.mkdir(parents=True, exist_ok=True)
+    reserve = folder / "reserve"
+    reserve.write_bytes(os.urandom(RESERVED_BYTES + RESERVED_BYTES_PER_SET * len(suite.folders)))
+    worker = WorkerProcess(preload=("mirrorcam.workflow.scoring",))
     progress(0, len(suite.folders))
-    for done, (entry, place) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
-        result = folder / RESULTS / entry.name
-        result.mkdir(parents=True)
-        seconds, failure = _run(request, place, result)
-        if not failure:
+    try:
+        worker.start()
+        for done, (entry, place) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
+            seconds, failure = 0.0, f"not run: {stopped}" if stopped else ""
+            kept = folder / RESULTS / entry.name
             try:
-                of_set, score = score_set(
-                    place,
-                    _calibration(result),
-                    reading,
-                    name=entry.name,
-                    covariance=result / COVARIANCE if (result / COVARIANCE).exists() else None,
-                    views=views,
-                    limits=limits,
-                )
-                scored.append(of_set)
-                scores[entry.name] = score
-            except InputError as error:
-                failure = str(error).replace(f"{result}", "$MIRRORCAM_RESULT")
-        tried.append(_tried(entry, seconds, failure))
-        progress(done, len(suite.folders))
+                if not stopped:
+                    seconds, failure = _run(request, place, kept)
+                if not failure:
+                    reads = _Reading(entry.name, place, kept, reading, views, limits)
+                    of_set, score = _scored(worker, reads, max(READING_S, request.timeout_s - seconds))
+                    scored.append(of_set)
+                    scores[entry.name] = score
+            except _NoScore as error:
+                failure = str(error)
+            except OSError as error:
+                stopped = f"{error.filename or kept}: {error.strerror or error}"
+                failure = f"not kept: {stopped}"
+            tried.append(_tried(entry, seconds, failure))
+            progress(done, len(suite.folders))
+    finally:
+        worker.close()
+        reserve.unlink()
     report = report_of(scored, list(scores.values()), limits) if scored else None
     changes = changes_of(request, suite, {each.name: each for each in scored})
     passed = len(scored) == len(tried) and (report is None or report.passed) and all(each.passed for each in changes)
@@ -152,12 +178,9 @@ def evaluate(
         changes=changes,
         passed=passed and bool(tried),
     )
+    if stopped:
+        raise EvaluationStopped(stopped, evaluation, scores)
     return evaluation, scores
-
-
-def read_baseline(path: Path) -> Evaluation:
-    """Read an earlier evaluation; raises InputError in one line where it is none."""
-    return read_model(Evaluation, path)
 
 
 def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:
@@ -176,14 +199,6 @@ def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping
     return tuple(found)
 
 
-def _calibration(result: Path) -> Path:
-    """The one file that a command has left in its folder, or the folder of several; raises InputError for none."""
-    names = [path for path in sorted(result.iterdir()) if path.name not in (LOG, COVARIANCE)]
-    if not names:
-        raise InputError("the command left no file in $MIRRORCAM_RESULT, expected its calibration there")
-    return names[0] if len(names) == 1 else result
-
-
 def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
     return TriedSet(
         name=entry.name,
@@ -198,48 +213,81 @@ def _line(text: str) -> str:
     return shortened("".join(char if char.isprintable() else " " for char in " ".join(text.split())))
 
 
-def _run(request: EvaluationRequest, place: Path, result: Path) -> tuple[float, str]:
-    """Run the command on one set; its time, and why it failed, or nothing. What it prints goes into the log."""
-    started = time.monotonic()
-    with blind_set(place) as seen, (result / LOG).open("wb") as log:
-        environment = os.environ | {"MIRRORCAM_SET": f"{seen}", "MIRRORCAM_RESULT": f"{result.absolute()}"}
-        process = subprocess.Popen(
-            request.command,
-            shell=True,
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            start_new_session=True,
-        )
+def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, str]:
+    """Run the command on one set, and keep its log and its result; its time, and why it failed, or nothing.
+
+    Raises OSError where this machine cannot make or keep files.
+    """
+    kept.mkdir(parents=True)
+    with work_folder() as work:
+        seen, result = work / "set", work / "result" / kept.name
+        for each in (seen, result):
+            each.mkdir(parents=True)
         try:
-            code = process.wait(timeout=request.timeout_s)
-        except subprocess.TimeoutExpired:
-            return time.monotonic() - started, f"the command took longer than {request.timeout_s:g} s"
-        finally:
-            _end(process)
-    seconds = time.monotonic() - started
-    if code == 0:
-        return seconds, ""
-    said = _last_line(result / LOG)
-    for path, variable in ((seen, "$MIRRORCAM_SET"), (result.absolute(), "$MIRRORCAM_RESULT")):
-        said = said.replace(f"{path}", variable)
-    ended = f"signal {-code} ended the command" if code < 0 else f"the command ended with exit code {code}"
-    return seconds, ended + (f": {said}" if said else "")
+            write_blind_set(place, seen)
+        except InputError as error:
+            return 0.0, str(error)
+        ran = run_calibrator(request.command, seen, result, request.timeout_s)
+        failure = ran.failure
+        try:
+            take_result(result, kept)
+        except InputError as error:
+            failure = failure or str(error)
+    (kept / LOG).write_bytes(ran.log)
+    return ran.seconds, failure
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill a command with all that it has started, if it has not ended."""
-    if process.poll() is None:
-        if sys.platform == "win32":
-            process.kill()
-        else:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+@dataclass(frozen=True)
+class _Reading:
+    """What `score_set` reads of one set."""
+
+    name: str
+    place: Path
+    kept: Path
+    reading: ScoreRequest
+    views: ViewsFile | None
+    limits: Limits
+
+    def score(self) -> tuple[ScoredSet, CalibrationScore]:
+        covariance = self.kept / COVARIANCE
+        return score_set(
+            self.place,
+            calibration_of(self.kept),
+            self.reading,
+            name=self.name,
+            covariance=covariance if covariance.exists() else None,
+            views=self.views,
+            limits=self.limits,
+        )
 
 
-def _last_line(log: Path) -> str:
-    with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - LAST_BYTES))
-        lines = file.read().decode("utf-8", errors="replace").split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+class _NoScore(Exception):
+    """A result that has no score; the message says why."""
+
+
+def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[ScoredSet, CalibrationScore]:
+    """The score of what a command has left; raises _NoScore.
+
+    It is read in another process, which is killed after a time, and whose end by what it reads ends nothing else.
+    """
+    worker.start()  # so that the time finds a process to kill
+    began = time.monotonic()
+    timer = threading.Timer(limit_s, worker.kill)
+    timer.start()
+    try:
+        found: tuple[ScoredSet, CalibrationScore] = worker.call(_Reading.score, reads)
+        return found
+    except InputError as error:
+        raise _NoScore(str(error).replace(f"{reads.kept}", f"${RESULT}")) from None
+    except WorkerDied as error:
+        if time.monotonic() - began >= limit_s:
+            raise _NoScore(f"to read and score its result took longer than {limit_s:.0f} s") from None
+        raise _NoScore(f"the process that read its result ended {error}") from None
+    except RuntimeError as error:  # a fault of this program, which is not to lose the other sets
+        with (reads.kept / LOG).open("a", encoding="utf-8") as log:
+            log.write(f"\n{error}")
+        reason = str(error).strip().splitlines()[-1]
+        raise _NoScore(f"its result could not be scored, as {LOG} explains: {reason}") from None
+    finally:
+        timer.cancel()
+        timer.join()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import shortened
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.attempt import Attempt
@@ -13,6 +13,7 @@ from mirrorcam.optics.scoring.leaderboard import Leaderboard, leaderboard
 from mirrorcam.optics.scoring.leaderboard_texts import markdown
 from mirrorcam.pages.calibration.leaderboard_page import leaderboard_page
 from mirrorcam.workflow.evaluation import Evaluation
+from mirrorcam.workflow.evaluation_reading import read_evaluation
 from mirrorcam.workflow.output_folder import refuse_texts, write_texts
 
 COMMAND = "leaderboard"
@@ -28,7 +29,7 @@ def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) ->
     commands: dict[str, list[str]] = {}
     for given in evaluations:
         name, file = _pair(given, "NAME=FILE")
-        evaluation = read_model(Evaluation, Path(file))
+        evaluation = read_evaluation(Path(file))
         attempts.setdefault(name, []).extend(attempts_of(evaluation))
         told = commands.setdefault(name, [])
         if evaluation.command not in told:

@@ -70,7 +70,7 @@ class SuiteManifest(Value):
 
 @dataclass(frozen=True)
 class FinishedSuite:
-    """A suite's manifest, and the folders of its sets in their order."""
+    """A suite's manifest, and the folders of its sets in their order, as absolute paths."""
 
     manifest: SuiteManifest
     folders: tuple[Path, ...]
@@ -93,7 +93,7 @@ def read_finished(path: Path) -> FinishedSuite:
         dataset = folder / MANIFEST
         if not dataset.is_file() or file_digest(dataset) != each.dataset_sha256:
             raise InputError(f"{dataset}: is not the set {each.name} of {path.name}, expected it as it was rendered")
-    return FinishedSuite(manifest, folders)
+    return FinishedSuite(manifest, tuple(folder.absolute() for folder in folders))
 
 
 def state_of(folder: Path) -> State:

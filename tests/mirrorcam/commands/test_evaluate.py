@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.commands.evaluate import EvaluateOptions
-from mirrorcam.workflow.evaluation import read_baseline
+from mirrorcam.workflow.evaluation_reading import read_evaluation
 from tests.mirrorcam.command_line import assert_refused_here
 
 needs_renderer = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
@@ -24,7 +24,7 @@ def test_it_exits_by_what_it_found_and_keeps_files_of_others(
     command = ["evaluate", str(finished_suite), "--out", str(out), "--command"]
     assert cli.main([*command, NOMINAL]) == 0
     assert "RMS px" in capfd.readouterr().out
-    assert read_baseline(out / "evaluation.json").passed
+    assert read_evaluation(out / "evaluation.json").passed
     again = ["--baseline", str(out / "evaluation.json"), "--worse-by", "1.01"]
     assert cli.main([*command, f"{NOMINAL} && true", *again]) == 0
     assert "1.00 \N{MULTIPLICATION SIGN}" in capfd.readouterr().out

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports import write_exports
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.workflow.comparison import FILES, compare_files, comparison_metrics, write_comparison
 from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
@@ -53,3 +54,29 @@ def test_the_direct_view_has_its_figures(small_layout: Layout, files: Path) -> N
     found = comparison_metrics(compare_files(files / "direct.json", files / "direct.json", 400.0), small_layout)
     assert found["direct_rms_px"].value < 1e-9
     assert "all_sigma_px" not in found
+
+
+@pytest.mark.parametrize(
+    ("name", "named"),
+    [
+        ("opencv.yaml", "a calibration as opencv"),
+        ("anipose/calibration.toml", "a calibration as anipose"),
+        ("nerfstudio/transforms.json", "nerfstudio's cameras"),
+        ("deeplabcut/camera_matrix/stereo_params.pickle", "a pickle, such as DeepLabCut's, is never opened"),
+    ],
+)
+def test_a_calibration_of_another_tool_is_named_and_a_layout_expected(files: Path, name: str, named: str) -> None:
+    write_exports(nominal_layout(), files / "cameras")
+    path = files / "cameras" / name
+    for pair in ((path, files / "nominal.json"), (files / "nominal.json", path)):
+        with pytest.raises(InputError) as caught:
+            compare_files(*pair, None)
+        assert f"{caught.value}".startswith(f"{path}: {named}")
+        assert "expected a layout.json" in f"{caught.value}"
+
+
+def test_a_layout_that_is_wrong_is_refused_as_one(files: Path) -> None:
+    wrong = files / "wrong.json"
+    wrong.write_text((files / "nominal.json").read_text().replace('"rows"', '"rosw"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"rosw: not known, did you mean rows\?"):
+        compare_files(wrong, files / "nominal.json", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import time
 from importlib.util import find_spec
@@ -9,16 +10,22 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.worker_process import WorkerProcess
+from mirrorcam.optics.scoring.score_report import NO_LIMITS
+from mirrorcam.workflow import evaluation
+from mirrorcam.workflow.calibrator_result import LOG, take_result
 from mirrorcam.workflow.evaluation import (
-    LOG,
     RESULTS,
     Change,
     Evaluation,
     EvaluationRequest,
+    EvaluationStopped,
+    _NoScore,
+    _Reading,
+    _scored,
     evaluate,
-    read_baseline,
 )
+from mirrorcam.workflow.evaluation_reading import read_evaluation
 from mirrorcam.workflow.scoring import ScoreRequest
 from mirrorcam.workflow.suite_folder import FinishedSuite, read_finished
 
@@ -69,6 +76,9 @@ def test_a_command_sees_no_truth_and_its_output_is_kept(suite: FinishedSuite, tm
         ("kill -9 $$", "signal 9 ended the command"),
         ("true", "the command left no file in $MIRRORCAM_RESULT, expected its calibration there"),
         ('echo no > "$MIRRORCAM_RESULT/a.yaml"', "$MIRRORCAM_RESULT"),
+        ('ln -s /etc/hostname "$MIRRORCAM_RESULT/c.yaml"', "$MIRRORCAM_RESULT/c.yaml: is a link"),
+        ('mkfifo "$MIRRORCAM_RESULT/covariance.json"', "$MIRRORCAM_RESULT/covariance.json: is not a regular file"),
+        ('rm -r "$MIRRORCAM_RESULT" "$MIRRORCAM_SET"', "the command removed $MIRRORCAM_RESULT"),
     ],
 )
 def test_a_set_that_fails_says_why_and_loses_no_other(
@@ -93,6 +103,35 @@ def test_a_command_that_takes_too_long_is_ended_with_all_that_it_started(suite: 
     assert not mark.exists()
 
 
+def test_a_result_that_takes_too_long_to_read_is_not_waited_for(suite: FinishedSuite, tmp_path: Path) -> None:
+    (tmp_path / "layout.json").write_bytes((suite.folders[0] / "layout.json").read_bytes())
+    reads = _Reading("one", suite.folders[0], tmp_path, READING, None, NO_LIMITS)
+    worker = WorkerProcess(preload=("mirrorcam.workflow.scoring",))
+    try:
+        with pytest.raises(_NoScore, match="took longer than 0 s"):
+            _scored(worker, reads, 1e-3)
+        assert _scored(worker, reads, 60.0)[0].name == "one"
+    finally:
+        worker.close()
+
+
+def test_where_this_machine_has_no_more_room_what_is_done_stays(
+    suite: FinishedSuite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(result: Path, place: Path) -> None:
+        if place.name == "two":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        take_result(result, place)
+
+    monkeypatch.setattr(evaluation, "take_result", full)
+    with pytest.raises(EvaluationStopped, match=r"two: No space left on device") as caught:
+        evaluated(suite, tmp_path)
+    found = caught.value.evaluation
+    assert list(found.scored) == list(caught.value.scores) == ["one"]
+    assert list(found.failures) == ["two"] and not found.passed
+    assert {path.name for path in tmp_path.iterdir()} == {RESULTS}
+
+
 def test_limits_decide(suite: FinishedSuite, tmp_path: Path) -> None:
     limits = tmp_path / "limits.toml"
     limits.write_text("rms_px = 1e-3\n", encoding="utf-8")
@@ -104,7 +143,7 @@ def test_a_baseline_decides_where_a_factor_is_given(suite: FinishedSuite, tmp_pa
     before = evaluated(suite, tmp_path / "before")
     path = tmp_path / "evaluation.json"
     path.write_text(before.text(), encoding="utf-8")
-    assert read_baseline(path) == before
+    assert read_evaluation(path) == before
     assert before.scores is not None
     halved = []
     for each in before.scores.sets:
@@ -125,11 +164,7 @@ def test_sets_that_were_rendered_otherwise_are_not_compared(suite: FinishedSuite
     assert evaluated(suite, tmp_path / "now", baseline=before.replaced(tried=others)).changes == ()
 
 
-def test_a_change_from_nothing_is_endless(tmp_path: Path) -> None:
+def test_a_change_from_nothing_is_endless() -> None:
     nothing = Change(set="a", figure="rms_px", before=0.0, now=0.0, most=None, passed=True)
     assert nothing.factor == 1.0
     assert nothing.replaced(now=1.0).factor == float("inf")
-    path = tmp_path / "evaluation.json"
-    path.write_text("{}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"evaluation\.json"):
-        read_baseline(path)

@@ -94,3 +94,58 @@ def test_a_program_may_finish_its_file_before_it_is_killed(ending_s: float, then
         process.stdin.close()
         assert process.stdout.read().strip() == said
     assert process.returncode == code
+
+
+LEAVES = """
+import os, subprocess, sys, time
+write, how, ends = sys.argv[1:]
+sleeps = f"import os, time; open({write!r}, 'w').write(f'{{os.getpid()}}\\\\n'); time.sleep(300)"
+if how == "same group":
+    subprocess.Popen([sys.executable, "-c", sleeps])
+elif how == "own session":
+    subprocess.Popen([sys.executable, "-c", sleeps], start_new_session=True)
+elif os.fork() == 0:  # a daemon: in a session of its own, and the child of nobody
+    os.setsid()
+    if os.fork() == 0:
+        exec(sleeps)
+    os._exit(0)
+while not os.path.exists(write) or not open(write).read():
+    time.sleep(0.01)
+if ends == "kills itself":
+    os.kill(os.getpid(), 9)
+if ends == "waits":
+    time.sleep(300)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes of POSIX")
+@pytest.mark.parametrize("ends", ["ends well", "waits", "kills itself"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "same group",
+        *(
+            pytest.param(how, marks=pytest.mark.skipif(sys.platform != "linux", reason="only Linux lists descendants"))
+            for how in ("own session", "daemon")
+        ),
+    ],
+)
+def test_what_a_program_leaves_behind_ends_with_it_or_with_its_starter(tmp_path: Path, how: str, ends: str) -> None:
+    mark = tmp_path / "pid"
+    command = supervised([sys.executable, "-c", LEAVES, str(mark), how, ends], tree=True)
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        pid = int(first_line(mark))
+        assert process.stdin is not None
+        if ends == "waits":
+            process.stdin.close()
+        code = process.wait(60)
+    assert code == (0 if ends == "ends well" else 137)
+    assert ended(pid)
+
+
+def test_a_line_for_the_shell_is_run_by_it(tmp_path: Path) -> None:
+    command = supervised("echo $((1 + 2)); exit 5", tree=True)
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.read().strip() == b"3"
+    assert process.returncode == 5

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from itertools import pairwise
 from pathlib import Path
@@ -9,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from pydantic import ValidationError
 
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
 from mirrorcam.optics.exports.write_exports import export_names
+from mirrorcam.optics.geometry.layout import Layout
 from tests.hostile_names import ACCEPTED, REFUSED
 from tests.optics.exports.conftest import Case, sideways_layout
 
@@ -128,3 +132,52 @@ def test_colmap_reads_the_names_of_pictures_with_blanks(case: Case, tmp_path: Pa
     assert all((tmp_path / "exports" / "colmap" / "images" / name).is_file() for name in names)
     with pytest.raises(InputError, match="pictures share a name"):
         write_exports(case.layout, tmp_path / "exports", [picture, tmp_path / "my_photo_1.png"])
+
+
+LENSES = {"brown_conrady": 5, "rational": 8, "thin_prism": 12, "fisheye": 4}
+
+
+def odd_layout(seed: int) -> Layout | None:
+    """A layout with a lens of any size and up to two numbers that nobody would write; None where it is refused."""
+    random = np.random.default_rng(seed)
+    tables = json.loads(sideways_layout().model_dump_json(by_alias=True))
+    lens_model = str(random.choice(list(LENSES)))
+    distortion = random.normal(size=LENSES[lens_model]) * 10.0 ** random.uniform(-6.0, 3.0)
+    tables["camera"] |= {"lens_model": lens_model, "distortion": distortion.tolist()}
+    for mirror in tables["mirrors"]:
+        mirror |= {"surface": str(random.choice(["first", "second"])), "thickness_mm": 10.0 ** random.uniform(-3, 1)}
+    places = [tables["camera"], *(mirror for mirror in tables["mirrors"])]
+    for _ in range(int(random.integers(0, 3))):
+        place = places[int(random.integers(len(places)))]
+        name = str(random.choice([key for key, value in place.items() if isinstance(value, float)]))
+        place[name] = float(random.choice([-1e6, -1e7, 0.0, 1e-3, 1e6, 1e7, 1e300, place[name] * 1e3]))
+    try:
+        return Layout.model_validate_json(json.dumps(tables))
+    except ValidationError:
+        return None
+
+
+@pytest.mark.filterwarnings("error")
+def test_any_layout_that_is_read_is_written_in_finite_numbers_or_refused(tmp_path: Path) -> None:
+    written = refused = 0
+    for seed in range(60):
+        if (layout := odd_layout(seed)) is None:
+            continue
+        try:
+            write_exports(layout, tmp_path / f"{seed}")
+        except InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+            continue
+        written += 1
+        for path in (tmp_path / f"{seed}").rglob("*.*"):
+            if path.suffix in (".yaml", ".toml", ".json", ".txt", ".urdf"):
+                assert not re.search(r"\b(nan|inf)\b", path.read_text(encoding="utf-8"), re.IGNORECASE), path
+    assert written > 3 and refused > 3
+
+
+def test_a_lens_that_bends_without_bounds_is_refused(tmp_path: Path) -> None:
+    layout = sideways_layout()
+    endless = layout.replaced(camera=layout.camera.replaced(distortion=[1e5, -0.1, 2e-4, 7e-4, 0.0]))
+    with pytest.raises(InputError, match=r"view_0_0 .* lens model"):
+        write_exports(endless, tmp_path)

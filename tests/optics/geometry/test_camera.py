@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera import Camera, _newton_step
 from tests.optics.geometry.lenses.cameras import camera_of, points
 
 DISTORTIONS = {
@@ -205,3 +205,10 @@ def test_a_binned_camera_sees_each_point_at_the_same_place_of_its_sensor() -> No
     assert (half.width_px, half.height_px) == (960, 540)
     points = np.random.default_rng(0).uniform([-200, -100, 300], [200, 100, 600], (50, 3))
     np.testing.assert_allclose((half.project(points) + 0.5) * 2.0 - 0.5, camera.project(points), atol=1e-9)
+
+
+def test_a_singular_step_is_lost_and_no_other() -> None:
+    by_point = np.stack([np.diag([2.0, 4.0]), np.ones((2, 2)), np.full((2, 2), np.nan), np.zeros((2, 2))])
+    steps = _newton_step(by_point, np.ones((4, 2)))
+    np.testing.assert_array_equal(steps[0], [0.5, 0.25])
+    assert np.isnan(steps[1:]).all()

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.exports.write_exports import export_names
 from mirrorcam.optics.scoring.camera_files.registry import FORMATS, READERS, read_rig
-from tests.optics.scoring.rigs import device
+from tests.optics.scoring.rigs import EXACT, device
 
 
 @pytest.mark.parametrize(
@@ -23,6 +26,8 @@ from tests.optics.scoring.rigs import device
         ("colmap", "colmap"),
         ("colmap/sparse", "colmap"),
         ("colmap/sparse/cameras.txt", "colmap"),
+        ("anipose", "anipose"),
+        ("anipose/calibration.toml", "anipose"),
     ],
 )
 def test_formats_are_recognised(name: str, format: str, exported: Path) -> None:
@@ -93,3 +98,63 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("a: &a [1, *a]")
     with pytest.raises(InputError, match="holds more than 1000000 values"):
         read_rig(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("name", [name for name in export_names(device().truth) if not name.endswith((".png", ".md"))])
+def test_every_file_of_cameras_reads_back_with_the_same_geometry_or_is_refused_by_name(
+    name: str, exported: Path
+) -> None:
+    try:
+        rig = read_rig(exported / name)
+    except InputError as error:
+        assert name.endswith((".pickle", ".urdf", ".json", "images.txt", "rigs.txt", "frames.txt", "points3D.txt"))
+        assert str(error).endswith("expected layout.json or opencv.yaml")
+    else:
+        figures = device().score(rig).figures
+        assert figures["max_px"].value < EXACT
+        if rig.unit_mm is not None and "baseline_error_max_mm" in figures:
+            assert figures["baseline_error_max_mm"].value < EXACT
+
+
+DAMAGED = {"opencv.yaml", "kalibr_camchain.yaml", "ros", "colmap/sparse", "anipose"}
+ODD = ("nan", "inf", "-1", "0", "1e308", "1e400", "99999999999999999999", "x", "", "-", "[", "\n", "\x00", "CAMERA")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", sorted(DAMAGED))
+def test_a_file_with_odd_words_is_scored_or_refused_in_one_line(name: str, exported: Path, tmp_path: Path) -> None:
+    refused = 0
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        place = tmp_path / f"{seed}" / Path(name).name
+        copy = shutil.copytree if (exported / name).is_dir() else shutil.copy
+        place.parent.mkdir()
+        copy(exported / name, place)
+        files = sorted(place.iterdir()) if place.is_dir() else [place]
+        file = files[int(random.integers(len(files)))]
+        words = re.split(r"(?<=[ ,\[])", file.read_text(encoding="utf-8"))
+        for _ in range(int(random.integers(1, 3))):
+            words[int(random.integers(len(words)))] = str(random.choice(ODD)) + str(random.choice([" ", ", "]))
+        file.write_text("".join(words), encoding="utf-8")
+        try:
+            figures = device().score(read_rig(place)).figures
+        except InputError as error:
+            assert "\n" not in str(error)
+            refused += 1
+        else:
+            assert all(np.isfinite(figure.value) for figure in figures.values()) and figures["rms_px"].value >= 0.0
+    assert refused
+
+
+@pytest.mark.parametrize("numbers", ["1 0 0 0 0 0", "1e300 0 0 0 0 0 0", "1 0 0 0 1e300 0 0"])
+def test_a_pose_of_colmap_that_cannot_be_is_refused(exported: Path, tmp_path: Path, numbers: str) -> None:
+    shutil.copytree(exported / "colmap" / "sparse", tmp_path / "sparse")
+    (tmp_path / "sparse" / "rigs.txt").unlink()
+    images = tmp_path / "sparse" / "images.txt"
+    lines = images.read_text().splitlines()
+    place = next(number for number, line in enumerate(lines) if not line.startswith("#"))
+    words = lines[place].split()
+    lines[place] = " ".join([words[0], numbers, *words[8:]])
+    images.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"pose|not what COLMAP writes"):
+        read_rig(tmp_path / "sparse")

@@ -1,0 +1,80 @@
+"""Temporary folders that programs of others work in: removed whatever they hold, after a killed run by the next."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+PREFIX = "mirrorcam-work-"
+LOCK = "lock"
+"""A file in each folder that the process which made it holds a lock of, and that the system releases with it."""
+
+
+@contextmanager
+def work_folder() -> Iterator[Path]:
+    """Yield a new temporary folder, and remove it afterwards with all that is in it, but through no link.
+
+    What cannot be removed, such as a file that the system protects, stays for `remove_stale` of a later run.
+    """
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX)).resolve()
+    lock = FileLock(folder / LOCK, timeout=0)
+    lock.acquire()
+    try:
+        yield folder
+    finally:
+        with suppress(OSError):
+            remove_tree(folder)
+        lock.release()
+
+
+def remove_stale() -> None:
+    """Remove the folders of `work_folder` that runs of this user have left that were killed.
+
+    A folder is left alone where a process holds its lock, or where it has none.
+    """
+    for folder in Path(tempfile.gettempdir()).resolve().glob(f"{PREFIX}*"):
+        with suppress(OSError, Timeout):  # another run removes it, or works in it
+            if _is_ours(folder) and stat.S_ISREG((folder / LOCK).lstat().st_mode):
+                with FileLock(folder / LOCK, timeout=0):
+                    remove_tree(folder)
+
+
+def _is_ours(folder: Path) -> bool:
+    status = folder.lstat()
+    return stat.S_ISDIR(status.st_mode) and (not hasattr(os, "getuid") or status.st_uid == os.getuid())
+
+
+def remove_tree(path: Path) -> None:
+    """Remove a folder and what is in it, a link, or a file: also folders that may not be read, or that nest too deep.
+
+    No link is followed. Raises OSError for the first file that cannot be removed.
+    """
+    if not os.path.lexists(path):
+        return
+    if path.is_symlink() or not path.is_dir():
+        path.unlink()
+        return
+    path.chmod(0o700)
+    waiting, token, lifted = [path], secrets.token_hex(8), 0
+    while waiting:
+        folder = waiting.pop()
+        with os.scandir(folder) as entries:
+            within = [(Path(entry.path), entry.is_dir(follow_symlinks=False)) for entry in entries]
+        for each, is_folder in within:
+            if is_folder:
+                # Lifted to the top before it is emptied, so that no path grows too long for the system.
+                each.chmod(0o700)
+                waiting.append(each.rename(path / f".{token}-{lifted}"))
+                lifted += 1
+            else:
+                each.unlink()
+        if folder != path:
+            folder.rmdir()
+    path.rmdir()
