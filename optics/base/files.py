@@ -67,7 +67,7 @@ def write_json(path: Path, value: object) -> None:
 
 
 def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
-    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit."""
+    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit; null and the reason for none."""
     write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
 
 

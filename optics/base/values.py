@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+)
 from pydantic_core import core_schema
+from pydantic_core.core_schema import ValidationInfo
 
 FloatArray = NDArray[np.float64]
 
@@ -113,13 +125,50 @@ class Value(BaseModel):
         return type(self)(**(fields | changes))
 
 
-class Metric(Value):
-    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it."""
+NOT_FINITE = "its formula has no finite value here"
+"""The reason why a figure is none, where its maker gives no better one."""
 
-    value: float
+
+def _nan_unless_finite(value: Any) -> Any:
+    return math.nan if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+
+
+class Metric(Value):
+    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it.
+
+    A figure that cannot be computed is none, never an error: its `value` is NaN, null in files, and `reason` says why.
+    It passes no limit.
+    """
+
+    value: Annotated[float, BeforeValidator(_nan_unless_finite, json_schema_input_type=float | None)] = Field(
+        allow_inf_nan=True
+    )
     unit: str
     limit: float | None = None
     lower_is_better: bool = True
+    reason: str = Field(default="", max_length=300, validate_default=True)
+
+    @field_validator("reason")
+    @classmethod
+    def _only_of_none(cls, reason: str, info: ValidationInfo) -> str:
+        known = math.isfinite(info.data.get("value", 0.0))
+        if known and reason:
+            raise ValueError(f"a figure with a value has the reason {reason[:80]!r} for none, expected no reason")
+        return reason if known or reason else NOT_FINITE
+
+    @model_serializer(mode="wrap")
+    def _as_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        if self.known:
+            del written["reason"]
+        else:
+            written["value"] = None
+        return written
+
+    @property
+    def known(self) -> bool:
+        """Whether the figure has a value."""
+        return math.isfinite(self.value)
 
     @property
     def passed(self) -> bool:

@@ -94,7 +94,7 @@ def summary_figures(outcome: Outcome) -> dict[str, float | None]:
     `depth_of_field_per_m` the depth range in which views overlap as 1/nearest - 1/farthest, which is what disparities
     are proportional to, and stays finite where the range does not.
     """
-    values = {name: metric.value for name, metric in outcome.metrics.items()}
+    values = {name: metric.value for name, metric in outcome.metrics.items() if metric.known}
     shares = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
     known = [share for share in shares if share is not None]
     across, upwards = values.get("fov_x_deg"), values.get("fov_y_deg")
@@ -127,7 +127,8 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
     """A row for each outcome, all of the same columns: spec, outcome and every figure; None where there is none.
 
-    Names of figures hold their units. The camera is given by its name.
+    Names of figures hold their units. The camera is given by its name. `none` has the reasons of figures that a solved
+    design has none of.
     """
     names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.metrics))
     rows: list[dict[str, Cell]] = []
@@ -136,6 +137,7 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
         row: dict[str, Cell] = {"camera": outcome.spec.camera.name} | spec
         row |= {"status": outcome.status, "constraint": outcome.constraint, "finding": outcome.finding}
         row |= summary_figures(outcome)
-        row |= {name: outcome.metrics[name].value if name in outcome.metrics else None for name in names}
+        row |= {"none": "; ".join(f"{name}: {m.reason}" for name, m in outcome.metrics.items() if not m.known)}
+        row |= {name: m.value if (m := outcome.metrics.get(name)) and m.known else None for name in names}
         rows.append(row)
     return rows

@@ -92,7 +92,7 @@ def run(options: EvaluateOptions) -> int:
     )
     with output_folder(options.out, "evaluate", force=options.force) as output:
         output.refuse_others(*FILES)
-        with output.staged() as folder:
+        with output.staged(result="evaluation.json") as folder:
             with long_work("evaluate", options.command, "sets") as advance:
                 evaluation, scores = evaluate(suite, request, folder, advance)
             write_evaluation(evaluation, scores, suite, folder)

@@ -153,7 +153,7 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
             count=count_text(len(layout.mirrors), "view"),
             purpose=sentence_case(device.purpose),
             mirrors=mirrors_text(layout, hardware),
-            focus=f", and lock the focus of the camera at {best.value:.0f} mm" if best else "",
+            focus=f", and lock the focus of the camera at {best.value:.0f} mm" if best and best.known else "",
             checks=sum(check.limit is not None for check in checks.values()),
         )
         added: dict[str, Path | bytes] = {

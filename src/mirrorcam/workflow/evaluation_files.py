@@ -22,10 +22,10 @@ def write_evaluation(
     evaluation: Evaluation, scores: Mapping[str, CalibrationScore], suite: FinishedSuite, folder: Path
 ) -> None:
     """Write the files of an evaluation into a folder; results of the command are there already."""
+    write_text(folder / EVALUATION, evaluation.text())
+    write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
+    write_text(folder / JUNIT, junit_text(evaluation))
     for entry, place in zip(suite.manifest.sets, suite.folders, strict=True):
         if entry.name in scores:
             truth = true_layout(place)
             score_figure(scores[entry.name], truth, folder / PICTURES / f"{entry.name}.png", title=entry.name)
-    write_text(folder / EVALUATION, evaluation.text())
-    write_text(folder / SUMMARY, summary_text(evaluation, pictures=tuple(scores)))
-    write_text(folder / JUNIT, junit_text(evaluation))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
 
+from mirrorcam.optics.base.figure_texts import NONE
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.scoring.report_texts import NOT_GIVEN, junit, limit_text, markdown, value_text
@@ -81,12 +82,12 @@ def _worse(change: Change) -> str:
 
 
 def _cell(metric: Metric | None) -> str:
-    return "" if metric is None else value_text(metric.value, 3)
+    return "" if metric is None else value_text(metric.value, 3) if metric.known else NONE
 
 
 def _chart(evaluation: Evaluation) -> str:
     """The RMS of every set as bars, with those of the baseline as a line, in the language of Mermaid."""
-    scored = evaluation.scored
+    scored = {name: each for name, each in evaluation.scored.items() if each.figures["rms_px"].known}
     if not scored:
         return ""
     names = ", ".join(f'"{name}"' for name in scored)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import Field, ValidationError
 
-from mirrorcam.optics.base.values import InputError, Metric, Points3, Shaped, SquareMatrix, Value, Vector3
+from mirrorcam.optics.base.values import NOT_FINITE, InputError, Metric, Points3, Shaped, SquareMatrix, Value, Vector3
 
 
 class Thing(Value):
@@ -142,7 +144,36 @@ def test_metrics_pass_at_their_limit(value: float, limit: float | None, lower_is
     assert Metric(value=value, unit="px", limit=limit, lower_is_better=lower_is_better).passed is passed
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_a_metric_is_a_number(value: float) -> None:
-    with pytest.raises(ValidationError, match="finite number"):
-        Metric(value=value, unit="px")
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), np.float64("nan"), np.float32("inf")])
+@pytest.mark.parametrize(("given", "reason"), [({}, NOT_FINITE), ({"reason": "no view shows it"}, "no view shows it")])
+def test_a_metric_without_a_finite_value_is_none_with_a_reason(
+    value: float, given: dict[str, str], reason: str
+) -> None:
+    metric = Metric(value=value, unit="px", limit=1.0, **given)  # type: ignore[arg-type]  # texts alone
+    assert not metric.known
+    assert not metric.passed
+    assert not metric.replaced(lower_is_better=False).passed
+    assert json.loads(metric.model_dump_json(exclude_none=True), parse_constant=pytest.fail) == {
+        **{"value": None, "unit": "px", "limit": 1.0, "lower_is_better": True, "reason": reason}
+    }
+    again = Metric.model_validate_json(metric.model_dump_json(), strict=True)
+    assert again == metric
+    assert hash(again) == hash(metric)
+
+
+def test_a_metric_with_a_value_has_no_reason() -> None:
+    assert "reason" not in Metric(value=1.0, unit="px").model_dump()
+    with pytest.raises(ValueError, match="expected no reason"):
+        Metric(value=1.0, unit="px", reason="none")
+
+
+def test_a_metric_in_a_value_is_none_as_well() -> None:
+    class Holder(Value):
+        metrics: dict[str, Metric]
+
+    holder = Holder(metrics={"a": Metric(value=math.nan, unit="px"), "b": Metric(value=1.0, unit="px")})
+    text = holder.model_dump_json(exclude_none=True)
+    assert json.loads(text)["metrics"]["a"] == {
+        **{"value": None, "unit": "px", "lower_is_better": True, "reason": NOT_FINITE}
+    }
+    assert Holder.model_validate_json(text, strict=True) == holder
