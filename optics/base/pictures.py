@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.files import read_bytes, write_bytes
 from mirrorcam.optics.base.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg
@@ -44,7 +45,7 @@ def pictures_in(paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
+def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     """Read a picture of 8 bits a channel, PNG or JPEG by its content.
 
     Parameters
@@ -66,6 +67,7 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     DamagedPicture
         If it is neither PNG nor JPEG, cut short, or its data are not what was written.
     """
+    path = path_of("path", path)
     raw = read_bytes(path, LARGEST_FILE_BYTES)
     header = _header_of(path, raw)
     if header.jpeg is None:

@@ -16,17 +16,41 @@ from pydantic import (
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     SerializerFunctionWrapHandler,
+    ValidationError,
     field_validator,
     model_serializer,
 )
-from pydantic_core import core_schema
+from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
+
+from mirrorcam.optics.base.messages import one_line
 
 FloatArray = NDArray[np.float64]
 
 
 class InputError(ValueError):
     """Input that cannot be used; the message says in one line what, where, and what was expected."""
+
+
+class InvalidValue(InputError):
+    """Fields that a value refuses; pydantic's findings are its cause."""
+
+    @property
+    def first(self) -> ErrorDetails:
+        """The first of pydantic's findings."""
+        assert isinstance(self.__cause__, ValidationError)
+        return self.__cause__.errors(include_url=False)[0]
+
+    @property
+    def title(self) -> str:
+        """The name of the class of the value."""
+        assert isinstance(self.__cause__, ValidationError)
+        return self.__cause__.title
+
+    @property
+    def reason(self) -> str:
+        """The first finding without its place."""
+        return self.first["msg"].removeprefix("Value error, ")
 
 
 @dataclass(frozen=True)
@@ -107,11 +131,39 @@ def _hashable(data: Any) -> Any:
 
 
 class Value(BaseModel):
-    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal."""
+    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal.
+
+    Raises InvalidValue, one line, for fields that it refuses, however it is made.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
     )
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, type(self))) from error
+
+    # Values in values are validated by pydantic itself, which tells where in them a finding is, not by this __init__.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """The value of a table; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """The value of a text in JSON; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate_json(json_data, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()
@@ -129,8 +181,14 @@ NOT_FINITE = "its formula has no finite value here"
 """The reason why a figure is none, where its maker gives no better one."""
 
 
-def _nan_unless_finite(value: Any) -> Any:
-    return math.nan if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, float | np.floating) and not math.isfinite(value):
+        if info.mode == "json":
+            raise ValueError("Input should be a finite number, or null")
+        return math.nan
+    return value
 
 
 class Metric(Value):

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Metric, Value
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 if TYPE_CHECKING:
@@ -57,10 +57,8 @@ def grid(
                 raise InputError(f"{axis}: {text} is named twice")
             try:
                 DesignSpec(**(fields | choice))
-            except ValidationError as error:
-                from mirrorcam.optics.base.files import one_line
-
-                raise InputError(f"{axis}: {text}: {one_line(error)}") from None
+            except InvalidValue as error:
+                raise InputError(f"{axis}: {text}: {error}") from None
     combined = (
         {key: value for choice in choices for key, value in choice.items()} for choices in product(*axes.values())
     )

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes, shortened
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError, Metric, Value
 
 OF_VIEWS = (

@@ -14,7 +14,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value

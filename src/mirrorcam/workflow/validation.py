@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.files import inside, read_model, write_metrics
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -76,7 +77,7 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
     return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, on_frame=on_frame)
 
 
-def validate(folder: Path, progress: Progress = no_progress) -> Validation:
+def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
     Two mirrors are first turned together about the line where their planes meet, which no picture determines.
@@ -99,6 +100,7 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     InputError
         If the set lacks a file, or its pictures do not suffice.
     """
+    folder = path_of("folder", folder)
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
