@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
 
-from mirrorcam.optics.base.figure_texts import NONE
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.scoring.report_texts import NOT_GIVEN, junit, limit_text, markdown, value_text
@@ -82,7 +81,7 @@ def _worse(change: Change) -> str:
 
 
 def _cell(metric: Metric | None) -> str:
-    return "" if metric is None else value_text(metric.value, 3) if metric.known else NONE
+    return "" if metric is None else value_text(metric.value, 3)
 
 
 def _chart(evaluation: Evaluation) -> str:
