@@ -228,7 +228,7 @@ def test_metrics_pass_at_their_limit(value: float, limit: float | None, lower_is
 def test_a_metric_without_a_finite_value_is_none_with_a_reason(
     value: float, given: dict[str, str], reason: str
 ) -> None:
-    metric = Metric(value=value, unit="px", limit=1.0, **given)  # type: ignore[arg-type]  # texts alone
+    metric = Metric(value=value, unit="px", limit=1.0, **given)
     assert not metric.known
     assert not metric.passed
     assert not metric.replaced(lower_is_better=False).passed
