@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.base.worker_process import begin_loading
@@ -19,10 +19,10 @@ KERNEL = ("mirrorcam.cad.device_files",)
 
 def build_parts(
     layout: Layout,
-    out: Path,
+    out: AnyPath,
     hardware: Hardware = HARDWARE,
     *,
-    previous: Path | None = None,
+    previous: AnyPath | None = None,
     workers: int = 1,
     progress: Progress = no_progress,
     elastic: bool = False,
@@ -58,6 +58,10 @@ def build_parts(
         If the device cannot be made (the message names the measure), the extra `cad` is not installed, or `out` cannot
         be written; files in `out` are then of no use.
     """
+    check_type("layout", layout, Layout)
+    check_type("hardware", hardware, Hardware)
+    out = path_of("out", out)
+    before = None if previous is None else path_of("previous", previous)
     if workers > 1:
         begin_loading(KERNEL)
     with _extra_installed():
@@ -77,7 +81,7 @@ def build_parts(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror}") from None
-    return write_device(device, out, previous, workers, progress, elastic=elastic)
+    return write_device(device, out, before, workers, progress, elastic=elastic)
 
 
 @contextmanager

@@ -88,11 +88,11 @@ def write_device(
     write_robot(out / "robot", device, pieces)
     bill = bill_of(device, parts, sheets)
     checks |= bom_metrics(bill)
+    write_metrics(out / "checks.json", checks)
     write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
     write_guide(out, device, parts, pieces, bill.estimate)
     write_page(out, device, parts, plates, pictures, checks)
-    write_metrics(out / "checks.json", checks)
     return checks
 
 

@@ -106,7 +106,7 @@ def focus_of(layout: Layout) -> float:
     Distances are those along the light, which are the same past the mirrors as without them.
     """
     best = layout.metrics.get("best_focus_mm")
-    return layout.camera.focus_mm if best is None else best.value
+    return best.value if best is not None and best.known else layout.camera.focus_mm
 
 
 # How deep one-part silicone cures in a day of the open air, mm, least and most of data sheets; it slows with depth.

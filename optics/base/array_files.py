@@ -13,10 +13,10 @@ from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line, shortened, stored_bytes
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.files import stored_bytes
+from mirrorcam.optics.base.messages import shortened
+from mirrorcam.optics.base.values import InputError, InvalidValue
 
 LARGEST_BYTES = 400_000_000
 """Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""
@@ -38,10 +38,10 @@ def refusing(path: Path, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except InputError:
-        raise
     except _ERRORS as error:
-        said = one_line(error) if isinstance(error, ValidationError) else str(getattr(error, "strerror", None) or error)
+        if isinstance(error, InputError) and not isinstance(error, InvalidValue):
+            raise
+        said = str(getattr(error, "strerror", None) or error)
         reason = " ".join(said.split()) or type(error).__name__
         raise InputError(shortened(f"{path}: not {what}: {reason}")) from None
 

@@ -12,6 +12,7 @@ from mirrorcam.optics.base.values import Metric
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+NONE = "none"
 MOST_FURTHER_DIGITS = 9
 ROUNDING = 1e-9
 TINY, UNLIKE = 1e-3, 100.0
@@ -63,7 +64,9 @@ def number_word(count: int) -> str:
 
 
 def figure_text(value: float, digits: int = 4) -> str:
-    """A value in a few significant digits: two where it is tiny, all of thousands."""
+    """A value in a few significant digits: two where it is tiny, all of thousands; NaN is none."""
+    if math.isnan(value):
+        return NONE
     if abs(value) >= 1000:
         return f"{value:.0f}"
     return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
@@ -71,15 +74,16 @@ def figure_text(value: float, digits: int = 4) -> str:
 
 def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
     """Values of one figure beside each other, with as many decimals as the largest needs for its significant digits."""
-    sizes = [abs(value) for value in values if value != 0]
+    sizes = [abs(value) for value in values if value != 0 and not math.isnan(value)]
     # Values that differ by more keep their own digits, and so do tiny and infinite ones.
     if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
         return [figure_text(value, digits) for value in values]
     decimals = max(0, digits - 1 - math.floor(math.log10(float(f"{max(sizes):.{digits - 1}e}"))))
-    texts = [f"{value:.{decimals}f}" for value in values]
+    texts = [f"{value:.{decimals}f}" for value in values if not math.isnan(value)]
     while decimals > 0 and all(text.endswith("0") for text in texts):
         texts, decimals = [text[:-1].rstrip(".") for text in texts], decimals - 1
-    return texts
+    known = iter(texts)
+    return [NONE if math.isnan(value) else next(known) for value in values]
 
 
 def sigma_text(sigma: float) -> str:
@@ -105,8 +109,10 @@ def unit_text(unit: str) -> str:
 def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
     """The value of a metric, or another in its unit, with the unit; a share as a percentage.
 
-    A value just past its limit gets as many digits as it takes to differ from it.
+    A value just past its limit gets as many digits as it takes to differ from it. A figure that is none says why.
     """
+    if value is None and not metric.known:
+        return f"{NONE}: {metric.reason}"
     shown = metric.value if value is None else value
     further = digits_past_limit(metric, digits) - digits
     if metric.unit.startswith("of the "):
@@ -132,7 +138,7 @@ def digits_past_limit(metric: Metric, digits: int) -> int:
 def values_text(metrics: Sequence[Metric]) -> list[str]:
     """Values of one figure beside each other, as `value_text` writes them, with the same decimals."""
     units = {metric.unit for metric in metrics}
-    if len(units) != 1 or min(units).startswith("of the "):
+    if len(units) != 1 or min(units).startswith("of the ") or not all(metric.known for metric in metrics):
         return [value_text(metric) for metric in metrics]
     return [_with_unit(text, min(units)) for text in figures_alike([metric.value for metric in metrics])]
 
@@ -183,8 +189,10 @@ def sentence_case(text: str) -> str:
 
 
 def share_of_limit(metric: Metric) -> float:
-    """Share of what its limit allows that a metric uses: at most 1 where it passes."""
+    """Share of what its limit allows that a metric uses: at most 1 where it passes, infinite where it is none."""
     if metric.limit is None:
         raise ValueError("a metric without a limit uses no share of one")
+    if not metric.known:
+        return math.inf
     part, whole = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)
     return abs(part / whole) if whole else (0.0 if part == whole else float("inf"))

@@ -9,7 +9,6 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from difflib import get_close_matches
 from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 
@@ -17,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.optics.base.messages import one_line, shortened
+from mirrorcam.optics.base.values import InputError, InvalidValue, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
 LARGEST_FILE_BYTES = 100_000_000
 """Bytes of the largest file that is read whole: layouts, boards, manifests and tables are smaller by far."""
-LONGEST_MESSAGE = 300
 TEMPORARY = ".mirrorcam-"
 """What the names of files begin with that are not finished."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
@@ -69,7 +68,7 @@ def write_json(path: Path, value: object) -> None:
 
 
 def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
-    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit."""
+    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit; null and the reason for none."""
     write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
 
 
@@ -193,42 +192,6 @@ def _toml(path: Path, raw: bytes) -> Any:
         raise InputError(shortened(f"{path}: not valid TOML: {error}")) from None
 
 
-def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
-    """A text, without its middle where it is longer than `most` characters."""
-    return text if len(text) <= most else f"{text[: most * 2 // 3]} ... {text[-most // 4 :]}"
-
-
-def _known_names(schema: Any) -> set[str]:
-    """The names of all fields in the JSON schema of a model."""
-    if isinstance(schema, dict):
-        own = set(schema["properties"]) if isinstance(schema.get("properties"), dict) else set()
-        return own.union(*map(_known_names, schema.values()))
-    return set().union(*map(_known_names, schema)) if isinstance(schema, list) else set()
-
-
-def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
-    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others.
-
-    A key that is not known comes first, with the one of `model` that may have been meant.
-    """
-    details = error.errors(include_url=False)
-    first = next((each for each in details if each["type"] == "extra_forbidden"), details[0])
-    where = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        names = _known_names(model.model_json_schema()) if model is not None else set()
-        key = str(first["loc"][-1])
-        meant = get_close_matches(key, sorted(names), n=1) if key not in names else []
-        message = f"not known, did you mean {meant[0]}?" if meant else "not known"
-    if first["type"] == "union_tag_not_found":
-        message = f"{first['ctx']['discriminator']} is missing"
-    if first["type"] == "union_tag_invalid":
-        given = first["ctx"]
-        message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
-    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")
-
-
 def read_model(model: type[Model], path: Path) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
@@ -257,7 +220,9 @@ def model_from(model: type[Model], path: Path, data: Any) -> Model:
     """The pydantic model in what a file states, see `model_of`; the path is named where it is not valid."""
     try:
         return model.model_validate_json(json.dumps(data), strict=True)
-    except ValidationError as error:
+    except InvalidValue as error:
+        raise InputError(f"{path}: {error}") from None
+    except ValidationError as error:  # of a model that is no value, such as a table of values
         raise InputError(f"{path}: {one_line(error, model)}") from None
     except TypeError as error:  # a date or a time of TOML
         raise InputError(f"{path}: {error}, expected numbers, texts and tables") from None

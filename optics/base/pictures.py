@@ -12,9 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import first_bytes, read_bytes, shortened, stored_bytes, write_bytes
+from mirrorcam.optics.base.files import first_bytes, read_bytes, stored_bytes, write_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.picture_data import PictureData, as_grey
 from mirrorcam.optics.base.png import PNG_BEGIN
 from mirrorcam.optics.base.sample_bits import ALL, SampleBits, to_8_bits
@@ -114,7 +116,7 @@ def _key(path: Path) -> tuple[Path, int, int]:
     return path.absolute(), status.st_mtime_ns, status.st_size
 
 
-def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
+def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
 
     Of 16 bits, those that are used count, of which the highest 8 are returned: see `agree_on_bits`.
@@ -138,6 +140,7 @@ def read_image(path: Path, *, grey: bool = False) -> NDArray[np.uint8]:
     DamagedPicture
         If it is no picture, cut short, or its data are not what was written.
     """
+    path = path_of("path", path)
     data = _data(path)
     image = data.decoded(grey=grey)
     if image.dtype != np.uint8:

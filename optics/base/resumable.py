@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from mirrorcam.optics.base.files import TEMPORARY, Model, inside, linked, read_bytes, read_model, write_text
 from mirrorcam.optics.base.fingerprint import differing, file_digest, file_digests
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
 """Hidden folder for files that are not finished, which may hold what a killed run has left."""
@@ -38,7 +38,7 @@ def read_record(model: type[Model], path: Path) -> Model | None:
         return None
     try:
         return model.model_validate_json(read_bytes(path))
-    except ValidationError:
+    except (ValidationError, InvalidValue):
         return None
 
 

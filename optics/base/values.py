@@ -2,19 +2,55 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
-from pydantic_core import core_schema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+)
+from pydantic_core import ErrorDetails, core_schema
+from pydantic_core.core_schema import ValidationInfo
+
+from mirrorcam.optics.base.messages import one_line
 
 FloatArray = NDArray[np.float64]
 
 
 class InputError(ValueError):
     """Input that cannot be used; the message says in one line what, where, and what was expected."""
+
+
+class InvalidValue(InputError):
+    """Fields that a value refuses; pydantic's findings are its cause."""
+
+    @property
+    def first(self) -> ErrorDetails:
+        """The first of pydantic's findings."""
+        assert isinstance(self.__cause__, ValidationError)
+        return self.__cause__.errors(include_url=False)[0]
+
+    @property
+    def title(self) -> str:
+        """The name of the class of the value."""
+        assert isinstance(self.__cause__, ValidationError)
+        return self.__cause__.title
+
+    @property
+    def reason(self) -> str:
+        """The first finding without its place."""
+        return self.first["msg"].removeprefix("Value error, ")
 
 
 @dataclass(frozen=True)
@@ -95,11 +131,39 @@ def _hashable(data: Any) -> Any:
 
 
 class Value(BaseModel):
-    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal."""
+    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal.
+
+    Raises InvalidValue, one line, for fields that it refuses, however it is made.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
     )
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, type(self))) from error
+
+    # Values in values are validated by pydantic itself, which tells where in them a finding is, not by this __init__.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """The value of a table; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """The value of a text in JSON; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate_json(json_data, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()
@@ -113,13 +177,56 @@ class Value(BaseModel):
         return type(self)(**(fields | changes))
 
 
-class Metric(Value):
-    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it."""
+NOT_FINITE = "its formula has no finite value here"
+"""The reason why a figure is none, where its maker gives no better one."""
 
-    value: float
+
+def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, float | np.floating) and not math.isfinite(value):
+        if info.mode == "json":
+            raise ValueError("Input should be a finite number, or null")
+        return math.nan
+    return value
+
+
+class Metric(Value):
+    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it.
+
+    A figure that cannot be computed is none, never an error: its `value` is NaN, null in files, and `reason` says why.
+    It passes no limit.
+    """
+
+    value: Annotated[float, BeforeValidator(_nan_unless_finite, json_schema_input_type=float | None)] = Field(
+        allow_inf_nan=True
+    )
     unit: str
     limit: float | None = None
     lower_is_better: bool = True
+    reason: str = Field(default="", max_length=300, validate_default=True)
+
+    @field_validator("reason")
+    @classmethod
+    def _only_of_none(cls, reason: str, info: ValidationInfo) -> str:
+        known = math.isfinite(info.data.get("value", 0.0))
+        if known and reason:
+            raise ValueError(f"a figure with a value has the reason {reason[:80]!r} for none, expected no reason")
+        return reason if known or reason else NOT_FINITE
+
+    @model_serializer(mode="wrap")
+    def _as_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        if self.known:
+            del written["reason"]
+        else:
+            written["value"] = None
+        return written
+
+    @property
+    def known(self) -> bool:
+        """Whether the figure has a value."""
+        return math.isfinite(self.value)
 
     @property
     def passed(self) -> bool:

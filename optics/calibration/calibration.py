@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -26,11 +26,11 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
-from mirrorcam.optics.calibration.taken_pictures import TakenPictures
+from mirrorcam.optics.calibration.taken_pictures import TakenPictures, checked_pictures
 from mirrorcam.optics.calibration.whole_pupil import Pictures
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.targets import Checkerboard, Target
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 UPSIDE_DOWN = (
     "the pictures fit the layout only when they are turned by 180 deg: the camera is upside down in the device, or its "
@@ -39,15 +39,15 @@ UPSIDE_DOWN = (
 
 
 def calibrate(
-    frames: Iterable[Grey | Path],
-    base_frames: Iterable[Grey | Path],
+    frames: Iterable[Grey | AnyPath],
+    base_frames: Iterable[Grey | AnyPath],
     layout: Layout,
     target: Target,
     *,
     level: str | None = None,
     extend: bool = False,
     lens: LensName | None = None,
-    detections: Path | None = None,
+    detections: AnyPath | None = None,
     workers: int = 1,
     most: tuple[int | None, int | None] = (None, None),
     names: tuple[Sequence[str], Sequence[str]] | None = None,
@@ -101,7 +101,11 @@ def calibrate(
         Where no pictures are given or the level is unknown, a picture cannot be read or has another size, or the
         pictures do not determine camera and mirrors.
     """
-    detect = partial(detect_frames, layout=layout, target=target, folder=detections, workers=workers)
+    check_type("layout", layout, Layout)
+    check_type("target", target, Checkerboard, Charuco, AprilGrid)
+    cache = None if detections is None else path_of("detections", detections)
+    frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
+    detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
     taken = TakenPictures(layout.camera)
 
     def report(found: Sequence[DetectedFrame]) -> None:

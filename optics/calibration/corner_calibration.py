@@ -19,10 +19,8 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue, Metric
 from mirrorcam.optics.calibration.calibrated_layout import as_estimated
 from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
 from mirrorcam.optics.calibration.detection.moved_outlines import outlined
@@ -114,8 +112,8 @@ def calibrate_corners(
         return _concluded(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
-    except ValidationError as error:
-        raise unknown.explained(f"the frames lead to mirrors that cannot be: {one_line(error)}") from None
+    except InvalidValue as error:
+        raise unknown.explained(f"the frames lead to mirrors that cannot be: {error}") from None
     except InputError as error:
         raise unknown.explained(str(error)) from None
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.pictures import agree_on_bits, check_size, read_image
 from mirrorcam.optics.base.values import InputError
@@ -15,6 +19,17 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.targets import Target
 
 MOST_KEPT = 24  # arrays of an iterator, so that memory stays flat
+
+
+def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:
+    """Pictures with paths as `Path`; a sequence stays one. Raises TypeError for what is no iterable of them."""
+    if isinstance(pictures, str | os.PathLike | np.ndarray) or not isinstance(pictures, Iterable):
+        raise TypeError(f"{name}: {type(pictures).__name__}, expected an iterable of arrays or paths")
+
+    def checked(picture: Grey | AnyPath) -> Grey | Path:
+        return picture if isinstance(picture, np.ndarray) else path_of(name, picture)
+
+    return [checked(each) for each in pictures] if isinstance(pictures, Sequence) else map(checked, pictures)
 
 
 class TakenPictures:

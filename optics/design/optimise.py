@@ -8,6 +8,7 @@ from importlib.metadata import version
 import numpy as np
 from shapely import Polygon
 
+from mirrorcam.optics.base.arguments import check_type
 from mirrorcam.optics.base.calls import Calls, in_turn
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
@@ -87,6 +88,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
         Names the constraint that cannot hold and by how much it is missed, or "every" where the search found no layout
         and cannot say why.
     """
+    check_type("spec", spec, DesignSpec)
     check_at_once(spec)
     found = _for_overlap(spec, calls)
     if spec.objective == "depth":

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from mirrorcam.optics.base.values import InputError, Metric, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Metric, Value
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 if TYPE_CHECKING:
@@ -57,10 +57,8 @@ def grid(
                 raise InputError(f"{axis}: {text} is named twice")
             try:
                 DesignSpec(**(fields | choice))
-            except ValidationError as error:
-                from mirrorcam.optics.base.files import one_line
-
-                raise InputError(f"{axis}: {text}: {one_line(error)}") from None
+            except InvalidValue as error:
+                raise InputError(f"{axis}: {text}: {error}") from None
     combined = (
         {key: value for choice in choices for key, value in choice.items()} for choices in product(*axes.values())
     )
@@ -94,7 +92,7 @@ def summary_figures(outcome: Outcome) -> dict[str, float | None]:
     `depth_of_field_per_m` the depth range in which views overlap as 1/nearest - 1/farthest, which is what disparities
     are proportional to, and stays finite where the range does not.
     """
-    values = {name: metric.value for name, metric in outcome.metrics.items()}
+    values = {name: metric.value for name, metric in outcome.metrics.items() if metric.known}
     shares = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
     known = [share for share in shares if share is not None]
     across, upwards = values.get("fov_x_deg"), values.get("fov_y_deg")
@@ -127,7 +125,8 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
     """A row for each outcome, all of the same columns: spec, outcome and every figure; None where there is none.
 
-    Names of figures hold their units. The camera is given by its name.
+    Names of figures hold their units. The camera is given by its name. `none` has the reasons of figures that a solved
+    design has none of.
     """
     names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.metrics))
     rows: list[dict[str, Cell]] = []
@@ -136,6 +135,7 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
         row: dict[str, Cell] = {"camera": outcome.spec.camera.name} | spec
         row |= {"status": outcome.status, "constraint": outcome.constraint, "finding": outcome.finding}
         row |= summary_figures(outcome)
-        row |= {name: outcome.metrics[name].value if name in outcome.metrics else None for name in names}
+        row |= {"none": "; ".join(f"{name}: {m.reason}" for name, m in outcome.metrics.items() if not m.known)}
+        row |= {name: m.value if (m := outcome.metrics.get(name)) and m.known else None for name in names}
         rows.append(row)
     return rows

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_range_mm
@@ -75,7 +74,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
         intrinsics[free] += step[6:]
         try:
             camera = camera.with_intrinsics(intrinsics)
-        except ValidationError:
+        except InvalidValue:
             break
         error_px = _worst(camera, images @ turn.T + shift, seen)
         if error_px < best.error_px:

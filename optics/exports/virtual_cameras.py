@@ -25,10 +25,8 @@ from typing import Literal
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.exports.nearest_pinhole import nearest_pinhole
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -141,8 +139,8 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         try:
             pinhole = nearest_pinhole(layout, number, outline)
             camera = flipped_camera(pinhole.camera, flip)
-        except ValidationError as error:
-            raise InputError(f"{name}: {one_line(error)}") from None
+        except InvalidValue as error:
+            raise InputError(f"{name}: {error}") from None
         except InputError as error:
             raise InputError(f"{name} {error}") from None
         camera_from_rig = rigid(

@@ -14,7 +14,8 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, Bounds
-from mirrorcam.optics.base.files import keys_of, model_of, read_bytes, shortened
+from mirrorcam.optics.base.files import keys_of, model_of, read_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line, Name
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera

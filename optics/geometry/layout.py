@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 from shapely import Polygon, STRtree
 
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.bounds import GRID
 from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.fingerprint import value_digest
@@ -173,15 +173,15 @@ class Layout(Value):
             mirrors=tuple(mirror.with_surface(surface, thickness_mm) for mirror in self.mirrors), spec=None
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write `layout.json` atomically."""
-        write_text(path, self.text())
+        write_text(path_of("path", path), self.text())
 
     def text(self) -> str:
         """The content of `layout.json`."""
         return self.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"
 
     @classmethod
-    def load(cls, path: Path) -> Self:
+    def load(cls, path: AnyPath) -> Self:
         """Read `layout.json`. Raises InputError, one line, for content that does not belong in it."""
-        return read_model(cls, path)
+        return read_model(cls, path_of("path", path))

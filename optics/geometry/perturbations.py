@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -206,11 +205,10 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
         perturbations = draw_perturbations(tolerances, len(layout.mirrors), 1, random)
         try:
             built = _built(layout, perturbations)
-        except ValidationError as error:
-            reason = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
-            blame = f"{workmanship(tolerances)}: {reason}"
+        except InvalidValue as error:
+            blame = f"{workmanship(tolerances)}: {error.reason}"
             if error.title == Camera.__name__:
-                blame = f"focal_percent {tolerances.focal_percent}: {reason}"
+                blame = f"focal_percent {tolerances.focal_percent}: {error.reason}"
             continue
         if not covers_sensor(built.camera):
             blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"

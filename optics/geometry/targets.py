@@ -16,10 +16,10 @@ from typing import Annotated, Literal, Self
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, RootModel, ValidationError, model_validator
+from pydantic import Field, RootModel, model_validator
 
 from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import one_line, read_bytes, read_model, write_text
+from mirrorcam.optics.base.files import read_bytes, read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
@@ -316,9 +316,7 @@ def _of_kalibr(path: Path) -> AprilGrid:
     try:
         cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
         return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
-    except ValidationError as error:
-        raise InputError(f"{path}: {one_line(error)}") from None
-    except ValueError as error:
+    except ValueError as error:  # also of a value that is not valid
         raise InputError(f"{path}: {error}") from None
 
 

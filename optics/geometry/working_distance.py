@@ -14,14 +14,16 @@ VOLUME = (0.7, 1.0, 1.4)
 
 def working_distance_mm(layout: Layout) -> float | None:
     """Where the calibration's boards were, or the middle of the depths that the device was designed for."""
-    if METRIC in layout.metrics:
-        return layout.metrics[METRIC].value
+    found = layout.metrics.get(METRIC)
+    if found is not None and found.known:
+        return found.value
     return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
 
 
 def working_range_mm(layout: Layout) -> tuple[float, float] | None:
     """Least and greatest distance of the working volume around the boards and of the depths of the design."""
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
-    if METRIC in layout.metrics:
-        depths += [factor * layout.metrics[METRIC].value for factor in VOLUME]
+    found = layout.metrics.get(METRIC)
+    if found is not None and found.known:
+        depths += [factor * found.value for factor in VOLUME]
     return (min(depths), max(depths)) if depths else None

@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from mirrorcam.optics.base.arguments import check_type
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm
@@ -89,6 +90,7 @@ class Decoder:
         margin_px: float = OUTLINE_MARGIN_PX,
         regular_grid_at_mm: float | None = None,
     ) -> None:
+        check_type("layout", layout, Layout)
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
         self.views = choose_views(layout, depth, field, width_px)
@@ -143,6 +145,7 @@ class Decoder:
         InputError
             If the frame is not of the layout's camera.
         """
+        check_type("frame", frame, np.ndarray)
         width, height = self.camera.width_px, self.camera.height_px
         if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] not in (1, 3)):
             raise InputError(f"frame has shape {frame.shape}, expected ({height}, {width}, 3) or ({height}, {width})")

@@ -9,7 +9,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError, Shaped
+from mirrorcam.optics.base.arguments import check_type
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue, Shaped
 
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
@@ -73,13 +74,18 @@ class Views:
 
     def __post_init__(self) -> None:
         for name, shape in _SHAPES.items():
-            object.__setattr__(self, name, Shaped(shape).check(getattr(self, name)))
+            try:
+                object.__setattr__(self, name, Shaped(shape).check(getattr(self, name)))
+            except ValueError as error:
+                raise InvalidValue(f"{name}: {error}") from None
+        for name in ("focal_px", "reference_depth_mm"):
+            check_type(name, getattr(self, name), int, float, np.integer, np.floating)
         if not (np.isfinite(self.focal_px) and self.focal_px > 0):
-            raise ValueError(f"{self.focal_px=}, expected a positive number")
+            raise InvalidValue(f"{self.focal_px=}, expected a positive number")
         if np.isnan(self.reference_depth_mm):
-            raise ValueError(f"{self.reference_depth_mm=}, expected a number or infinity")
+            raise InvalidValue(f"{self.reference_depth_mm=}, expected a number or infinity")
         if self.reference_distance_mm <= self.positions_mm[..., 2].max():
-            raise ValueError(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
+            raise InvalidValue(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
 
     @property
     def rows(self) -> int:
@@ -241,6 +247,8 @@ class LightField(Views):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name in ("samples", "weights"):
+            check_type(name, getattr(self, name), np.ndarray)
         expected = (self.rows, self.cols, self.height_px, self.width_px)
         if self.samples.shape not in {(*expected, 1), (*expected, 3)}:
             raise InputError(f"samples have shape {self.samples.shape}, expected {(*expected, 3)} or {(*expected, 1)}")

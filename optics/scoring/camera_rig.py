@@ -7,7 +7,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -150,9 +150,8 @@ def camera_of(
                 "distortion": numbers_of(distortion, where),
             }
         )
-    except ValueError as error:
-        reason = str(error).splitlines()
-        raise InputError(f"{where}: {' '.join(part.strip() for part in reason[1:3])[:160]}") from None
+    except InvalidValue as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def numbers_of(value: object, where: str, count: int | None = None) -> list[float]:

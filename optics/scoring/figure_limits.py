@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes, shortened
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError, Metric, Value
 
 OF_VIEWS = (
@@ -90,8 +91,8 @@ def checks(
     found = []
     for name, limit in limits.items():
         metric, at_least = figures.get(name), figure_of(name) in AT_LEAST
-        if metric is None:
-            reason = not_given.get(name, "not given")
+        if metric is None or not metric.known:
+            reason = not_given.get(name, "not given") if metric is None else metric.reason
             found.append(
                 Check(figure=name, value=None, unit="", limit=limit, at_least=at_least, passed=False, reason=reason)
             )

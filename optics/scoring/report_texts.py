@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from mirrorcam.optics.base.figure_texts import figure_text
+from mirrorcam.optics.base.figure_texts import NONE, figure_text
 from mirrorcam.optics.base.names import markdown_text
 from mirrorcam.optics.scoring.figure_limits import FIGURES, Check
 from mirrorcam.optics.scoring.score_report import ScoredSet, ScoreReport
@@ -38,15 +38,15 @@ def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
         reason = scored.not_given.get(name, check.reason if check else "")
         value = NOT_GIVEN if not reason else f"{NOT_GIVEN}: {reason}"
         if metric is not None:
-            value = value_text(metric.value)
+            value = value_text(metric.value) if metric.known else f"{NONE}: {metric.reason}"
         result = "" if check is None else ("passed" if check.passed else "failed")
         rows.append((name, value, "" if check is None else limit_text(check), result))
     return rows
 
 
 def value_text(value: float, digits: int = 4) -> str:
-    """A value in a few digits; 0 for what rounding leaves."""
-    return figure_text(value, digits) if abs(value) > ROUNDING else "0"
+    """A value in a few digits; 0 for what rounding leaves, and none for NaN."""
+    return "0" if abs(value) <= ROUNDING else figure_text(value, digits)
 
 
 def limit_text(check: Check) -> str:
@@ -154,7 +154,8 @@ def junit(report: ScoreReport) -> str:
 
 
 def _properties(scored: ScoredSet) -> dict[str, str]:
-    figures = {name: f"{scored.figures[name].value:.9g}" for name in FIGURES if name in scored.figures}
+    given = {name: scored.figures[name] for name in FIGURES if name in scored.figures}
+    figures = {name: f"{metric.value:.9g}" if metric.known else NONE for name, metric in given.items()}
     return figures | dict.fromkeys(scored.not_given, NOT_GIVEN)
 
 

@@ -104,7 +104,7 @@ def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], lim
 
 
 def _mean(metrics: Sequence[Metric | None]) -> MeanFigure | None:
-    given = [metric for metric in metrics if metric is not None]
+    given = [metric for metric in metrics if metric is not None and metric.known]
     if not given:
         return None
     values = np.array([metric.value for metric in given])

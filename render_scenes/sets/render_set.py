@@ -11,6 +11,7 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
+from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.files import write_files
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -37,7 +38,7 @@ Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
 def render_set(
     request: SetRequest,
-    out: Path,
+    out: AnyPath,
     *,
     run: Run | None = None,
     variant: str | None = None,
@@ -70,6 +71,8 @@ def render_set(
         If the extra `render` is not installed, the board cannot be seen, the tolerances cannot be built, the pictures
         make no such video, or `out` holds another set.
     """
+    check_type("request", request, SetRequest)
+    out = path_of("out", out)
     check_video(request.settings, request.layout.camera, request.rate_hz)
     if request.parts is not None and request.settings.renderer == "fast":
         raise InputError("renderer fast: shows mirrors alone, expected renderer mitsuba for the parts of a device")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from pathlib import Path
 
 import numpy as np
 from pydantic import Field
 
+from mirrorcam.optics.base.arguments import GivenPath
 from mirrorcam.optics.base.bounds import PICTURES, SEED
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
@@ -66,7 +66,7 @@ class SetRequest(Value):
     poses: tuple[tuple[tuple[float, ...], ...], ...] = ()
     poses_hz: float = POSES_HZ.field(1.0)
     rate_hz: float | None = RATE_HZ.field(None)
-    parts: Path | None = None
+    parts: GivenPath | None = None
 
     def random(self, stream: Stream) -> np.random.Generator:
         """The random numbers of a stream."""

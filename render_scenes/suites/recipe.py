@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.optics.base.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, Bounds
-from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.names import Line
-from mirrorcam.optics.base.values import FloatArray, Shaped, Value, with_tuples
+from mirrorcam.optics.base.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS, DesignSpec
@@ -124,8 +123,8 @@ class SetRecipe(Value):
             raise ValueError(f"seed: of the last copy is {self.seed + self.copies - 1}, expected {SEED}")
         try:
             _ = self.settings, self.camera
-        except ValidationError as error:  # before any set is rendered
-            raise ValueError(one_line(error)) from None
+        except InvalidValue as error:  # before any set is rendered
+            raise ValueError(str(error)) from None
         return self
 
     @property

@@ -9,7 +9,8 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import PICTURES, Bounds
-from mirrorcam.optics.base.files import inside, model_from, read_bytes, read_model, shortened, tables_of
+from mirrorcam.optics.base.files import inside, model_from, read_bytes, read_model, tables_of
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.layout import Layout

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
+from mirrorcam.optics.base.values import InvalidValue
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel, SurfaceFinish
 
 
@@ -25,7 +25,7 @@ def test_pictures_are_jpeg_where_the_sensor_compresses_them_so() -> None:
 
 
 def test_a_picture_is_compressed_once() -> None:
-    with pytest.raises(ValidationError, match="jpeg_quality and h264_crf: expected one of the two"):
+    with pytest.raises(InvalidValue, match="jpeg_quality and h264_crf: expected one of the two"):
         SensorModel(jpeg_quality=90, h264_crf=20)
 
 
@@ -48,12 +48,12 @@ def test_a_webcam_is_a_c920_that_processes_its_pictures() -> None:
 
 @pytest.mark.parametrize("name", ["veiling_glare", "prnu_percent", "sharpening", "denoising_grey"])
 def test_a_flaw_of_a_sensor_is_not_negative(name: str) -> None:
-    with pytest.raises(ValidationError, match=name):
+    with pytest.raises(InvalidValue, match=name):
         SensorModel.model_validate({name: -0.1})
 
 
 def test_a_tint_is_not_negative() -> None:
-    with pytest.raises(ValidationError, match="greater than or equal to 0"):
+    with pytest.raises(InvalidValue, match="greater than or equal to 0"):
         SurfaceFinish(tint=(1.0, 1.0, -0.1))
 
 
@@ -61,5 +61,5 @@ def test_a_tint_is_not_negative() -> None:
     "finish", [SurfaceFinish(roughness=0.001), SurfaceFinish(sag_mm=0.01), SurfaceFinish(ripple_mm=0.001)]
 )
 def test_the_analytic_renderer_refuses_what_it_cannot_show(finish: SurfaceFinish) -> None:
-    with pytest.raises(ValidationError, match=r"renderer fast: mirrors are smooth and flat, expected .* 0"):
+    with pytest.raises(InvalidValue, match=r"renderer fast: mirrors are smooth and flat, expected .* 0"):
         RenderSettings(renderer="fast", finish=finish)

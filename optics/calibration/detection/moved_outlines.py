@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.mirror_sides import Side
 from mirrorcam.optics.calibration.detection.segmentation import SeenEdge
 from mirrorcam.optics.geometry.layout import Layout
@@ -56,8 +54,8 @@ def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]
             try:
                 mirrors[index] = with_edges(mirrors[index], waiting[index][0])
                 layout = layout.replaced(mirrors=tuple(mirrors))
-            except ValidationError as error:
-                refused[index] = one_line(error)
+            except InvalidValue as error:
+                refused[index] = str(error)
             else:
                 del refused[index]
     for index, (_, edges) in waiting.items():
@@ -67,7 +65,7 @@ def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]
 
 
 def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
-    """The mirror with some edges on other lines of its plane frame; raises ValidationError where that is impossible."""
+    """The mirror with some edges on other lines of its plane frame; raises InvalidValue where that is impossible."""
     corners = mirror.outline_in_plane_mm
     unmoved = [side.moved(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))]
     edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]

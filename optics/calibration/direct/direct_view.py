@@ -13,12 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pydantic import ValidationError
 
 from mirrorcam.optics.base.figure_texts import count_text, names_together
-from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
@@ -174,10 +172,10 @@ def calibrate_with_direct_view(
     except UndeterminedError as error:
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
-    except ValidationError as error:
+    except InvalidValue as error:
         # What parts of another board are taken for leads to no possible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
-        raise InputError(other or f"the pictures lead to mirrors that cannot be: {one_line(error)}") from None
+        raise InputError(other or f"the pictures lead to mirrors that cannot be: {error}") from None
     return replace(found, notes=(*notes, *found.notes))
 
 

@@ -17,6 +17,7 @@ with baselines b, the RMS slope of the pictures along an axis and N px a view.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,15 +49,20 @@ ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
 """Directions and lengths of frequencies; the largest length in standard deviations of the contrast of sharp pixels."""
 
 
+DEPTH_UNKNOWN = "it would exceed the depth: the views are too blurred or too close together to tell that"
+
+
 def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
     """Expected standard deviation of depth at each depth: the mean over the region that all views show.
 
     Views are those of whole pupils, for the pixels that the camera can use. A depth at which they share nothing is left
-    out.
+    out; where it would exceed the depth, the figure is none.
     """
     found = {depth_mm: mean_depth_sigma_mm(views, depth_mm) for depth_mm in depths_mm}
     return {
-        f"depth_sigma_{depth_mm:g}mm": Metric(value=sigma, unit="mm")
+        f"depth_sigma_{depth_mm:g}mm": Metric(
+            value=sigma, unit="mm", reason="" if math.isfinite(sigma) else DEPTH_UNKNOWN
+        )
         for depth_mm, sigma in found.items()
         if sigma is not None
     }
@@ -65,15 +71,21 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
 def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
     """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing.
 
-    None as well for a single view, which tells no depth.
+    None as well for a single view, which tells no depth. Infinite where it would exceed the depth: the bound is that of
+    small errors, and blurred views have contrasts at which it is astronomical.
     """
     places = _places(views, depth_mm)
-    tell_depth = len(places) > 0 and len(views.layout.mirrors) > 1
-    return float(depth_sigma_mm(views.layout, places).mean()) if tell_depth else None
+    if len(places) == 0 or len(views.layout.mirrors) == 1:
+        return None
+    sigma = float(depth_sigma_mm(views.layout, places).mean())
+    return sigma if sigma <= depth_mm else math.inf
 
 
 def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
-    """Expected standard deviation (n,) of the depth of a plane square to the views, around points (n, 3), view axes."""
+    """Expected standard deviation (n,) of the depth of a plane square to the views, around points (n, 3), view axes.
+
+    Infinite where the views show nothing of the texture or lie in one place.
+    """
     moves, jacobians, variances = _shifts(layout, points_in_view_mm)
     density = np.abs(np.linalg.det(jacobians))
     steps = np.linalg.inv(jacobians)
@@ -88,13 +100,19 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
         moved = moves @ along
         moved -= moved.mean(axis=1, keepdims=True)
         powers = np.stack([density, density * moved, density * moved**2], axis=1)
-        total, first, second = np.moveaxis(powers @ np.exp(-spread[..., None] * radii**2), 1, 0)
-        information += (second - first**2 / total) @ radii
+        # Contrasts relative to the sharpest view's, which alone may underflow: to 0, as there is nothing to match then.
+        sharpest = spread.min(axis=1, keepdims=True)
+        relative = np.exp(-(spread - sharpest)[..., None] * radii**2)
+        total, first, second = np.moveaxis(powers @ relative, 1, 0)
+        information += (np.exp(-sharpest * radii**2) * np.maximum(second - first**2 / total, 0.0)) @ radii
     # The picture of a spectrum of slopes C k dk has the mean square slope C / (4 SHARP_VARIANCE_PX2) along an axis.
     strength = SLOPE_GREY**2 * 4.0 * SHARP_VARIANCE_PX2 / NOISE_GREY**2
     cell = unit**2 * (LARGEST_RADIUS / RADII) / ANGLES
     per_mm2 = strength * cell * information
-    return np.asarray(1.0 / np.sqrt(per_mm2 * WINDOW_PX / density[:, central]))
+    known = per_mm2 > 0.0
+    sigma = np.full(len(known), np.inf)
+    sigma[known] = 1.0 / np.sqrt(per_mm2[known] * WINDOW_PX / density[known, central])
+    return sigma
 
 
 def _places(views: FieldsOfView, depth_mm: float) -> FloatArray:

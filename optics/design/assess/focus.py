@@ -81,7 +81,7 @@ def out_of_focus(layout: Layout) -> str:
         return ""
     least = figures["circle_at_best_focus_px"]
     worst = max(metric.value for name, metric in figures.items() if name.startswith("circle_of_confusion"))
-    if least.limit is None or worst <= least.limit:
+    if least.limit is None or worst <= least.limit or not all(metric.known for metric in figures.values()):
         return ""
     at = f"in focus at {layout.camera.focus_mm:g} mm, circles of confusion reach {worst:.3g} px"
     best = f"focus at {figures['best_focus_mm'].value:.0f} mm leaves {least.value:.3g} px"

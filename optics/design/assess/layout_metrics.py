@@ -56,6 +56,13 @@ def grid_error(layout: Layout) -> float:
     return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
 
 
+def _grid_error(layout: Layout) -> Metric:
+    try:
+        return Metric(value=grid_error(layout), unit="grid spacings")
+    except InputError as error:
+        return Metric(value=np.nan, unit="grid spacings", reason=str(error))
+
+
 def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[float, float] | None:
     """Nearest and farthest depth, mm, between which the views overlap; None where none do at any of `depths_mm`.
 
@@ -226,11 +233,11 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], whole_pupil: FieldsOfVi
 
     Raises
     ------
-    InputError : a depth is nearer than the mirrors, or the views lie in one place.
+    InputError : a depth is nearer than the mirrors.
     """
     views = fields_of_view(layout)
     whole = fields_of_view(layout, layout.camera.pupil) if whole_pupil is None else whole_pupil
-    metrics = {"grid_error": Metric(value=grid_error(layout), unit="grid spacings")}
+    metrics = {"grid_error": _grid_error(layout)}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
     metrics |= _usable(whole, views, depths_mm)

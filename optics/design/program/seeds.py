@@ -7,11 +7,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 from scipy.optimize import brentq
 
-from mirrorcam.optics.base.files import one_line
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
@@ -230,8 +228,8 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
                 mirrors.append(Mirror.second_surface(centre, outline, **glass))
             else:
                 mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=outline, **glass))
-        except ValidationError as error:
-            reason = one_line(error)
+        except InvalidValue as error:
+            reason = str(error)
             raise InfeasibleDesign("occlusion" if "past the pupil" in reason else GAVE_UP, reason) from None
     return tuple(mirrors)
 
@@ -249,8 +247,8 @@ def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, 
             spec=spec,
             provenance=made_by,
         )
-    except ValidationError as error:
-        raise InfeasibleDesign("spacing", one_line(error)) from None
+    except InvalidValue as error:
+        raise InfeasibleDesign("spacing", str(error)) from None
 
 
 def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.optics.base.arguments import check_type
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.edges import follow_edges
@@ -105,6 +106,7 @@ class DepthEstimator:
         quality: Quality = "best",
         workers: int | None = None,
     ) -> None:
+        check_type("light_field", light_field, LightField)
         geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
         self.views = Views(**geometry)
         self.weights = light_field.weights

@@ -16,7 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.files import shortened, stored_bytes
+from mirrorcam.optics.base.files import stored_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, Self, TextIO
 
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
-from mirrorcam.optics.base.files import linked, one_line, read_bytes, read_json, write_json, write_text
+from mirrorcam.optics.base.files import linked, read_bytes, read_json, write_json, write_text
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -73,8 +73,8 @@ class Entries:
         """Add a line of the journal; raises InputError where it is not valid."""
         try:
             frame = _Frame.model_validate(line, strict=True)
-        except ValidationError as error:
-            raise InputError(f"{where}: no list of frames: {one_line(error)}") from None
+        except InvalidValue as error:
+            raise InputError(f"{where}: no list of frames: {error}") from None
         if frame.lost is not None:
             self.lost[frame.number] = frame.lost
         else:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.optics.base.array_files import check_bytes
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, read_journal
 from mirrorcam.optics.light_field.io.stored_frames import StoredFrames

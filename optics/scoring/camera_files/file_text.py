@@ -7,7 +7,8 @@ from typing import Any
 
 import yaml
 
-from mirrorcam.optics.base.files import read_bytes, shortened
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 
 LARGEST_BYTES = 5_000_000

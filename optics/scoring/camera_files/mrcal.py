@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_bytes, shortened
+from mirrorcam.optics.base.files import read_bytes
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.scoring.camera_files.file_text import entry, table

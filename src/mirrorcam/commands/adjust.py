@@ -42,7 +42,7 @@ def run(options: AdjustOptions) -> int:
         output.refuse_others(*FILES)
         designed, hardware = read_device(options.device)
         found = adjust(Layout.load(options.calibrated), designed, hardware)
-        with output.staged() as folder:
+        with output.staged(result="turns.json") as folder:
             write_adjustment(found, folder)
     head = ["mirror", "tilt deg", "shift mm", "turns of a", "of b", "of c", f"{SIGMA} turns"]
     print_table(head, [_row(each) for each in found.mirrors])

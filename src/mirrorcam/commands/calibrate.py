@@ -121,7 +121,7 @@ def run(options: CalibrateOptions) -> int:
         output.refuse_others(*FILES)
         with long_work("calibrate", "finding corners" if options.images else "solving", "pictures") as advance:
             calibration = calibrate_files(request, advance, on_hint if options.live_hint else None, tell)
-        with output.staged() as folder:
+        with output.staged(result="layout.json") as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
     shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": shown})

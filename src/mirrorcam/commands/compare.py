@@ -50,7 +50,7 @@ def run(options: CompareOptions) -> int:
         output.refuse_others(*FILES)
         layout = read_compared(options.a)
         difference = compare_files(options.a, options.b, options.distance_mm)
-        with output.staged() as folder:
+        with output.staged(result="metrics.json") as folder:
             write_comparison(difference, layout, folder)
     _print(difference, layout)
     for name, path, predicted in zip("AB", (options.a, options.b), difference.predicted, strict=True):

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
-from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.optics.base.values import InputError, Metric, Value
 from mirrorcam.optics.base.worker_pool import in_two_processes
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -73,10 +73,15 @@ def run(options: DesignOptions) -> int:
         from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
         from mirrorcam.workflow.design_files import write_design
 
-        with output.staged() as folder:
+        with output.staged(result="layout.json") as folder:
             with long_work("design", f"{asked.arrangement.text} mirrors"):
                 found = write_design(asked, folder, calls)
-            study = _study(found.optimised, options, folder) if options.tolerance else None
+            study, no_study = None, None
+            if options.tolerance:
+                try:
+                    study = _study(found.optimised, options, folder)
+                except InputError as error:  # the design stands without
+                    no_study = error
     spec = found.optimised.spec
     if asked.fold_deg == "auto" and spec is not None:
         unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
@@ -101,6 +106,8 @@ def run(options: DesignOptions) -> int:
     if study is not None:
         print_tolerance(study)
         say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
+    if no_study is not None:
+        raise no_study
     return 0
 
 

@@ -49,7 +49,7 @@ def run(options: DriftOptions) -> int:
     with output_folder(options.out, "drift", force=options.force) as output:
         output.refuse_others(*FILES)
         drift = find_drift_files(options.frames, layout, options.layout, partial(say, "drift"))
-        with output.staged() as folder:
+        with output.staged(result="drift.json") as folder:
             write_drift_files(layout, drift, tilt, [path.name for path in options.frames], folder)
     _print(layout, drift)
     say("drift", drift_line(layout, drift))

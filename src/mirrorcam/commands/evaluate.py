@@ -97,7 +97,7 @@ def run(options: EvaluateOptions) -> int:
     # Absolute: the command may remove the folder that this process works in.
     with output_folder(options.out.absolute(), "evaluate", force=options.force) as output:
         output.refuse_others(*FILES)
-        with output.staged() as folder:
+        with output.staged(result="evaluation.json") as folder:
             try:
                 with long_work("evaluate", options.command, "sets") as advance:
                     evaluation, scores = evaluate(suite, request, folder, advance)

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import tyro
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, InvalidValue
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 
@@ -63,8 +63,8 @@ def tolerances_from_text(text: str) -> Tolerances:
             raise InputError(f"--as-built {name}: no such tolerance, expected {', '.join(names)}")
     try:
         return Tolerances().replaced(**{name: value for name, _, value in parts})
-    except ValidationError as error:
-        found = error.errors(include_url=False)[0]
+    except InvalidValue as error:
+        found = error.first
         raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
 
 

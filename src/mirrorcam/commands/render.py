@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from mirrorcam.commands.option_texts import SensorOption, TolerancesOption, sensor_from_text, tolerances_from_text
 from mirrorcam.console.progress import long_work, say
 from mirrorcam.optics.base.bounds import PICTURES, SAMPLES_PER_PIXEL, SEED, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 from mirrorcam.render_scenes.settings import (
     RATE_HZ,
     RendererName,
@@ -39,8 +39,8 @@ def settings_of(options: RenderOptions, sensor: SensorModel, finish: SurfaceFini
             maps=not options.no_maps,
             video=options.video,
         )
-    except ValidationError as error:
-        raise InputError(error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")) from None
+    except InvalidValue as error:
+        raise InputError(error.reason) from None
 
 
 class RenderOptions(Value):

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from mirrorcam.console.progress import long_work, print_table, say
 from mirrorcam.optics.base.bounds import PICTURES, WORKERS
 from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.progress import no_progress
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 from mirrorcam.workflow.extras import require
 
 if TYPE_CHECKING:
@@ -121,14 +121,13 @@ def render_planned(
 
 def suite_of(name: str, copies: int) -> Suite:
     """The suite of a name or file with so many copies of each set; InputError where that is too many."""
-    from mirrorcam.optics.base.files import one_line
     from mirrorcam.render_scenes.suites.suite import read_suite
 
     suite = read_suite(name)
     try:
         return suite.times(copies)
-    except ValidationError as error:
-        raise InputError(f"--copies {copies}: {one_line(error)}") from None
+    except InvalidValue as error:
+        raise InputError(f"--copies {copies}: {error}") from None
 
 
 def show_suites() -> int:

@@ -33,7 +33,7 @@ def run(options: ValidateOptions) -> int:
         output.refuse_others(*FILES)
         with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
             validation = validate(options.set, advance)
-        with output.staged() as folder:
+        with output.staged(result="layout.json") as folder:
             write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
     say("validate", "passed" if validation.passed else "failed: a figure exceeds its limit")

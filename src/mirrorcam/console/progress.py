@@ -18,6 +18,7 @@ from rich.text import Text
 
 from mirrorcam.optics.base import interruption
 from mirrorcam.optics.base.figure_texts import (
+    NONE,
     digits_past_limit,
     figure_text,
     figures_alike,
@@ -102,7 +103,8 @@ def print_metrics(
     """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
 
     `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
-    of no group come last. Whether a figure passes is said of the last column.
+    of no group come last. Whether a figure passes is said of the last column. Lines below the table give the reasons
+    of figures that are none.
     """
     names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
     every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
@@ -137,3 +139,10 @@ def print_metrics(
     for name in names:
         add(name, "")
     console().print(table)
+    reasons: dict[str, list[str]] = {}
+    for metrics in columns.values():
+        for name, metric in metrics.items():
+            if not metric.known and label_text(name) not in (labels := reasons.setdefault(metric.reason, [])):
+                labels.append(label_text(name))
+    for reason, labels in reasons.items():
+        console().print(Text(f"{NONE}: {', '.join(labels)}: {reason}"), soft_wrap=True)

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 
 import tyro
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from mirrorcam.optics.base.causes import causes
-from mirrorcam.optics.base.files import LONGEST_MESSAGE, shortened
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.messages import LONGEST_MESSAGE, shortened
+from mirrorcam.optics.base.values import InputError, InvalidValue
 
 Commands = Mapping[str, type[BaseModel]]
 """The options of each command by its name."""
@@ -39,7 +39,7 @@ def one_line_message(message: str, hint: str = "") -> str:
 def refusal(error: SystemExit, box: str, arguments: Sequence[str], commands: Commands) -> str:
     """The error that tyro reported, in one line: from its cause, else from the box that it printed."""
     for cause in causes(error):
-        if isinstance(cause, ValidationError):
+        if isinstance(cause, InvalidValue):
             return _invalid(cause, commands)
         if isinstance(cause, InputError):
             return str(cause)
@@ -66,10 +66,9 @@ def _metavar(name: str, field: FieldInfo) -> str:
     return str(stated).strip("[]").removesuffix("...")
 
 
-def _invalid(error: ValidationError, commands: Commands) -> str:
+def _invalid(error: InvalidValue, commands: Commands) -> str:
     """What is wrong with the value of an option, by the first of pydantic's findings."""
-    detail = error.errors(include_url=False)[0]
-    reason = detail["msg"].removeprefix("Value error, ")
+    detail, reason = error.first, error.reason
     if not detail["loc"]:
         return reason
     name = str(detail["loc"][0])

@@ -234,7 +234,8 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
         _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
     axes.margins(0.04)
     axes.autoscale_view()
-    share, overlap = pixel_efficiency(layout, depth_mm, layout.camera.pupil), region.area / union_all(footprints).area
+    share, union = pixel_efficiency(layout, depth_mm, layout.camera.pupil), union_all(footprints).area
+    overlap = region.area / union if union else 0.0
     title = f"{depth_mm:g} mm: {share:.0%} of the pixels usable, IoU {overlap:.2f}"
     handles = [
         Line2D([], [], color=MIRROR, label="one view"),

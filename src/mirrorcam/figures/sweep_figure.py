@@ -42,7 +42,8 @@ def _of(name: str) -> Callable[[Outcome], float | None]:
 
 
 def _grid_error(outcome: Outcome) -> float | None:
-    return outcome.metrics["grid_error"].value
+    figure = outcome.metrics["grid_error"]
+    return figure.value if figure.known else None
 
 
 FIELD_OF_VIEW = Axis("field of view", "diagonal, deg", _of("fov_diagonal_deg"))

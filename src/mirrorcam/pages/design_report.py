@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.optics.base.figure_texts import label_text, sentence_case, value_text, values_text
+from mirrorcam.optics.base.figure_texts import NONE, label_text, sentence_case, value_text, values_text
 from mirrorcam.optics.base.html.templates import FigureTable, Table, Tile, render
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -28,10 +28,13 @@ class ReportPicture:
     base64: str
 
 
-def design_report(layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture]) -> str:
+def design_report(
+    layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture], *, not_built: str = ""
+) -> str:
     """The page of a designed layout beside its faceted parabola.
 
-    Raises ValueError for a layout without a spec.
+    `not_built` says why there is no picture of devices as built, if there is none. Raises ValueError for a layout
+    without a spec.
     """
     spec = layout.spec
     if spec is None:
@@ -47,6 +50,7 @@ def design_report(layout: Layout, parabola: Layout | None, pictures: Sequence[Re
         verdict=f"{checks.failed} of {count} checks failed" if checks.failed else f"All {count} checks pass",
         tiles=_tiles(layout),
         pictures=pictures,
+        not_built=not_built,
         figures=_figures(layout, parabola),
         checks=checks,
         request=_request(layout),
@@ -60,7 +64,10 @@ def _tiles(layout: Layout) -> list[Tile]:
         for beginning, text in HEADLINES.items():
             if name.startswith(beginning):
                 depth = f" at {name.rpartition('_')[2].removesuffix('mm')} mm" if name.endswith("0mm") else ""
-                tiles.append(Tile(value_text(metric, digits=3), text + depth))
+                if metric.known:
+                    tiles.append(Tile(value_text(metric, digits=3), text + depth))
+                else:
+                    tiles.append(Tile(NONE, f"{text}{depth}: {metric.reason}"))
     return tiles
 
 

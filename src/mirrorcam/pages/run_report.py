@@ -77,13 +77,13 @@ def highlights(report: Report) -> list[Tile]:
     if report.layout.camera.aperture_mm > 0.0:
         counted, what = "usable_efficiency_", "of the sensor, usable by the whole lens,"
     for name, metric in report.layout.metrics.items():
-        if name.startswith(counted):
+        if name.startswith(counted) and metric.known:
             before = report.parabola.metrics.get(name)
-            versus = f", parabola {before.value:.0%}" if before else ""
+            versus = f", parabola {before.value:.0%}" if before and before.known else ""
             depth = name.removeprefix(counted).replace("mm", " mm")
             tiles.append(Tile(f"{metric.value:.0%}", f"{what} shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
-        if name in report.truth:
+        if name in report.truth and report.truth[name].known:
             tiles.append(Tile(value_text(report.truth[name], digits=2), text))
     return tiles
 

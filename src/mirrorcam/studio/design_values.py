@@ -32,7 +32,7 @@ class ViewRays(Value):
 
 
 class Curves(Value):
-    """Figures over depth; sigma is null where the views share nothing, and left out of a preview."""
+    """Figures over depth; sigma is null where the views share nothing to be matched, and left out of a preview."""
 
     depths_mm: list[float]
     usable: list[float]
@@ -42,12 +42,13 @@ class Curves(Value):
 
 
 class FigureText(Value):
-    """A metric as people read it."""
+    """A metric as people read it; where it is none, `value` is null and `reason` says why."""
 
     name: str
     label: str
     text: str
-    value: float
+    value: float | None
+    reason: str
     limit: str
     passed: bool
     lower_is_better: bool

@@ -100,8 +100,11 @@ def report(layout: Layout, parabola: Layout | None) -> str:
     from mirrorcam.workflow.design_pictures import design_pictures
 
     assert layout.spec is not None
-    built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm))
-    return design_report(layout, parabola, design_pictures(layout, parabola, built))
+    try:
+        built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
+    except InputError as error:  # the report has all the rest
+        built, not_built = None, str(error)
+    return design_report(layout, parabola, design_pictures(layout, parabola, built), not_built=not_built)
 
 
 _suggestions: list[Iterator[SuggestedRequest]] = []

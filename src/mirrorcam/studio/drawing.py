@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from shapely import Polygon
 
 from mirrorcam.optics.base.figure_labels import LABELS
-from mirrorcam.optics.base.figure_texts import label_text, limit_text, sentence_case, value_text
+from mirrorcam.optics.base.figure_texts import NONE, label_text, limit_text, sentence_case, value_text
 from mirrorcam.optics.base.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
@@ -181,7 +182,7 @@ def _curves(
         usable=[round(views.pixel_efficiency(views.common_region(depth)[0], depth), 5) for depth in sampled],
         disparity_px=np.round(steps_px_mm.max() / distances_mm, 4).tolist(),
         resolution_mm=np.round(distances_mm**2 / best_px_mm, 5).tolist(),
-        sigma_mm=[None if sigma is None else round(sigma, 5) for sigma in sigmas],
+        sigma_mm=[None if sigma is None or not math.isfinite(sigma) else round(sigma, 5) for sigma in sigmas],
     )
 
 
@@ -189,8 +190,9 @@ def _figure(name: str, metric: Metric) -> FigureText:
     return FigureText(
         name=name,
         label=sentence_case(label_text(name, LABELS)),
-        text=value_text(metric),
-        value=metric.value,
+        text=value_text(metric) if metric.known else NONE,
+        value=metric.value if metric.known else None,
+        reason=metric.reason,
         limit="" if metric.limit is None else limit_text(metric),
         passed=metric.passed,
         lower_is_better=metric.lower_is_better,

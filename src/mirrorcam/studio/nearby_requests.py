@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pydantic import ValidationError
-
+from mirrorcam.optics.base.values import InvalidValue
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 MOST_MIRRORS = 25
@@ -43,7 +42,7 @@ def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
             continue
         try:
             other = spec.replaced(**fields)
-        except ValidationError:
+        except InvalidValue:
             continue  # beyond what a request can hold, such as no rows
         if len(other.arrangement.steps) <= MOST_MIRRORS:
             found.append(other)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from pydantic import ValidationError
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import HTTPExceptionHandler
 
-from mirrorcam.optics.base.files import one_line
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.studio.local_access import BodyTooLarge
 
@@ -18,10 +16,7 @@ Asked = TypeVar("Asked", bound=Value)
 
 async def asked(model: type[Asked], request: Request) -> Asked:
     """The value in the body of a request, as JSON. Raises InputError for another."""
-    try:
-        return model.model_validate_json(await request.body(), strict=True)
-    except ValidationError as error:
-        raise InputError(one_line(error, model)) from None
+    return model.model_validate_json(await request.body(), strict=True)
 
 
 async def _refused(request: Request, error: Exception) -> Response:

@@ -32,7 +32,8 @@ def sweep_points(outcomes: Sequence[Outcome]) -> list[SweepPoint]:
         across, deep, share = (
             figures[name] for name in ("fov_diagonal_deg", "depth_of_field_per_m", "pixel_efficiency_mean")
         )
-        if across is None or deep is None or share is None:
+        error = outcome.metrics.get("grid_error")
+        if across is None or deep is None or share is None or error is None or not error.known:
             continue
         spec = outcome.spec
         found.append(
@@ -41,7 +42,7 @@ def sweep_points(outcomes: Sequence[Outcome]) -> list[SweepPoint]:
                 spec=spec,
                 field_deg=across,
                 depth_per_m=deep,
-                grid_error=outcome.metrics["grid_error"].value,
+                grid_error=error.value,
                 efficiency=share,
                 best=[],
             )

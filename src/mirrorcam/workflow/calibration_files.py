@@ -206,8 +206,8 @@ def write_calibration(calibration: Calibration, folder: Path, *, command: str) -
 
     `command` is what the report says it was made by.
     """
-    residual_figure(calibration, folder / "residuals.png")
-    write_report(calibration, folder / "report.html", command=command)
+    calibration.layout.save(folder / "layout.json")
     write_metrics(folder / "metrics.json", calibration.metrics)
     save_corners(folder / "corners.csv", calibration)
-    calibration.layout.save(folder / "layout.json")
+    residual_figure(calibration, folder / "residuals.png")
+    write_report(calibration, folder / "report.html", command=command)

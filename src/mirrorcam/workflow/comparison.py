@@ -63,5 +63,5 @@ def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dic
 
 def write_comparison(difference: CalibrationDifference, layout: Layout, folder: Path) -> None:
     """Write difference.png and metrics.json into a folder, each atomically; `layout` is A's."""
-    difference_figure(difference, layout, folder / "difference.png")
     write_metrics(folder / "metrics.json", comparison_metrics(difference, layout))
+    difference_figure(difference, layout, folder / "difference.png")

@@ -43,10 +43,10 @@ def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> Desi
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
     found = compare_designs(spec, calls)
+    found.optimised.save(folder / "layout.json")
+    if found.parabola is not None:
+        found.parabola.save(folder / "parabola.json")
     before_after(found.parabola, found.optimised, folder / "before_after.png")
     if spec.camera.aperture_mm > 0.0:
         focus_figure(found.optimised, spec.depths_mm, folder / "focus.png")
-    if found.parabola is not None:
-        found.parabola.save(folder / "parabola.json")
-    found.optimised.save(folder / "layout.json")
     return found

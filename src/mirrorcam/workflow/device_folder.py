@@ -95,7 +95,7 @@ def write_device(
     with output_folder(folder, "cad", force=force) as output:
         output.refuse_changed()
         output.refuse_others(*FILES)
-        with output.staged() as staged:
+        with output.staged(result="checks.json") as staged:
             return build_parts(
                 layout,
                 staged,

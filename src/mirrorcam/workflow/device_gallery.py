@@ -18,7 +18,7 @@ from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.write.slicer import slicer_version
-from mirrorcam.optics.base.figure_texts import count_text, sentence_case
+from mirrorcam.optics.base.figure_texts import count_text, figure_text, sentence_case
 from mirrorcam.optics.base.files import write_bytes, write_json
 from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
 from mirrorcam.optics.base.names import Line, Name
@@ -134,7 +134,9 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
     def parts(folder: Path, progress: Progress) -> None:
         checks = build_parts(Layout.load(layout_path), folder, hardware, previous=cad, progress=progress)
         failed = [
-            f"{name} is {check.value:g}, limit {check.limit:g}" for name, check in checks.items() if not check.passed
+            f"{name} is {figure_text(check.value)}, limit {check.limit:g}"
+            for name, check in checks.items()
+            if not check.passed
         ]
         if failed:
             raise InputError(f"{device.name}: {len(failed)} checks failed: {'; '.join(failed)}")
@@ -153,7 +155,7 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
             count=count_text(len(layout.mirrors), "view"),
             purpose=sentence_case(device.purpose),
             mirrors=mirrors_text(layout, hardware),
-            focus=f", and lock the focus of the camera at {best.value:.0f} mm" if best else "",
+            focus=f", and lock the focus of the camera at {best.value:.0f} mm" if best and best.known else "",
             checks=sum(check.limit is not None for check in checks.values()),
         )
         added: dict[str, Path | bytes] = {

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
@@ -184,7 +184,7 @@ def evaluate(
 
 
 def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:
-    """The watched figure of each set that the baseline has, too; a set that was rendered otherwise is not compared."""
+    """The watched figure of each set that the baseline has, too; none for sets rendered otherwise."""
     if request.baseline is None:
         return ()
     before = request.baseline.scored
@@ -193,7 +193,10 @@ def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping
     for entry in suite.manifest.sets:
         if entry.name not in scored or entry.name not in before or the_same.get(entry.name) != entry.dataset_sha256:
             continue
-        now, then = (each[entry.name].figures[WATCHED].value for each in (scored, before))
+        watched = [each[entry.name].figures[WATCHED] for each in (scored, before)]
+        if not all(figure.known for figure in watched):
+            continue
+        now, then = (figure.value for figure in watched)
         passed = request.worse_by is None or now <= request.worse_by * then
         found.append(Change(set=entry.name, figure=WATCHED, before=then, now=now, most=request.worse_by, passed=passed))
     return tuple(found)

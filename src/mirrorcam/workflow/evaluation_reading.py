@@ -6,7 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mirrorcam.optics.base.files import model_from, read_bytes, shortened, tables_of
+from mirrorcam.optics.base.files import model_from, read_bytes, tables_of
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.workflow.evaluation import WATCHED, Evaluation
 
 

@@ -86,7 +86,7 @@ def _cell(metric: Metric | None) -> str:
 
 def _chart(evaluation: Evaluation) -> str:
     """The RMS of every set as bars, with those of the baseline as a line, in the language of Mermaid."""
-    scored = evaluation.scored
+    scored = {name: each for name, each in evaluation.scored.items() if each.figures["rms_px"].known}
     if not scored:
         return ""
     names = ", ".join(f'"{name}"' for name in scored)

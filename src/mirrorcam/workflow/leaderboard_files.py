@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.attempt import Attempt

@@ -78,7 +78,7 @@ def write_depths(
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field if frames_apart else recording.filtered(each))
-            with output.staged(complete=False) as staged:
+            with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
                 keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
@@ -144,7 +144,7 @@ def write_features(
                 )
             output.refuse_others(*result_names(each.name, FEATURE_ENDINGS))
             found = finder.find(each.light_field)
-            with output.staged(complete=False) as staged:
+            with output.staged(complete=False, result=f"{each.name}_features.csv") as staged:
                 save_npz(staged / f"{each.name}_features.npz", found)
                 save_csv(staged / f"{each.name}_features.csv", found)
                 draw_features(staged / f"{each.name}_features.png", each.light_field, found)
@@ -178,7 +178,7 @@ def write_epipolar_images(
             found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
             reference = light_field.reference_depth_mm
             depths_mm = each.depth_range_mm or (0.75 * reference, 2.0 * reference)
-            with output.staged(complete=False) as staged:
+            with output.staged(complete=False, result=f"{each.name}_epi.npz") as staged:
                 _save_epi(staged / f"{each.name}_epi.npz", found, light_field.layout_identity)
                 draw_epi(staged / f"{each.name}_epi.png", light_field, found, depths_mm)
             if not found.weights.any():

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.names import Name
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import CameraProfile
@@ -62,8 +62,8 @@ class Interview:
                 raise InputError(f"camera new: no answer to {question!r}, expected a line for each question") from None
             try:
                 value = read(shown if text in ("", UNKNOWN) else text)
-            except ValidationError as error:
-                self.say(f"{text[:40]}: {error.errors()[0]['msg'].lower()}")
+            except InvalidValue as error:
+                self.say(f"{text[:40]}: {error.reason.lower()}")
             except ValueError as error:
                 self.say(f"{text[:40]}: {error}")
             else:
@@ -86,7 +86,7 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
     CameraProfile
         The camera; it has no sources, as all its figures were measured.
 
-    Raises ValidationError where answers contradict each other.
+    Raises InvalidValue where answers contradict each other.
     """
     # Loaded late, as it draws.
     from mirrorcam.cad.documents.camera_measures import MEASURES
@@ -185,7 +185,14 @@ def _number_of(model: type[Value], name: str) -> Callable[[str], float]:
     """What reads a number and checks it by a field of a model."""
     info = model.model_fields[name]
     adapter: Any = TypeAdapter(Annotated[(info.annotation, *info.metadata)])  # type: ignore[arg-type]
-    return lambda text: float(adapter.validate_python(_number(text)))
+
+    def read(text: str) -> float:
+        try:
+            return float(adapter.validate_python(_number(text)))
+        except ValidationError as error:
+            raise ValueError(error.errors()[0]["msg"].lower()) from None
+
+    return read
 
 
 def _number(text: str) -> float:
@@ -218,8 +225,8 @@ def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
     """The camera of one round of questions; None, with a line that says why, where answers contradict each other."""
     try:
         return ask_profile(like, interview)
-    except ValidationError as error:
-        interview.say(f"{error.errors()[0]['msg']}; once more, with what was answered in brackets")
+    except InvalidValue as error:
+        interview.say(f"{error.reason}; once more, with what was answered in brackets")
         return None
 
 

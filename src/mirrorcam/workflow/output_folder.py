@@ -118,15 +118,24 @@ class OutputFolder:
             self._refuse(sorted(self._written.names))
 
     @contextmanager
-    def staged(self, *, complete: bool = True) -> Iterator[Path]:
-        """Yield an empty folder whose files are put in their places when the block ends well, as `adopt` says."""
+    def staged(self, *, complete: bool = True, result: str = "") -> Iterator[Path]:
+        """Yield an empty folder whose files are put in their places when the block ends well, as `adopt` says.
+
+        They are also put there when the block ends with an error once the file `result` is finished: no picture or page
+        that cannot be made takes a result with it.
+        """
         self.discard()
         self.unfinished.mkdir(parents=True)
+        ended = False
         try:
             yield self.unfinished
-            self.adopt(complete=complete)
+            ended = True
         finally:
-            self.discard()
+            try:
+                if ended or (result and (self.unfinished / result).exists()):
+                    self.adopt(complete=complete)
+            finally:
+                self.discard()
 
     def discard(self) -> None:
         """Remove the unfinished files."""

@@ -226,7 +226,7 @@ def run_all(
             finish(stage, output, reporter)
         figures = _figures(root)
         named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
-        with output.staged() as folder:
+        with output.staged(result="metrics.json") as folder:
             write_metrics(
                 folder / "metrics.json",
                 {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic

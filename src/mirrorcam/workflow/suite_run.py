@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_model, shortened, write_text
+from mirrorcam.optics.base.files import read_model, write_text
 from mirrorcam.optics.base.fingerprint import differing, file_digest
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_pool import Died, run_local

@@ -13,12 +13,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
-from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, one_line, read_bytes
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, read_bytes
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, InvalidValue
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.workflow.extras import require
@@ -155,7 +153,7 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
 def _refuse_other(store: Store, name: str, manifest: SuiteManifest) -> None:
     try:
         there = SuiteManifest.model_validate_json(store.read(name))
-    except ValidationError:
+    except InvalidValue:
         raise InputError(f"{store.url}: {name} is no manifest of a suite, expected one, or nothing") from None
     if there.name != manifest.name:
         raise InputError(f"{store.url}: {name} is of the suite {there.name}, expected {manifest.name}")
@@ -182,8 +180,8 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     name = _dataset_name(folder)
     try:
         dataset = Dataset.model_validate_json(store.read(name))
-    except ValidationError as error:
-        raise InputError(f"{store.url}: {name}: {one_line(error, Dataset)}") from None
+    except InvalidValue as error:
+        raise InputError(f"{store.url}: {name}: {error}") from None
     if other := differing(_asked(recipe), _told(dataset)):
         raise InputError(f"{store.url}: {name} has another {other[0]}, expected that of the set {recipe.name}")
 

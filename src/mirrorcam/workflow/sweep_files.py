@@ -60,7 +60,7 @@ def write_sweep(
     with output_folder(folder, "sweep", force=force) as output:
         output.refuse_others(f"sweep.{table}", FIGURE)
         outcomes = sweep(specs, output, run, progress)
-        with output.staged() as staged:
+        with output.staged(result=f"sweep.{table}") as staged:
             write_table(staged / f"sweep.{table}", table_of(outcomes))
             if any(outcome.status == "solved" for outcome in outcomes):
                 pareto(outcomes, staged / FIGURE)

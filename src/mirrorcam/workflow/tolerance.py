@@ -35,8 +35,8 @@ def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
     if layout.spec is None:
         raise ValueError("write_tolerance needs a layout with a spec, found none to take depths from")
     found = monte_carlo.study(layout, tolerances, sorted(layout.spec.depths_mm))
-    tolerance_figure(found, out / "tolerance.png")
     write_metrics(out / "tolerance.json", tolerance_metrics(found))
+    tolerance_figure(found, out / "tolerance.png")
     return found
 
 

@@ -78,7 +78,7 @@ def write_trajectory(
             found.times_s.append(number / search.rate_hz if each.time_s is None else each.time_s)
         if len(found.poses) < 2:
             raise InputError(f"{len(found.poses)} light field, expected at least two, in the order of time")
-        with output.staged(complete=False) as staged:
+        with output.staged(complete=False, result=FILES[1]) as staged:
             save_tum(staged / FILES[0], found.times_s, found.poses)
             save_json(staged / FILES[1], found.names, found.times_s, found.poses)
             draw_trajectory(staged / FILES[2], found.times_s, found.poses)

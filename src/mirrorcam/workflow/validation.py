@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.files import inside, read_model, write_metrics
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -40,6 +41,7 @@ LIMITS = {
     "decoded_corner_rms_px": 0.25,
 }
 """Limits for a 1920 x 1080 set of 20 frames; figures in pixels depend little on the size of the sensor."""
+TOO_FEW_FRAMES = "too few frames to measure it, expected 6 at least"
 
 
 class _Poses(Value):
@@ -75,7 +77,7 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
     return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, on_frame=on_frame)
 
 
-def validate(folder: Path, progress: Progress = no_progress) -> Validation:
+def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
     Two mirrors are first turned together about the line where their planes meet, which no picture determines.
@@ -98,6 +100,7 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     InputError
         If the set lacks a file, or its pictures do not suffice.
     """
+    folder = path_of("folder", folder)
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
@@ -118,19 +121,24 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
         light_field = decoder.decode(read_image(inside(folder, name)))
         errors.append(decoded_errors(light_field, truth, board, rig_from_board))
         progress(pictures + done, total)
-    found = np.concatenate(errors)
-    if not len(found):
-        raise InputError(f"{folder}: no corner found in any decoded view")
-    distance = np.linalg.norm(found, axis=1)
-    metrics["decoded_corner_rms_px"] = Metric(value=float(np.sqrt(np.mean(distance**2))), unit="px")
-    metrics["decoded_corner_p95_px"] = Metric(value=float(np.percentile(distance, 95)), unit="px")
-    metrics["decoded_corners"] = Metric(value=len(found), unit="1")
+    metrics |= decoded_metrics(np.linalg.norm(np.concatenate(errors), axis=1))
     for name, limit in LIMITS.items():
-        if name not in metrics:
-            raise InputError(f"{folder}: too few frames to measure {name}, expected 6 at least")
-        metrics[name] = metrics[name].replaced(limit=limit)
+        figure = metrics.get(name) or Metric(value=np.nan, unit=name.rpartition("_")[2], reason=TOO_FEW_FRAMES)
+        metrics[name] = figure.replaced(limit=limit)
     limited = sorted(metrics, key=lambda name: name not in LIMITS)
     return Validation(calibration, {name: metrics[name] for name in limited})
+
+
+def decoded_metrics(distance_px: FloatArray) -> dict[str, Metric]:
+    """Figures of the distances (n,) of decoded corners from their true places; none where no corner was found."""
+    why, known = ("", True) if len(distance_px) else ("no corner was found in any decoded view", False)
+    rms = np.sqrt(np.mean(distance_px**2)) if known else np.nan
+    p95 = np.percentile(distance_px, 95) if known else np.nan
+    return {
+        "decoded_corner_rms_px": Metric(value=float(rms), unit="px", reason=why),
+        "decoded_corner_p95_px": Metric(value=float(p95), unit="px", reason=why),
+        "decoded_corners": Metric(value=len(distance_px), unit="1"),
+    }
 
 
 def write_validation(validation: Validation, folder: Path, *, command: str) -> None:

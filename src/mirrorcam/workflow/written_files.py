@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from mirrorcam.optics.base.files import is_inside, read_bytes, write_text
 from mirrorcam.optics.base.fingerprint import file_digest, file_digests
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.optics.base.values import InputError, InvalidValue, Value
 
 Checksums = Mapping[str, str]
 """The sha256 of files by their path in a folder."""
@@ -107,7 +107,7 @@ class FolderRecord:
         for line in lines:
             try:
                 self._note(_Line.model_validate_json(line))
-            except ValidationError:
+            except InvalidValue:
                 continue  # incomplete, or not written by this program: its files are not known to be ours
         if len(lines) > len(self._written):
             every = (_Line(command=name, next=dict(w.next), now=dict(w.now)) for name, w in self._written.items())

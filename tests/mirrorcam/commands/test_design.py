@@ -82,6 +82,18 @@ def test_nothing_is_written_where_no_layout_meets_the_spec(
     assert capsys.readouterr().err.count("\n") == 1
 
 
+def test_a_design_is_kept_and_printed_where_no_device_can_be_built_so(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "--tolerance", "--tilt-deg", "40", "--out", str(tmp_path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith("mirrorcam: tolerances")
+    assert "grid error" in printed.out
+    assert Layout.load(tmp_path / "layout.json") == solved
+    assert not (tmp_path / "tolerance.json").exists()
+
+
 def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
     assert_refused(tmp_path, "design --fold-deg 90 --depths-mm 20 --out design", "infeasible design, depth constraint")
 

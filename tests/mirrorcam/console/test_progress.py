@@ -101,3 +101,13 @@ def test_units_and_labels_are_those_of_people_not_of_files(log: StringIO) -> Non
     )
     assert log.getvalue().splitlines()[1].split("  ")[0] == "overhangs that need support"
     assert log.getvalue().splitlines()[1].split()[-4:] == ["2", "cm³", "1", "mm²"]
+
+
+def test_reasons_of_figures_that_are_none_stand_below_the_table(log: StringIO) -> None:
+    none = Metric(value=float("nan"), unit="mm", limit=2.0, reason="the views share nothing")
+    one = Metric(value=1.25, unit="mm", limit=2.0)
+    progress.print_metrics({"parabola": {"a_mm": none}, "optimised": {"a_mm": one, "b_mm": none}})
+    lines = [line.split() for line in log.getvalue().splitlines()]
+    assert lines[1] == ["a", "none", "1.25", "mm", "≤", "2", "pass"]
+    assert lines[2] == ["b", "none", "mm", "≤", "2", "FAIL"]
+    assert [" ".join(line) for line in lines[3:]] == ["none: a, b: the views share nothing"]

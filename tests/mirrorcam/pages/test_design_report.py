@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -34,6 +35,16 @@ def test_a_failed_check_is_said_at_the_top(layout: Layout) -> None:
     gap = layout.verdict["smallest_gap_mm"].replaced(value=0.1)
     failed = layout.replaced(verdict=layout.verdict | {"smallest_gap_mm": gap})
     assert "1 of 12 checks failed" in design_report(failed, None, [])
+
+
+def test_a_figure_that_is_none_says_why(layout: Layout) -> None:
+    why = "the views are <blurred>"
+    none = Metric(value=float("nan"), unit="mm", reason=why)
+    page = design_report(layout.replaced(metrics=layout.metrics | {"depth_sigma_300mm": none}), None, [])
+    assert page.count("the views are &lt;blurred&gt;") == 2  # a tile, and the table
+    assert "none: the views are" in page
+    assert "Devices as built" not in page
+    assert "None: no device can be built." in design_report(layout, None, [], not_built="no device can be built")
 
 
 def test_names_are_escaped(layout: Layout) -> None:

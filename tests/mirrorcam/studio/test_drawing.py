@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely import Polygon, intersection_all
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -61,6 +61,19 @@ def test_curves_pass_through_the_figures_at_the_working_depths(default_layout: L
         ):
             there = np.interp(depth_mm, curves.depths_mm, [value or 0.0 for value in values])
             assert there == pytest.approx(figures[name].value, rel=0.03), name
+
+
+def test_a_figure_that_is_none_is_drawn_with_its_reason(default_layout: Layout) -> None:
+    none = Metric(value=float("nan"), unit="mm", reason="too blurred")
+    figures = evaluate(default_layout, (300.0, 500.0)) | {"depth_sigma_300mm": none}
+    drawing = design_drawing(default_layout.replaced(metrics=figures), SPEC, "exact")
+    drawn = {
+        figure["name"]: figure for group in drawing.model_dump(mode="json")["figures"].values() for figure in group
+    }
+    assert {name: drawn["depth_sigma_300mm"][name] for name in ("text", "value", "reason")} == {
+        **{"text": "none", "value": None, "reason": "too blurred"}
+    }
+    assert drawn["depth_sigma_500mm"]["reason"] == ""
 
 
 def test_a_preview_is_drawn_without_checks_and_coarser(default_layout: Layout) -> None:

@@ -36,6 +36,22 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     assert written == ["before_after.png", "focus.png", "layout.json"]
 
 
+def test_the_layout_is_there_before_any_picture_of_it(
+    default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    layout = default_layout.replaced(spec=DesignSpec())
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+
+    def broken(*_: object) -> None:
+        raise FloatingPointError("no picture")
+
+    monkeypatch.setattr("mirrorcam.workflow.design_files.before_after", broken)
+    with pytest.raises(FloatingPointError):
+        write_design(DesignSpec(), tmp_path)
+    assert Layout.load(tmp_path / "layout.json") == layout
+    assert (tmp_path / "parabola.json").exists()
+
+
 def test_a_pinhole_has_no_figure_of_its_focus(
     default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,6 +54,25 @@ def test_a_block_that_fails_leaves_nothing(error: type[BaseException], tmp_path:
     assert contents(tmp_path) == ["out", "out/mine"]
 
 
+@pytest.mark.parametrize("error", [InputError, ValueError, KeyboardInterrupt])
+def test_a_finished_result_is_kept_where_what_follows_fails(error: type[BaseException], tmp_path: Path) -> None:
+    def work(*names: str) -> None:
+        with (
+            pytest.raises(error),
+            output_folder(tmp_path, "design") as output,
+            output.staged(result="layout.json") as folder,
+        ):
+            for name in names:
+                (folder / name).write_text(name)
+            raise error
+
+    work("focus.png")
+    assert contents(tmp_path) == []
+    work("layout.json", "focus.png")
+    work("layout.json")
+    assert contents(tmp_path) == [HIDDEN, f"{HIDDEN}/written.jsonl", "layout.json"]
+
+
 def test_names_are_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "README.md").write_text("mine")
     with output_folder(tmp_path, "cameras") as output:

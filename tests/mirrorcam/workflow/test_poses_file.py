@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
+from mirrorcam.optics.base.values import InvalidValue
 from mirrorcam.workflow.poses_file import PosesFile
 
 
@@ -27,5 +27,5 @@ def test_rigid_poses_are_taken() -> None:
     ],
 )
 def test_what_is_no_pose_is_refused(poses: np.ndarray, complaint: str) -> None:
-    with pytest.raises(ValidationError, match=complaint):
+    with pytest.raises(InvalidValue, match=complaint):
         PosesFile(poses=poses)

@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.optics.base.figure_labels import LABELS
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.validation import LIMITS, Validation, mirror_errors
+from mirrorcam.workflow.validation import LIMITS, Validation, decoded_metrics, mirror_errors
 from tests.optics.calibration.sound_calibration import sound_calibration
 
 
@@ -39,6 +39,17 @@ def test_one_figure_past_its_limit_fails_a_validation() -> None:
     good, bad = Metric(value=1.0, unit="mm", limit=1.0), Metric(value=1.1, unit="mm", limit=1.0)
     assert Validation(sound_calibration(), {"a": good, "b": Metric(value=9.0, unit="mm")}).passed
     assert not Validation(sound_calibration(), {"a": good, "b": bad}).passed
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_validation_without_decoded_corners_fails_with_the_reason() -> None:
+    found = decoded_metrics(np.zeros(0))
+    assert found["decoded_corners"].value == 0
+    for name in ("decoded_corner_rms_px", "decoded_corner_p95_px"):
+        assert not found[name].known
+        assert "no corner was found" in found[name].reason
+    limited = {name: metric.replaced(limit=1.0) for name, metric in found.items() if not metric.known}
+    assert not Validation(sound_calibration(), limited).passed
 
 
 def test_every_check_has_a_label() -> None:

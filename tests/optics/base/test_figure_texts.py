@@ -95,7 +95,7 @@ def test_standard_deviations_have_two_digits(sigma: float, text: str) -> None:
         *[((54.8, 60.86), ["54.80", "60.86"]), ((1.0, 1.0), ["1", "1"]), ((0.12938, 0.058971), ["0.1294", "0.0590"])],
         *[((0.0, 0.25), ["0.00", "0.25"]), ((0.0, 0.0), ["0", "0"]), ((float("inf"), 2.5), ["inf", "2.5"]), ((), [])],
         *[((1234.56, 35.5), ["1235", "36"]), ((1234.5, 3.5), ["1234", "3.5"]), ((-9.99999, 2.0), ["-10", "2"])],
-        *[((1e-7, 2e-7), ["1.0e-7", "2.0e-7"]), ((float("nan"), 1.5), ["nan", "1.5"])],
+        *[((1e-7, 2e-7), ["1.0e-7", "2.0e-7"]), ((float("nan"), 1.5), ["none", "1.5"])],
     ],
 )
 def test_values_beside_each_other_have_the_same_decimals(values: tuple[float, ...], texts: list[str]) -> None:
@@ -108,6 +108,13 @@ def test_values_of_one_unit_are_alike() -> None:
     assert values_text([mm[0], Metric(value=1e5, unit="mm or more")]) == ["54.8 mm", "100000 mm or more"]
     shares = [Metric(value=0.5, unit="of the view"), Metric(value=0.25, unit="of the view")]
     assert values_text(shares) == ["50.0%", "25.0%"]
+
+
+def test_a_figure_that_is_none_says_why() -> None:
+    none, one = Metric(value=float("nan"), unit="mm", limit=2.0, reason="no view"), Metric(value=1.25, unit="mm")
+    assert (value_text(none), limit_text(none)) == ("none: no view", "≤ 2 mm")
+    assert values_text([one, none]) == ["1.25 mm", "none: no view"]
+    assert share_of_limit(none) == float("inf")
 
 
 def test_a_name_given_by_hand_wins() -> None:

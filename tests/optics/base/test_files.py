@@ -218,13 +218,6 @@ def test_names_in_manifests_stay_in_their_folder(name: str, inside: bool, tmp_pa
         assert "expected the name of a file in this folder" in refusal(files.inside, folder, name)
 
 
-def test_a_long_text_loses_its_middle() -> None:
-    assert files.shortened("short") == "short"
-    long = files.shortened("a" * 1000 + "b" * 1000)
-    assert len(long) <= 300
-    assert long.startswith("aaa") and long.endswith("bbb") and " ... " in long
-
-
 def test_numbered_names_are_never_those_of_something(tmp_path: Path) -> None:
     assert files.numbered(tmp_path / "none", "a", ".png") == tmp_path / "none" / "a_0001.png"
     (tmp_path / "a_0001.png").touch()

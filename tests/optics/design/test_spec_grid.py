@@ -142,6 +142,16 @@ def test_rows_share_their_columns_and_miss_what_is_not_there() -> None:
     assert (rows[2]["status"], rows[2]["constraint"], rows[2]["finding"]) == ("infeasible", "spacing", "too close")
 
 
+def test_a_figure_that_is_none_is_an_empty_cell_with_its_reason() -> None:
+    none = Metric(value=float("nan"), unit="mm", reason="too blurred")
+    outcome = outcome_of(DesignSpec(), fov_x_deg=40.0)
+    outcome = outcome.replaced(metrics=outcome.metrics | {"fov_y_deg": none, "depth_sigma_300mm": none})
+    (row,) = rows_of([outcome])
+    assert (row["fov_x_deg"], row["fov_y_deg"], row["fov_diagonal_deg"]) == (40.0, None, None)
+    assert row["none"] == "fov_y_deg: too blurred; depth_sigma_300mm: too blurred"
+    assert Outcome.model_validate_json(outcome.model_dump_json()) == outcome
+
+
 POINTS = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), max_size=12)
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -71,7 +70,7 @@ def test_names_stand_for_patterns() -> None:
     ],
 )
 def test_positions_that_are_no_pattern_are_refused(positions: FloatArray, complaint: str) -> None:
-    with pytest.raises(ValidationError, match=complaint):
+    with pytest.raises(InvalidValue, match=complaint):
         Pattern(name="mine", positions=positions)
 
 
@@ -135,7 +134,7 @@ def test_a_layout_of_a_pattern_survives_its_file(parabola_layout: Layout) -> Non
     assert again == layout
     assert (again.identity, again.arrangement.text) == (layout.identity, "hex7")
     assert layout.mirror_names == ("0", "1", "2", "3", "4", "5", "6")
-    with pytest.raises(ValidationError, match="3 x 3 mirrors, expected 1 x 7 of pattern hex7"):
+    with pytest.raises(InvalidValue, match="3 x 3 mirrors, expected 1 x 7 of pattern hex7"):
         parabola_layout.replaced(pattern=hexagon)
     # A grid's file says nothing of patterns.
     assert "pattern" not in parabola_layout.model_dump_json()

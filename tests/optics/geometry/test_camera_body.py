@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
+from mirrorcam.optics.base.values import InvalidValue
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 
@@ -75,7 +75,7 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
     ],
 )
 def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(InvalidValue, match=message):
         PLAIN.replaced(**changes)
 
 

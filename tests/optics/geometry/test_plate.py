@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 from shapely import Point, Polygon, contains_xy
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray, InvalidValue
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm, traced
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
@@ -140,5 +139,5 @@ def test_a_mirror_too_thick_for_its_size_shows_nothing() -> None:
 
 def test_a_mirror_that_holds_the_pupil_is_refused() -> None:
     stored = appearing(np.array([3.0, -80.0, 82.0]))
-    with pytest.raises(ValidationError, match=r"second-surface mirror reaches 2\.5 mm past the pupil"):
+    with pytest.raises(InvalidValue, match=r"second-surface mirror reaches 2\.5 mm past the pupil"):
         stored.replaced(thickness_mm=stored.distance_mm + 2.5)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
+from mirrorcam.optics.base.values import InvalidValue
 from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 
 SEGMENT = [[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]
@@ -17,5 +17,5 @@ def test_a_violation_is_written_and_read() -> None:
 
 
 def test_a_place_is_a_segment() -> None:
-    with pytest.raises(ValidationError, match=r"expected \(2, 3\)"):
+    with pytest.raises(InvalidValue, match=r"expected \(2, 3\)"):
         Violation(mirrors=(0,), missing_mm=1.0, place_in_rig_mm=SEGMENT[:1])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.optics.base.values import InvalidValue, Metric
 from mirrorcam.optics.scoring.attempt import Attempt, TriedSet
 
 
@@ -17,5 +16,5 @@ def test_an_attempt_is_a_tried_set_with_figures() -> None:
 
 
 def test_texts_of_a_set_are_single_lines() -> None:
-    with pytest.raises(ValidationError):
+    with pytest.raises(InvalidValue):
         TriedSet(name="a\nb", why="", dataset_sha256="0" * 64, seconds=1.0)

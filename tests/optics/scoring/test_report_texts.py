@@ -87,3 +87,4 @@ def test_names_are_text(name: str) -> None:
 
 def test_rounding_is_no_error() -> None:
     assert (value_text(3e-13), value_text(0.01234567), value_text(-3e-6, 2)) == ("0", "0.01235", "-3.0e-6")
+    assert value_text(float("nan")) == "none"

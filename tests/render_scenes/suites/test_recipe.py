@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.base.values import InputError, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -80,7 +79,7 @@ def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> N
     ],
 )
 def test_bad_recipes_are_refused(stated: dict[str, object], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(InvalidValue, match=message):
         recipe(**stated)
 
 
@@ -88,7 +87,7 @@ def test_a_layout_takes_the_place_of_a_design(default_layout: Layout) -> None:
     given = recipe(layout=default_layout.model_dump(mode="json", by_alias=True), binned=0.5)
     assert given.spec is None
     assert given.request(None).layout.camera == default_layout.camera.binned(0.5)
-    with pytest.raises(ValidationError, match="layout and design: expected one of the two"):
+    with pytest.raises(InvalidValue, match="layout and design: expected one of the two"):
         recipe(layout=default_layout.model_dump(mode="json", by_alias=True), design={"rows": 2})
 
 

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_bytes, shortened, write_text
+from mirrorcam.optics.base.files import read_bytes, write_text
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format

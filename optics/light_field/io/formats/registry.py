@@ -14,8 +14,9 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
+from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import shortened
+from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
 from mirrorcam.optics.light_field.light_field import LightField
@@ -100,7 +101,7 @@ def _in_order(contents: Contents) -> Contents:
 
 
 def open_light_field(
-    path: Path, *, frame: int = 0, assumed: Assumed = NOTHING, decoder: Decoder | None = None
+    path: AnyPath, *, frame: int = 0, assumed: Assumed = NOTHING, decoder: Decoder | None = None
 ) -> LightField:
     """Read one light field from a file or folder of any format.
 
@@ -121,6 +122,7 @@ def open_light_field(
     InputError
         In one line for what cannot be read, and for a frame that the recording does not have.
     """
+    path = path_of("path", path)
     return frame_of(open_light_fields(path, assumed=assumed, decoder=decoder), frame, path)
 
 
@@ -132,7 +134,7 @@ def frame_of(contents: Contents, frame: int, path: Path) -> LightField:
     return contents.frames[frame]
 
 
-def write_light_field(path: Path, light_field: LightField, to: str, depth_mm: Depth | None = None) -> None:
+def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm: Depth | None = None) -> None:
     """Write a light field in a format.
 
     Parameters
@@ -149,9 +151,13 @@ def write_light_field(path: Path, light_field: LightField, to: str, depth_mm: De
     Raises
     ------
     InputError
-        For a folder that exists and has something in it, whose files would mix with the new ones, and for what the
-        format cannot hold: most need views in rows and columns.
+        For a format that is not known, a folder that exists and has something in it, whose files would mix with the new
+        ones, and for what the format cannot hold: most need views in rows and columns.
     """
+    path = path_of("path", path)
+    check_type("light_field", light_field, LightField)
+    if to not in NAMES:
+        raise InputError(f"to: {to!r}, expected one of {', '.join(NAMES)}")
     form = formats()[to]
     if form.is_folder and path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: exists, expected a new or empty folder")

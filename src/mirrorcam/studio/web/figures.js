@@ -24,18 +24,22 @@
       const unit = / \S+$/;
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
-      return element("div", {}, element("dt", {}, label), element("dd", {}, text));
+      const why = found.find((figure) => figure.reason)?.reason;
+      return element("div", { title: why }, element("dt", {}, label), element("dd", {}, text));
     });
     host.replaceChildren(...tiles);
   };
 
   // Better, worse or alike, in a sign and in words; figures that are neither have none.
   const change = (figure, other) => {
-    if (!other || figure.text === other.text) return null;
+    if (!other || figure.text === other.text || figure.value === null || other.value === null) return null;
     const less = figure.value < other.value;
     const better = less === figure.lower_is_better;
     return element("span", { class: better ? "better" : "worse", title: `${better ? "better" : "worse"} than the first column: ${other.text}` }, `${less ? "\u25bc" : "\u25b2"}`);
   };
+
+  // The text of a figure; one that is none says why.
+  const textOf = (figure) => (figure.reason ? `${figure.text}: ${figure.reason}` : figure.text);
 
   // A table of figures: rows by name, a column for each drawing; changes are against the last column.
   Studio.drawFigures = (host, columns, { title = true } = {}) => {
@@ -49,7 +53,7 @@
         const cells = columns.map(([, drawing]) => {
           const own = Studio.figureOf(drawing, figure.name);
           const mark = own && reference && drawing !== reference ? change(own, Studio.figureOf(reference, figure.name)) : null;
-          return element("td", { class: own && !own.passed ? "failed" : undefined }, own?.text ?? "", ...(mark ? [" ", mark] : []));
+          return element("td", { class: own && !own.passed ? "failed" : undefined }, own ? textOf(own) : "", ...(mark ? [" ", mark] : []));
         });
         body.push(element("tr", {}, element("th", { scope: "row" }, figure.label), ...cells));
       }
@@ -59,7 +63,7 @@
 
   Studio.drawVerdict = (host, drawing) => {
     const rows = drawing.verdict.map((figure) =>
-      element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, figure.text), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
+      element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, textOf(figure)), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
     );
     const heads = element("tr", {}, ...["Check", "Found", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
     host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...rows)));

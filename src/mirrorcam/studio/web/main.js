@@ -162,7 +162,7 @@
     if (!byId("tolerance")) return;
     sight.look();
     byId("tolerance").classList.add("old");
-    const study = await source.tolerance(spec).catch(() => null);
+    const study = await source.tolerance(spec).catch((error) => ({ reason: error.message }));
     if (mine !== asking.exact || !study) return;
     byId("tolerance").classList.remove("old");
     Studio.drawTolerance(byId("tolerance"), study);

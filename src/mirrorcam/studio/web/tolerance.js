@@ -4,6 +4,10 @@
   const { element, svg } = Studio;
 
   Studio.drawTolerance = (host, study) => {
+    if (study.reason) {
+      host.replaceChildren(element("p", {}, `none: ${study.reason}`));
+      return;
+    }
     const rows = study.bars.map(({ label, design, low, median, high, text }) => {
       const most = 1.08 * Math.max(design, high, 1e-12);
       const x = (value) => (200 * value) / most;

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.optics.base.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.moved_outlines import with_edges
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -47,7 +46,7 @@ def test_an_outline_over_another_mirror_is_not_believed() -> None:
 def test_a_mirror_waits_until_another_has_made_room() -> None:
     meant = widened(MEANT, 1, left_px=88.0)
     built = widened(widened(MEANT, 0, right_px=30.0), 1, left_px=58.0)
-    with pytest.raises(ValidationError, match="overlap"):
+    with pytest.raises(InvalidValue, match="overlap"):
         widened(meant, 0, right_px=30.0)
     found, notes = outlined_in(meant, seen_in(frames(6, built)))
     assert len(notes) == 2

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import dblquad
 
 from mirrorcam.optics.design.assess.depth_sigma import (
+    DEPTH_UNKNOWN,
     NOISE_GREY,
     SLOPE_GREY,
     WINDOW_PX,
@@ -84,3 +85,44 @@ def test_it_grows_with_depth_and_with_blur(default_layout: Layout) -> None:
 
 def test_it_is_left_out_where_views_share_nothing() -> None:
     assert depth_sigma_metrics(fields_of_view(upright_views(80.0, 100.0)), (DEPTH_MM,)) == {}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("aperture_mm", [0.0, 1.0, 10.0, 100.0, 1e3])
+def test_it_is_finite_or_none_with_a_reason_however_blurred_the_views_are(aperture_mm: float) -> None:
+    layout = upright_views(110.0, 80.0, 65.0, camera=Camera.c920().replaced(aperture_mm=aperture_mm, focus_mm=1e5))
+    (sigma,) = depth_sigma_mm(layout, np.array([[25.0, -70.0, DEPTH_MM]]))
+    sharp = upright_views(110.0, 80.0, 65.0)
+    assert sigma >= depth_sigma_mm(sharp, np.array([[25.0, -70.0, DEPTH_MM]]))[0]
+    assert not np.isnan(sigma)
+
+
+@pytest.mark.filterwarnings("error")
+def test_frequencies_that_no_view_shows_add_nothing() -> None:
+    """Contrasts underflow at the highest frequencies long before the lowest are lost, which alone still tell depth."""
+    at = np.array([[25.0, -70.0, DEPTH_MM]])
+    sigmas = [
+        depth_sigma_mm(upright_views(110.0, 80.0, camera=Camera.c920().replaced(aperture_mm=a, focus_mm=1e5)), at)[0]
+        for a in np.linspace(1.0, 12.0, 45)
+    ]
+    assert np.isfinite(sigmas).all()
+    assert (np.diff(sigmas) > 0.0).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_in_one_place_tell_no_depth() -> None:
+    assert depth_sigma_mm(upright_views(80.0, 80.0), np.array([[0.0, -80.0, DEPTH_MM]]))[0] > 1e6
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("aperture_mm", [50.0, 200.0, 1e3])
+def test_it_is_none_with_the_reason_where_it_would_exceed_the_depth(
+    aperture_mm: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "mirrorcam.optics.design.assess.depth_sigma._places", lambda *_: np.array([[25.0, -70.0, DEPTH_MM]])
+    )
+    layout = upright_views(110.0, 80.0, camera=Camera.c920().replaced(aperture_mm=aperture_mm, focus_mm=1e5))
+    (metric,) = depth_sigma_metrics(fields_of_view(layout), (DEPTH_MM,)).values()
+    assert not metric.known
+    assert metric.reason == DEPTH_UNKNOWN

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.optics.base.values import NOT_FINITE, FloatArray, InputError
 from mirrorcam.optics.design.assess.layout_metrics import (
     FARTHEST_MM,
     NEAREST_MM,
@@ -19,6 +19,7 @@ from mirrorcam.optics.design.assess.layout_metrics import (
 )
 from mirrorcam.optics.design.program.seeds import faceted_parabola, mirrors_of
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import library
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -259,3 +260,44 @@ def test_a_depth_range_ends_before_the_pupil_beside_mirrors_that_fold_light_past
     found = depth_range_mm(views, [2.0, 3.0])
     assert found is not None
     assert found[0] == NEAREST_MM
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", [name for name, profile in library().items() if profile.optics is not None])
+def test_figures_of_every_camera_near_its_mirrors_are_finite_or_none_with_a_reason(name: str) -> None:
+    """Near the camera, lenses that are focused farther away blur the views until contrasts underflow."""
+    for scale_mm in (40.0, 80.0):
+        for depth_mm in (1.2 * scale_mm, 1.7 * scale_mm, 3.0 * scale_mm):
+            camera = library()[name].camera
+            layout = faceted_parabola(
+                DesignSpec(camera=camera, rows=1, cols=2, scale_mm=scale_mm, depths_mm=(depth_mm,))
+            )
+            for figure, metric in evaluate(layout, (depth_mm,)).items():
+                assert metric.known, (scale_mm, depth_mm, figure)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("focus_mm", [20.0, 500.0, 1e6])
+@pytest.mark.parametrize("aperture_mm", [0.1, 2.0, 8.0])
+def test_figures_of_any_focus_are_finite_or_none_with_a_reason(aperture_mm: float, focus_mm: float) -> None:
+    camera = Camera.c920().replaced(aperture_mm=aperture_mm, focus_mm=focus_mm)
+    layout = faceted_parabola(DesignSpec(camera=camera, rows=1, cols=2, scale_mm=40.0, depths_mm=(60.0, 100.0)))
+    for figure, metric in evaluate(layout, (60.0, 100.0)).items():
+        assert metric.known or metric.reason != NOT_FINITE, figure
+        assert figure.startswith("depth_sigma") or metric.known, figure
+
+
+def test_halves_of_one_mirror_have_no_grid_error_and_all_other_figures() -> None:
+    """Two outlines on one plane have one virtual centre."""
+    layout = two_rectangles()
+    first = layout.mirrors[0]
+    a, b, c, d = first.outline_in_rig_mm
+    sides = (
+        np.array([a, 0.6 * a + 0.4 * b, 0.6 * d + 0.4 * c, d]),
+        np.array([0.4 * a + 0.6 * b, b, c, 0.4 * d + 0.6 * c]),
+    )
+    halves = layout.replaced(mirrors=tuple(first.replaced(outline_in_rig_mm=side) for side in sides))
+    figures = evaluate(halves, (DEPTH_MM,))
+    assert not figures["grid_error"].known
+    assert "apart along an axis of the grid" in figures["grid_error"].reason
+    assert figures["pixel_efficiency_300mm"].known

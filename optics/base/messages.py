@@ -1,0 +1,46 @@
+"""Messages of one line, of what pydantic finds wrong with a value among others."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+LONGEST_MESSAGE = 300
+
+
+def shortened(text: str, most: int = LONGEST_MESSAGE) -> str:
+    """A text, without its middle where it is longer than `most` characters."""
+    return text if len(text) <= most else f"{text[: most * 2 // 3]} ... {text[-most // 4 :]}"
+
+
+def _known_names(schema: Any) -> set[str]:
+    """The names of all fields in the JSON schema of a model."""
+    if isinstance(schema, dict):
+        own = set(schema["properties"]) if isinstance(schema.get("properties"), dict) else set()
+        return own.union(*map(_known_names, schema.values()))
+    return set().union(*map(_known_names, schema)) if isinstance(schema, list) else set()
+
+
+def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """One line that says what is wrong and where: the first of pydantic's findings and the number of the others.
+
+    A key that is not known comes first, with the one of `model` that may have been meant.
+    """
+    details = error.errors(include_url=False)
+    first = next((each for each in details if each["type"] == "extra_forbidden"), details[0])
+    where = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        names = _known_names(model.model_json_schema()) if model is not None else set()
+        key = str(first["loc"][-1])
+        meant = get_close_matches(key, sorted(names), n=1) if key not in names else []
+        message = f"not known, did you mean {meant[0]}?" if meant else "not known"
+    if first["type"] == "union_tag_not_found":
+        message = f"{first['ctx']['discriminator']} is missing"
+    if first["type"] == "union_tag_invalid":
+        given = first["ctx"]
+        message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
+    more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
+    return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")
