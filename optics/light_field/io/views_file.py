@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened, write_json
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, shortened, write_json
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -139,7 +139,7 @@ def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
     """Read what `write_views` wrote: the views, and the rest; None without such a file."""
     if not path.exists():
         return None
-    stated = read_model(ViewsFile, path)
+    stated = read_model(ViewsFile, path, LARGEST_LAYOUT_BYTES)
     return views_of_fields(stated.views, str(path)), stated
 
 

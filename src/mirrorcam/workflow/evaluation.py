@@ -14,7 +14,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Value
@@ -157,7 +157,7 @@ def evaluate(
 
 def read_baseline(path: Path) -> Evaluation:
     """Read an earlier evaluation; raises InputError in one line where it is none."""
-    return read_model(Evaluation, path)
+    return read_model(Evaluation, path, LARGEST_LAYOUT_BYTES)
 
 
 def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_model, shortened
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, shortened
 from mirrorcam.optics.base.names import LONGEST
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.attempt import Attempt
@@ -28,7 +28,7 @@ def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) ->
     commands: dict[str, list[str]] = {}
     for given in evaluations:
         name, file = _pair(given, "NAME=FILE")
-        evaluation = read_model(Evaluation, Path(file))
+        evaluation = read_model(Evaluation, Path(file), LARGEST_LAYOUT_BYTES)
         attempts.setdefault(name, []).extend(attempts_of(evaluation))
         told = commands.setdefault(name, [])
         if evaluation.command not in told:

@@ -13,9 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
-from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, one_line, read_bytes
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, json_of, model_from, read_bytes
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError
@@ -153,9 +151,10 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
 
 
 def _refuse_other(store: Store, name: str, manifest: SuiteManifest) -> None:
+    raw = store.read(name)
     try:
-        there = SuiteManifest.model_validate_json(store.read(name))
-    except ValidationError:
+        there = model_from(SuiteManifest, name, json_of(name, raw))
+    except InputError:
         raise InputError(f"{store.url}: {name} is no manifest of a suite, expected one, or nothing") from None
     if there.name != manifest.name:
         raise InputError(f"{store.url}: {name} is of the suite {there.name}, expected {manifest.name}")
@@ -180,10 +179,8 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     match its checksums; the folder is left as it was then.
     """
     name = _dataset_name(folder)
-    try:
-        dataset = Dataset.model_validate_json(store.read(name))
-    except ValidationError as error:
-        raise InputError(f"{store.url}: {name}: {one_line(error, Dataset)}") from None
+    where = f"{store.url}: {name}"
+    dataset = model_from(Dataset, where, json_of(where, store.read(name)))
     if other := differing(_asked(recipe), _told(dataset)):
         raise InputError(f"{store.url}: {name} has another {other[0]}, expected that of the set {recipe.name}")
 

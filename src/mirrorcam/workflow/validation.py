@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import inside, read_model, write_metrics
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
@@ -103,7 +103,7 @@ def validate(folder: Path, progress: Progress = no_progress) -> Validation:
     total = pictures + dataset.frames
     calibration = calibrate_set(folder, lambda done: progress(done, total))
     truth = true_layout(folder)
-    poses = read_model(_Poses, folder / "truth" / "poses.json").frames
+    poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
     layout, apart = calibration.layout, {}
     if len(layout.mirrors) == 2:
         layout, angle = turned_like(layout, truth)
