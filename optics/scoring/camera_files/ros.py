@@ -78,7 +78,7 @@ def _camera_info(path: Path) -> dict[str, Any]:
     for name in ("camera_matrix", "distortion_coefficients"):
         if isinstance(found[name], list) and ABBREVIATED in found[name]:
             raise InputError(f"{path}: {name} is abbreviated, expected what `ros2 topic echo --full-length` prints")
-    return found
+    return found | {"camera_matrix": {"rows": 3, "cols": 3, "data": found["camera_matrix"]}}
 
 
 def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
