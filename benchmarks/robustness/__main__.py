@@ -9,7 +9,18 @@ from importlib import import_module
 from benchmarks.robustness.guard import Category, lines, tally
 from mirrorcam.optics.base.worker_pool import cores
 
-MODULES = ("layouts", "inputs", "options", "names", "pictures", "videos", "light_fields", "kills", "surroundings")
+MODULES = (
+    "layouts",
+    "inputs",
+    "texts",
+    "options",
+    "names",
+    "pictures",
+    "videos",
+    "light_fields",
+    "kills",
+    "surroundings",
+)
 
 
 def categories() -> dict[str, Category]:
