@@ -124,9 +124,9 @@ KINDS = {
 }
 
 
-def attempt(seed: int, folder: Path, *, kinds: tuple[Kind, ...]) -> str:
-    """Read a file of one of these kinds, damaged, and use it where it can be read."""
-    random = np.random.default_rng(seed)
+def attempt(seed: int, folder: Path, *, language: str) -> str:
+    """Read a file of a language, damaged, and use it where it can be read."""
+    random, kinds = np.random.default_rng(seed), KINDS[language]
     kind = kinds[int(random.integers(len(kinds)))]
     path, text = folder / kind.name, kind.text()
     if random.random() < 0.2:
@@ -143,4 +143,4 @@ def attempt(seed: int, folder: Path, *, kinds: tuple[Kind, ...]) -> str:
     return wrong or (f"{kind.name}: took {took:.1f} s of processor time" if took > LONGEST_S else "")
 
 
-CATEGORIES = tuple(Category(name, ATTEMPTS, partial(attempt, kinds=kinds)) for name, kinds in KINDS.items())
+CATEGORIES = tuple(Category(name, ATTEMPTS, partial(attempt, language=name)) for name in KINDS)

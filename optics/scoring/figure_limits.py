@@ -65,7 +65,7 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
     for name, value in tables.items():
         if figure_of(name) not in FIGURES:
             meant = get_close_matches(name, FIGURES, n=1)
-            hint = f"did you mean {meant[0]}?" if meant else f"expected one of {', '.join(FIGURES)}"
+            hint = f"did you mean {meant[0]}?" if meant else "expected a figure of `mirrorcam score`, such as rms_px"
             raise InputError(f"{path}: no figure {name[:40]!r}, {hint}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= float(value) < np.inf:
             raise InputError(f"{path}: {name}: {str(value)[:40]!r}, expected a limit of 0 or more")

@@ -92,6 +92,7 @@ def test_hostile_yaml_is_refused_at_once(text: str, message: str) -> None:
         "a: " + "1:" * 300_000 + "1",
         "a: " + "x\n " * 500_000,
         "a: |\n" + " x\n" * 500_000,
+        "a: " + "1" * 1_000_000 + "x",
         "{" + ",".join(f"{number * (2**61 - 1)}: 1" for number in range(50_000)) + "}",
     ],
 )
