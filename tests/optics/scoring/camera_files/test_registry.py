@@ -93,3 +93,9 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("a: &a [1, *a]")
     with pytest.raises(InputError, match="an alias 'a' of nothing"):
         read_rig(tmp_path / "a.yaml")
+
+
+def test_a_layout_with_a_large_covariance_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "layout.json"
+    path.write_text(device().truth.text() + " " * 2_000_000)
+    assert read_rig(path).format == "mirrorcam"

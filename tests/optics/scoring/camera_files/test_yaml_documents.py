@@ -31,7 +31,7 @@ def test_what_pyyaml_writes_is_read_back(value: Any) -> None:
 
 def test_plain_texts_are_values_as_in_yaml_1_2() -> None:
     text = "[1, -2, 2., .5, 1e-05, .Inf, -.inf, true, ~, yes, 0x10, 010, 1:1:1, 2020-01-01, '1', \"true\", 1_0]"
-    expected = [1, -2, 2.0, 0.5, 1e-05, np.inf, -np.inf, True, None]
+    expected: list[Any] = [1, -2, 2.0, 0.5, 1e-05, np.inf, -np.inf, True, None]
     expected += ["yes", "0x10", 10, "1:1:1", "2020-01-01", "1", "true", "1_0"]
     assert yaml_documents(text) == [expected]
 
