@@ -10,7 +10,7 @@ from benchmarks.robustness.guard import Category, lines, tally
 from mirrorcam.optics.base.worker_pool import cores
 
 MODULES = (
-    *("layouts", "inputs", "options", "names", "pictures", "videos", "playlists", "light_fields", "kills"),
+    *("layouts", "inputs", "texts", "options", "names", "pictures", "videos", "playlists", "light_fields", "kills"),
     "surroundings",
 )
 

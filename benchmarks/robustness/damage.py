@@ -1,8 +1,9 @@
-"""Damage to bytes and to structured values, drawn from a random generator."""
+"""Damage to bytes, texts and structured values, drawn from a random generator."""
 
 from __future__ import annotations
 
 import copy
+import re
 from typing import Any
 
 import numpy as np
@@ -71,3 +72,62 @@ def _places(value: Any) -> Any:
     for key, inner in items:
         yield value, key
         yield from _places(inner)
+
+
+_NUMBER = re.compile(r"-?\d[\d.e+-]*")
+_HOSTILE: dict[str, tuple[str, ...]] = {
+    ".yaml": (
+        *('!!int ""', "!!float x", "!!set {a}", "!!binary |\n  aaa", "!!timestamp 2020-01-01", "!a b", "!!omap [a]"),
+        *("&a [*a]", "*a", "&a 1", "{<<: *a}", "1:1:1", "0x1F", "010", "1_0", ".nan", "-.Inf", "~", "2020-01-01"),
+        *("? a", "|\n  a", "'...'", "\n---\na: 1\n", "\n...\n", "%TAG ! a", "\t", "- - a", '"\\ud800"'),
+    ),
+    ".toml": (
+        *("nan", "-inf", "0xFFFFFFFFFFFFFFFFFF", "1_0", "2020-01-01", "07:32:00", "'''a'''", '"""a""""', "[[[]]]"),
+        *("{a = 1}", "{a.b.c = 1}", "\n[a]\n", "\n[[a]]\n", "\n[a.b]\n", '"\\ud800"', "\na.b.c = 1\n", "1e999"),
+    ),
+    ".json": ("NaN", "-Infinity", '"\\ud800"', "[[[]]]", "{}", "1e999", "null", "[],", '{"a": 1, "a": 2}', "'a'"),
+}
+"""What a text of a language may have in the place of a value, and should not."""
+_LONG = (
+    "1",
+    "1:",
+    "[",
+    "{",
+    "[],",
+    "a.",
+    "- ",
+    "? ",
+    "&a ",
+    '"',
+    "'",
+    "#",
+    "\\",
+    "---\n",
+    "[[a]]\n",
+    "0",
+    " ",
+    "\n",
+    "{a: ",
+)
+"""What is repeated many times."""
+
+
+def damaged_text(text: str, suffix: str, random: np.random.Generator) -> str:
+    """A text with one to three places changed: values that a language has and nobody expects, and very long ones."""
+    for _ in range(int(random.integers(1, 4))):
+        lines, numbers = text.splitlines(keepends=True) or [""], list(_NUMBER.finditer(text))
+        at = int(random.integers(len(lines)))
+        kind = random.choice(["value", "long value", "repeat a line", "insert", "long line"])
+        odd = _HOSTILE[suffix][int(random.integers(len(_HOSTILE[suffix])))]
+        if kind.startswith("long"):
+            odd = _LONG[int(random.integers(len(_LONG)))] * int(random.choice([50, 5_000, 200_000]))
+        if kind.endswith("value") and numbers:
+            number = numbers[int(random.integers(len(numbers)))]
+            text = text[: number.start()] + odd + text[number.end() :]
+        elif kind == "repeat a line":
+            lines.insert(int(random.integers(len(lines) + 1)), lines[at])
+            text = "".join(lines)
+        else:
+            place = int(random.integers(len(text) + 1)) if kind == "insert" else len("".join(lines[:at]))
+            text = text[:place] + odd + text[place:]
+    return text

@@ -6,7 +6,6 @@ import json
 import os
 import stat
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
@@ -17,11 +16,18 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from mirrorcam.optics.base.messages import one_line, shortened
+from mirrorcam.optics.base.nested_text import json_value, toml_value
 from mirrorcam.optics.base.values import InputError, InvalidValue, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
+LARGEST_TEXT_BYTES = 1_000_000
+"""Bytes of the largest text that people write: boards, cameras, requests, dimensions."""
+LARGEST_LAYOUT_BYTES = 50_000_000
+"""Bytes of the largest layout, with the covariance of all that can be calibrated, or table of results."""
 LARGEST_FILE_BYTES = 100_000_000
-"""Bytes of the largest file that is read whole: layouts, boards, manifests and tables are smaller by far."""
+"""Bytes of the largest file that is read at once: manifests of sets and records of long runs are smaller."""
+MOST_LINES = 1_000_000
+"""Lines of a record that is written line by line."""
 TEMPORARY = ".mirrorcam-"
 """What the names of files begin with that are not finished."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
@@ -163,41 +169,42 @@ def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
     raise InputError(f"{path}: is larger than {most // 1_000_000} MB, expected a smaller file")
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The keys and values of a JSON object; raises ValueError for a key that is there twice."""
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(f"the key {key[:80]!r} is there twice")
-        found[key] = value
-    return found
+def read_lines(path: Path) -> list[bytes]:
+    """The lines of a record that is written line by line, without their ends; InputError in one line otherwise."""
+    raw = read_bytes(path)
+    if raw.count(b"\n") > MOST_LINES:
+        raise InputError(f"{path}: has more than {MOST_LINES} lines, expected fewer")
+    return raw.split(b"\n")
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
     """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that is there twice."""
-    return _json(path, read_bytes(path))
+    return json_of(path, read_bytes(path, most))
 
 
-def _json(path: Path, raw: bytes) -> Any:
+def json_of(where: Path | str, raw: bytes) -> Any:
+    """The value of a JSON text; `where` names it in the InputError of one line for any other."""
     try:
-        return json.loads(raw.decode("utf-8-sig"), object_pairs_hook=_unique)
-    except (ValueError, RecursionError) as error:
-        raise InputError(shortened(f"{path}: not valid JSON: {error}")) from None
+        return json_value(raw)
+    except InputError as error:
+        raise InputError(shortened(f"{where}: {error}")) from None
 
 
-def _toml(path: Path, raw: bytes) -> Any:
+def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
+    """The tables of a TOML text; `where` names it in the InputError of one line for any other."""
     try:
-        return tomllib.loads(raw.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(shortened(f"{path}: not valid TOML: {error}")) from None
+        return toml_value(raw)
+    except InputError as error:
+        raise InputError(shortened(f"{where}: {error}")) from None
 
 
-def read_model(model: type[Model], path: Path) -> Model:
+def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -> Model:
     """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
 
-    Types are as in the file: a number as a text, or true for a number, is refused.
+    Types are as in the file: a number as a text, or true for a number, is refused. So is a file of more than `most`
+    bytes, which fits what people write; machines write larger ones.
     """
-    return model_of(model, path, read_bytes(path))
+    return model_of(model, path, read_bytes(path, most))
 
 
 def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
@@ -207,7 +214,7 @@ def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
 
 def tables_of(path: Path, raw: bytes) -> Any:
     """What the content of a JSON or (by its suffix) TOML file states, unchecked; the file itself is not read."""
-    return _toml(path, raw) if path.suffix.lower() == ".toml" else _json(path, raw)
+    return toml_of(path, raw) if path.suffix.lower() == ".toml" else json_of(path, raw)
 
 
 def keys_of(path: Path, raw: bytes) -> frozenset[str]:
@@ -216,16 +223,24 @@ def keys_of(path: Path, raw: bytes) -> frozenset[str]:
     return frozenset(tables) if isinstance(tables, dict) else frozenset()
 
 
-def model_from(model: type[Model], path: Path, data: Any) -> Model:
-    """The pydantic model in what a file states, see `model_of`; the path is named where it is not valid."""
+def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
+    """The pydantic model in what a file states, see `model_of`; `where` names it where that is not valid."""
+    try:
+        return validated(model, data)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def validated(model: type[Model], data: Any) -> Model:
+    """The pydantic model in plain values; raises InputError in one line where they are not valid."""
     try:
         return model.model_validate_json(json.dumps(data), strict=True)
     except InvalidValue as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(str(error)) from None
     except ValidationError as error:  # of a model that is no value, such as a table of values
-        raise InputError(f"{path}: {one_line(error, model)}") from None
+        raise InputError(one_line(error, model)) from None
     except TypeError as error:  # a date or a time of TOML
-        raise InputError(f"{path}: {error}, expected numbers, texts and tables") from None
+        raise InputError(f"{error}, expected numbers, texts and tables") from None
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -9,12 +9,20 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from pydantic import ValidationError
-
-from mirrorcam.optics.base.files import TEMPORARY, Model, inside, linked, read_bytes, read_model, write_text
+from mirrorcam.optics.base.files import (
+    LARGEST_FILE_BYTES,
+    TEMPORARY,
+    Model,
+    inside,
+    linked,
+    model_of,
+    read_bytes,
+    read_model,
+    write_text,
+)
 from mirrorcam.optics.base.fingerprint import differing, file_digest, file_digests
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, InvalidValue, Value
+from mirrorcam.optics.base.values import InputError, Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
 """Hidden folder for files that are not finished, which may hold what a killed run has left."""
@@ -36,9 +44,10 @@ def read_record(model: type[Model], path: Path) -> Model | None:
     """
     if not path.exists():
         return None
+    raw = read_bytes(path)
     try:
-        return model.model_validate_json(read_bytes(path))
-    except (ValidationError, InvalidValue):
+        return model_of(model, path, raw)
+    except InputError:
         return None
 
 
@@ -75,7 +84,7 @@ class FolderManifest(Value):
     @classmethod
     def load(cls, folder: Path) -> Self:
         """Read the manifest of a folder, or raise InputError in one line."""
-        return read_model(cls, folder / cls.FILE)
+        return read_model(cls, folder / cls.FILE, LARGEST_FILE_BYTES)
 
     def intact(self, folder: Path, name: str) -> bool:
         """Return whether a file of the folder exists with the checksum of what was written."""

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, Bounds
-from mirrorcam.optics.base.files import keys_of, model_of, read_bytes
+from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line, Name
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
@@ -177,7 +177,7 @@ def library() -> dict[str, CameraProfile]:
 
 
 def _profile(path: Path) -> CameraProfile:
-    return model_of(CameraProfile, path, read_bytes(path))
+    return model_of(CameraProfile, path, read_bytes(path, LARGEST_TEXT_BYTES))
 
 
 def camera_names() -> tuple[str, ...]:
@@ -214,7 +214,7 @@ def read_camera(name: str) -> Camera:
     if name in camera_names():
         return named_camera(name)
     path = _path(name, ".toml", ".json")
-    raw = read_bytes(path)
+    raw = read_bytes(path, LARGEST_TEXT_BYTES)
     return model_of(CameraProfile, path, raw).camera if _is_profile(path, raw) else model_of(Camera, path, raw)
 
 
@@ -226,7 +226,7 @@ def read_body(name: str) -> CameraBody:
     if name in camera_names():
         return library()[name].body
     path = _path(name, ".toml")
-    raw = read_bytes(path)
+    raw = read_bytes(path, LARGEST_TEXT_BYTES)
     return model_of(CameraProfile, path, raw).body if _is_profile(path, raw) else model_of(CameraBody, path, raw)
 
 

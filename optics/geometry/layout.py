@@ -11,7 +11,7 @@ from shapely import Polygon, STRtree
 
 from mirrorcam.optics.base.arguments import AnyPath, path_of
 from mirrorcam.optics.base.bounds import GRID
-from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.optics.base.fingerprint import value_digest
 from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
@@ -184,4 +184,4 @@ class Layout(Value):
     @classmethod
     def load(cls, path: AnyPath) -> Self:
         """Read `layout.json`. Raises InputError, one line, for content that does not belong in it."""
-        return read_model(cls, path_of("path", path))
+        return read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)

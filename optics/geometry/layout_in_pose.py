@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -44,7 +44,7 @@ class GravityTable(Value):
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read a table; raises InputError where the file is none."""
-        return read_model(cls, path)
+        return read_model(cls, path, LARGEST_LAYOUT_BYTES)
 
     def save(self, path: Path) -> None:
         """Write the table atomically."""

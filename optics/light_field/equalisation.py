@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.response import LEAST, LINEAR, MOST, Fading, measured_exponent
@@ -79,7 +79,7 @@ class Equalisation(Value):
     @classmethod
     def load(cls, path: Path) -> Self:
         """Read what `save` wrote, or raise InputError in one line."""
-        return read_model(cls, path)
+        return read_model(cls, path, LARGEST_LAYOUT_BYTES)
 
 
 def measure(light_fields: Iterable[LightField]) -> Equalisation:

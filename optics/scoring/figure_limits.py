@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes
-from mirrorcam.optics.base.messages import shortened
+from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, read_bytes, toml_of
 from mirrorcam.optics.base.values import InputError, Metric, Value
 
 OF_VIEWS = (
@@ -43,10 +41,7 @@ class Limits(Value):
     @classmethod
     def load(cls, path: Path) -> Limits:
         """Read a TOML file; raises InputError in one line for a name of no figure, or a value that is no limit."""
-        try:
-            tables = tomllib.loads(read_bytes(path).decode("utf-8-sig"))
-        except (ValueError, RecursionError) as error:
-            raise InputError(shortened(f"{path}: not valid TOML: {error}")) from None
+        tables = toml_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
         over = tables.pop(OVER_SETS, {})
         if not isinstance(over, dict):
             raise InputError(f"{path}: {OVER_SETS}: expected a table of limits")
@@ -70,9 +65,9 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
     for name, value in tables.items():
         if figure_of(name) not in FIGURES:
             meant = get_close_matches(name, FIGURES, n=1)
-            hint = f"did you mean {meant[0]}?" if meant else f"expected one of {', '.join(FIGURES)}"
+            hint = f"did you mean {meant[0]}?" if meant else "expected a figure of `mirrorcam score`, such as rms_px"
             raise InputError(f"{path}: no figure {name[:40]!r}, {hint}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= float(value) < np.inf:
             raise InputError(f"{path}: {name}: {str(value)[:40]!r}, expected a limit of 0 or more")
         limits[name] = float(value)
     return limits

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import project
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
@@ -43,7 +43,7 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
     """A calibration with the covariance of a file; raises InputError in one line for names that it does not have."""
     if rig.layout is not None:
         raise InputError(f"{path}: a layout.json has its covariance in itself, expected none beside it")
-    given = read_model(CovarianceFile, path)
+    given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
     known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
     cameras = {camera.name for camera in rig.cameras} | {SHARED}
     for name in given.parameters:

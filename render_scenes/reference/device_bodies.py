@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.fingerprint import digest
+from mirrorcam.optics.base.nested_text import json_value
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -127,10 +127,12 @@ def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
         length = int.from_bytes(raw[12:16], "little")
         if raw[:4] != b"glTF" or raw[16:20] != b"JSON":
             raise ValueError("no binary glTF")
-        tree, data = json.loads(raw[20 : 20 + length]), memoryview(raw)[28 + length :]
+        tree, data = json_value(raw[20 : 20 + length]), memoryview(raw)[28 + length :]
         root = next(node for node in tree["nodes"] if node["name"] == ROOT)
         return tuple(_body(tree, data, tree["nodes"][child]) for child in root["children"])
-    except (KeyError, IndexError, TypeError, ValueError, StopIteration) as error:
+    except InputError as error:
+        raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {error}") from None
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, StopIteration) as error:
         what = f"{type(error).__name__} {error}".strip()
         raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {what}") from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_model
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
@@ -28,7 +28,7 @@ def true_layout(folder: Path) -> Layout:
     layout = Layout.load(folder / TRUTH)
     if not (folder / FINISH).is_file():
         return layout
-    finishes = read_model(_Finishes, folder / FINISH).mirrors
+    finishes = read_model(_Finishes, folder / FINISH, LARGEST_LAYOUT_BYTES).mirrors
     if len(finishes) != len(layout.mirrors):
         raise InputError(f"{folder / FINISH}: {len(finishes)} finishes, expected {len(layout.mirrors)}, one a mirror")
     bent = tuple(finish.bent(mirror) for finish, mirror in zip(finishes, layout.mirrors, strict=True))

@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from mirrorcam.optics.base.bounds import PICTURES, Bounds
-from mirrorcam.optics.base.files import inside, model_from, read_bytes, read_model, tables_of
+from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, inside, model_from, read_bytes, tables_of
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.values import InputError, Value, with_tuples
@@ -94,10 +94,10 @@ def read_suite(name: str) -> Suite:
 
 
 def _read(path: Path) -> Suite:
-    tables = tables_of(path, read_bytes(path))
+    tables = tables_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
     sets = tables.get("set")
     for each in (tables.get("defaults"), *(sets if isinstance(sets, list) else ())):
         if isinstance(each, dict) and isinstance(each.get("layout"), str):
-            layout = read_model(Layout, inside(path.parent, each["layout"]))
+            layout = Layout.load(inside(path.parent, each["layout"]))
             each["layout"] = json.loads(layout.model_dump_json(by_alias=True))
     return model_from(Suite, path, tables)

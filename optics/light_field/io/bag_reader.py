@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
+from mirrorcam.optics.base.files import json_of, model_from
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
@@ -113,9 +114,9 @@ class StoredBag(StoredFrames):
         for connection, _, raw in self._messages([each for each in texts if each.msgtype == TEXT]):
             message: Any = self._store.deserialize_cdr(raw, TEXT)
             if SCHEMA in message.data:
-                found[connection.topic.removesuffix(VIEWS_TOPIC)] = ViewsFile.model_validate_json(
-                    message.data, strict=True
-                )
+                where = f"{self.path}: {connection.topic}"
+                stated = model_from(ViewsFile, where, json_of(where, message.data.encode()))
+                found[connection.topic.removesuffix(VIEWS_TOPIC)] = stated
         if not found:
             topics = _some(sorted({each.topic for each in self._reader.connections}))
             raise InputError(f"{self.path}: holds no light field: topics are {topics}, expected .../{VIEWS_TOPIC}")

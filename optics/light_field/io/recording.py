@@ -12,7 +12,15 @@ from typing import Any, Protocol, Self, TextIO
 
 from pydantic import ConfigDict, Field, model_validator
 
-from mirrorcam.optics.base.files import linked, read_bytes, read_json, write_json, write_text
+from mirrorcam.optics.base.files import (
+    LARGEST_FILE_BYTES,
+    json_of,
+    linked,
+    read_json,
+    read_lines,
+    write_json,
+    write_text,
+)
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.interruption import deferred
 from mirrorcam.optics.base.values import InputError, InvalidValue, Value
@@ -227,10 +235,10 @@ def whole_lines(journal: Path) -> list[dict[str, Any]]:
     if not journal.exists():
         return []
     whole = []
-    for line in read_bytes(journal).split(b"\n")[:-1]:
+    for line in read_lines(journal)[:-1]:
         try:
-            whole.append(json.loads(line))
-        except (ValueError, RecursionError):
+            whole.append(json_of(journal, line))
+        except InputError:
             break
         if not isinstance(whole[-1], dict):
             raise InputError(f"{journal}: holds {str(whole[-1])[:40]!r}, expected lines of a journal")
@@ -277,7 +285,7 @@ class Folders:
         """Read `frames.json`."""
         if not path.is_dir() or not (path / INDEX).exists():
             raise InputError(f"{path}: exists and is no folder of light fields, expected a new name")
-        attributes, entries = read_json(path / INDEX), Entries()
+        attributes, entries = read_json(path / INDEX, LARGEST_FILE_BYTES), Entries()
         if not isinstance(attributes, dict):
             raise InputError(f"{path / INDEX}: no list of frames, expected an object")
         for name in ("frames", "lost"):

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.files import model_from, read_bytes, tables_of, write_json
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of, write_json
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
@@ -143,7 +143,7 @@ def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
     """
     if not path.exists():
         return None
-    tables = tables_of(path, read_bytes(path))
+    tables = tables_of(path, read_bytes(path, LARGEST_LAYOUT_BYTES))
     if isinstance(tables, dict) and isinstance(tables.get("views"), list):
         raise InputError(
             f"{path}: has the views of a device for calibrators, expected those of a light field ({SCHEMA})"

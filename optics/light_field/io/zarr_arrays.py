@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import inside, read_bytes, read_model, stored_bytes
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, inside, read_bytes, read_model, stored_bytes
 from mirrorcam.optics.base.values import InputError, Value
 
 METADATA = "zarr.json"
@@ -87,7 +87,7 @@ class ArrayMetadata(Value):
 
 def read_attributes(folder: Path) -> dict[str, Any]:
     """Read the attributes of a group, or raise InputError in one line."""
-    return read_model(GroupMetadata, inside(folder, METADATA)).attributes
+    return read_model(GroupMetadata, inside(folder, METADATA), LARGEST_LAYOUT_BYTES).attributes
 
 
 class ZarrArray:

@@ -1,55 +1,38 @@
-"""YAML of other tools as plain values: by a safe loader, of limited size, with the matrices of OpenCV's FileStorage."""
+"""Text and YAML files of other tools, of limited size, and what is expected in them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from mirrorcam.optics.base.files import read_bytes
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
+from mirrorcam.optics.scoring.camera_files.yaml_documents import yaml_documents
 
 LARGEST_BYTES = 5_000_000
 """Of a calibration as text; that of a hundred cameras takes 0.1 MB."""
-MOST_VALUES = 1_000_000
 YAML_SUFFIXES = (".yaml", ".yml")
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """PyYAML's safe loader, for which OpenCV's matrix is a mapping."""
-
-
-for _kind in ("matrix", "nd-matrix"):
-    _Loader.add_constructor(
-        f"tag:yaml.org,2002:opencv-{_kind}", lambda loader, node: loader.construct_mapping(node, deep=True)
-    )
-
-
 def read_yaml(path: Path) -> Any:
-    """The value of a YAML file, or InputError in one line."""
+    """The value of a YAML file, or InputError in one line.
+
+    Of several documents, as `ros2 topic echo` prints messages, it is the first: the others may differ in their
+    `header` alone.
+    """
     text = read_text(path)
-    if text.startswith("%YAML:1.0"):  # OpenCV's head, which is none of YAML
-        text = text.partition("\n")[2]
     try:
-        value = yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split()) or "nested too deep"
-        raise InputError(shortened(f"{path}: not valid YAML: {reason}", 250)) from None
-    _refuse_many(value, path)
-    return value
+        documents = [each for each in yaml_documents(text) if each is not None]
+    except InputError as error:
+        raise InputError(shortened(f"{path}: {error}", 250)) from None
+    if any(_without_header(each) != _without_header(documents[0]) for each in documents[1:]):
+        raise InputError(f"{path}: {len(documents)} documents that differ, expected one, or messages that are alike")
+    return documents[0] if documents else None
 
 
-def _refuse_many(value: Any, path: Path) -> None:
-    """Raise InputError for more values than such files hold, which aliases of aliases can stand for in a few lines."""
-    left, count = [value], 0
-    while left:
-        each = left.pop()
-        count += 1
-        if count > MOST_VALUES:
-            raise InputError(f"{path}: holds more than {MOST_VALUES} values, expected a calibration")
-        left += list(each.values()) if isinstance(each, dict) else each if isinstance(each, list) else []
+def _without_header(value: Any) -> Any:
+    return {key: each for key, each in value.items() if key != "header"} if isinstance(value, dict) else value
 
 
 def read_text(path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,9 @@ PREFIX = "LENSMODEL_"
 OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
 LARGEST_BYTES = 50_000_000
 """Files carry the inputs of their optimisation, which are not read."""
+LARGEST_OUTLINE_BYTES = 1_000_000
+"""Of a file without the texts in it, which those inputs are: Python's parser takes a second for this much."""
+_TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
 POSE_KEYS = ("extrinsics", "rt_cam_ref")
 
 
@@ -42,8 +46,11 @@ def _camera(path: Path) -> RigCamera:
 
 
 def _literal(path: Path) -> Any:
+    raw = read_bytes(path, LARGEST_BYTES)
+    if len(_TEXTS.sub(b"", raw)) > LARGEST_OUTLINE_BYTES:
+        raise InputError(f"{path}: no camera model of mrcal: holds more than the numbers of one")
     try:
-        return ast.literal_eval(read_bytes(path, LARGEST_BYTES).decode("utf-8"))
+        return ast.literal_eval(raw.decode("utf-8"))
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise InputError(shortened(f"{path}: no camera model of mrcal: {reason}", 200)) from None

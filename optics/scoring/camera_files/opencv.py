@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import read_json
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_json
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.transforms import rigid
@@ -63,7 +63,9 @@ def read_value(path: Path) -> Any:
     """What a FileStorage of YAML or JSON holds, with matrices as mappings; InputError in one line otherwise."""
     if path.suffix.lower() == ".xml":
         raise InputError(f"{path}: a FileStorage as XML, expected YAML or JSON")
-    return read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
+    if path.suffix.lower() == ".json":
+        return read_json(path, LARGEST_LAYOUT_BYTES)  # it may be a layout of ours
+    return read_yaml(path)
 
 
 def read_opencv(paths: tuple[Path, ...]) -> CameraRig:

@@ -1,5 +1,6 @@
 """ROS: `camera_info` files, as `camera_calibration` and `camera_info_manager` write them, one a camera.
 
+A message as `ros2 topic echo` (or `rostopic echo`) prints it is such a file, too: its names are shorter.
 They hold no poses. Those are of the optical frames in a URDF, or in the `/tf_static` message as YAML, in the same
 folder or the one above; without them, cameras are judged each alone. In metres.
 """
@@ -23,13 +24,20 @@ from mirrorcam.optics.scoring.camera_rig import CameraRig, RigCamera, number_of,
 
 FORMAT = "ros"
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
+KEYS = {"image_width": "width", "image_height": "height", "camera_matrix": "k", "distortion_coefficients": "d"}
+"""Names in a message, by those in a file of one camera."""
+MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP"))
+"""What messages of ROS 2 and ROS 1 have."""
+ABBREVIATED = "..."
 DEEPEST = 1000
 """Links from the root of a robot to a camera, at most."""
 
 
 def is_ros(value: Any) -> bool:
     """Whether the value of a YAML file is a camera_info."""
-    return isinstance(value, dict) and "camera_matrix" in value and "projection_matrix" in value
+    if not isinstance(value, dict):
+        return False
+    return {"camera_matrix", "projection_matrix"} <= value.keys() or any(each <= value.keys() for each in MESSAGES)
 
 
 def is_tf(value: Any) -> bool:
@@ -39,7 +47,7 @@ def is_tf(value: Any) -> bool:
 
 def read_ros(paths: Sequence[Path]) -> CameraRig:
     """The cameras of some camera_info files, with poses where a URDF or transforms beside them have their frames."""
-    found = [(path, table(read_yaml(path), str(path))) for path in paths]
+    found = [(path, _camera_info(path)) for path in paths]
     frames = _frames_beside(paths[0].parent)
     cameras, lost = [], []
     for path, values in found:
@@ -57,13 +65,29 @@ def read_ros(paths: Sequence[Path]) -> CameraRig:
     return CameraRig(FORMAT, tuple(cameras), unit_mm=1000.0, notes=(note,) if lost else ())
 
 
+def _camera_info(path: Path) -> dict[str, Any]:
+    """The values of a camera_info by their names in files, also of a message."""
+    values = table(read_yaml(path), str(path))
+    if not any(each <= values.keys() for each in MESSAGES):
+        return values
+    found = {name: values[key if key in values else key.upper()] for name, key in KEYS.items()}
+    found |= {key: values[key] for key in ("distortion_model",) if key in values}
+    frame = values["header"].get("frame_id") if isinstance(values["header"], dict) else None
+    if frame:
+        found |= {"camera_name": str(frame).removesuffix("_optical_frame"), "frame_id": frame}
+    for name in ("camera_matrix", "distortion_coefficients"):
+        if isinstance(found[name], list) and ABBREVIATED in found[name]:
+            raise InputError(f"{path}: {name} is abbreviated, expected what `ros2 topic echo --full-length` prints")
+    return found | {"camera_matrix": {"rows": 3, "cols": 3, "data": found["camera_matrix"]}}
+
+
 def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
     model = str(values.get("distortion_model", "plumb_bob"))
     if model not in MODELS:
         raise InputError(f"{path}: distortion_model {model[:40]!r}, expected one of {', '.join(MODELS)}")
     coefficients = values.get("distortion_coefficients")
-    if isinstance(coefficients, dict) and not coefficients.get("data"):
-        coefficients = None
+    if isinstance(coefficients, dict):  # a vector, of which some tools state 1 x 5 whatever its length
+        coefficients = coefficients.get("data")
     zeros = [0.0] * MODELS[model]
     return lens_of(str(path), entry(values, "camera_matrix", str(path)), coefficients or zeros, model, size)
 

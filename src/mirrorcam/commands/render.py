@@ -109,7 +109,7 @@ def run(options: RenderOptions) -> int:
     """Render the set, or verify one."""
     if options.verify is not None:
         return verify(options.verify)
-    from mirrorcam.optics.base.files import read_model
+    from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, read_model
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.optics.geometry.targets import default_board, load_board
     from mirrorcam.workflow.poses_file import PosesFile
@@ -117,7 +117,7 @@ def run(options: RenderOptions) -> int:
     assert options.layout is not None
     layout = Layout.load(options.layout)
     target = default_board() if options.board is None else load_board(options.board)
-    given = None if options.poses is None else read_model(PosesFile, options.poses)
+    given = None if options.poses is None else read_model(PosesFile, options.poses, LARGEST_FILE_BYTES)
     tolerances, sensor = tolerances_from_text(options.as_built), sensor_from_text(options.sensor)
     finish = SurfaceFinish() if options.finish is None else read_model(SurfaceFinish, options.finish)
     settings = settings_of(options, sensor, finish)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import RootModel
 
-from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.optics.base.html.templates import PageFile, PagePicture
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import Metric
@@ -26,7 +26,7 @@ class _Metrics(RootModel[dict[str, Metric]]):
 
 def read_metrics(path: Path) -> dict[str, Metric]:
     """Read `metrics.json`, or raise InputError in one line."""
-    return read_model(_Metrics, path).root
+    return read_model(_Metrics, path, LARGEST_LAYOUT_BYTES).root
 
 
 def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:

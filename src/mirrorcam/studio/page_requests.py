@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import HTTPExceptionHandler
 
+from mirrorcam.optics.base.files import validated
+from mirrorcam.optics.base.nested_text import json_value
 from mirrorcam.optics.base.values import InputError, Value
 from mirrorcam.studio.local_access import BodyTooLarge
 
@@ -15,8 +18,15 @@ Asked = TypeVar("Asked", bound=Value)
 
 
 async def asked(model: type[Asked], request: Request) -> Asked:
-    """The value in the body of a request, as JSON. Raises InputError for another."""
-    return model.model_validate_json(await request.body(), strict=True)
+    """The value in the body of a request, as JSON. Raises InputError for another.
+
+    It is parsed in a thread, so that other requests are answered meanwhile; `LocalAccess` bounds the body's size.
+    """
+    return await run_in_threadpool(_value, model, await request.body())
+
+
+def _value(model: type[Asked], body: bytes) -> Asked:
+    return validated(model, json_value(body))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

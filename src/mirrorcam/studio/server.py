@@ -115,7 +115,8 @@ class DesignAnswers:
 
     async def opened(self, request: Request) -> Response:
         file = await asked(Opened, request)
-        return _json(request_of(Path(PurePath(file.name).name), file.text.encode()).model_dump(mode="json"))
+        spec = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
+        return _json(spec.model_dump(mode="json"))
 
     @property
     def routes(self) -> list[Route]:

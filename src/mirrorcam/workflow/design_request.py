@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.files import keys_of, model_from, model_of, read_bytes, tables_of
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, keys_of, model_from, model_of, read_bytes, tables_of
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -18,7 +18,7 @@ def read_request(path: Path) -> DesignSpec:
 
     Raises InputError in one line.
     """
-    raw = read_bytes(path)
+    raw = read_bytes(path, LARGEST_LAYOUT_BYTES)
     _require_suffix(path)
     tables = tables_of(path, raw)
     if not isinstance(tables, dict) or not isinstance(tables.get("camera"), str):

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mirrorcam.optics.base.files import model_from, read_bytes, tables_of
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.workflow.evaluation import WATCHED, Evaluation
 
@@ -16,7 +16,7 @@ def read_evaluation(path: Path) -> Evaluation:
 
     A set whose RMS error is not a number from 0 on has no score, but a failure that says so.
     """
-    tables = tables_of(path, read_bytes(path))
+    tables = tables_of(path, read_bytes(path, LARGEST_LAYOUT_BYTES))
     scores = tables.get("scores") if isinstance(tables, dict) else None
     sets = scores.get("sets") if isinstance(scores, dict) else None
     if isinstance(scores, dict) and isinstance(sets, list):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, read_json
 from mirrorcam.optics.base.jpeg import DamagedPicture
 from mirrorcam.optics.base.pictures import agree_on_bits, check_size, is_picture, picture_size
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
 from mirrorcam.optics.light_field.io.video import Video
@@ -22,11 +23,13 @@ def layout_identity_of(path: Path) -> str | None:
         for name, schema in MANIFESTS.items():
             if (folder / name).is_file():
                 try:
-                    manifest = json.loads((folder / name).read_bytes())
-                except ValueError:
+                    manifest = read_json(folder / name, LARGEST_FILE_BYTES)
+                except InputError:
                     continue  # of another program, which may call a file of its own so
                 if isinstance(manifest, dict) and str(manifest.get("schema", "")).startswith(schema):
-                    return str(manifest["layout_identity"])
+                    if not isinstance(identity := manifest.get("layout_identity"), str):
+                        raise InputError(f"{folder / name}: layout_identity is missing, expected that of a layout")
+                    return identity
     return None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.files import read_json
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_json
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.drift.drift import Drift
 
@@ -32,7 +32,7 @@ def mount_tilt(checks: Path | None) -> MountTilt:
     """
     if checks is None:
         return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed to")
-    found = read_json(checks)
+    found = read_json(checks, LARGEST_LAYOUT_BYTES)
     entry = found.get(TILT) if isinstance(found, dict) else None
     value = entry.get("value") if isinstance(entry, dict) else None
     if not isinstance(value, int | float) or not 0.0 <= value <= 180.0:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import TEMPORARY, inside, read_model, write_files
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, TEMPORARY, inside, model_of, read_model, write_files
 from mirrorcam.optics.base.fingerprint import file_digest
 from mirrorcam.optics.base.names import Line
 from mirrorcam.optics.base.values import InputError, Value
@@ -87,7 +87,7 @@ def read_finished(path: Path) -> FinishedSuite:
             names = ", ".join(each.name for each in found) or "none"
             raise InputError(f"{path}: expected the manifest of one suite (NAME{SUFFIX}), found {names}")
         path = found[0]
-    manifest = read_model(SuiteManifest, path)
+    manifest = read_model(SuiteManifest, path, LARGEST_LAYOUT_BYTES)
     folders = tuple(inside(path.parent, each.folder) for each in manifest.sets)
     for folder, each in zip(folders, manifest.sets, strict=True):
         dataset = folder / MANIFEST
@@ -158,6 +158,6 @@ def _discard(staged: Path) -> None:
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:
     """`put_set` of the files of a set by their names, its manifest among them."""
-    dataset = Dataset.model_validate_json(files[MANIFEST])
+    dataset = model_of(Dataset, Path(folder.name, MANIFEST), files[MANIFEST])
     others = {name: content for name, content in files.items() if name in dataset.files}
     put_set(folder, dataset, partial(write_files, files=others))

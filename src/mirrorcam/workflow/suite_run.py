@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from mirrorcam.optics.base.files import read_model, write_text
+from mirrorcam.optics.base.files import write_text
 from mirrorcam.optics.base.fingerprint import differing, file_digest
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.progress import Progress, no_progress
@@ -156,7 +156,7 @@ def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_pr
         if outcome.status != "solved":
             name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
             raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
-    return {spec: read_model(Layout, folder / DESIGNS / Results.layout_name(spec)) for spec in specs}
+    return {spec: Layout.load(folder / DESIGNS / Results.layout_name(spec)) for spec in specs}
 
 
 def render_suite(

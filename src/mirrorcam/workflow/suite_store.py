@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, read_bytes
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, json_of, model_from, read_bytes
 from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import InputError, InvalidValue
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.workflow.extras import require
@@ -151,9 +151,10 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
 
 
 def _refuse_other(store: Store, name: str, manifest: SuiteManifest) -> None:
+    raw = store.read(name)
     try:
-        there = SuiteManifest.model_validate_json(store.read(name))
-    except InvalidValue:
+        there = model_from(SuiteManifest, name, json_of(name, raw))
+    except InputError:
         raise InputError(f"{store.url}: {name} is no manifest of a suite, expected one, or nothing") from None
     if there.name != manifest.name:
         raise InputError(f"{store.url}: {name} is of the suite {there.name}, expected {manifest.name}")
@@ -178,10 +179,8 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     match its checksums; the folder is left as it was then.
     """
     name = _dataset_name(folder)
-    try:
-        dataset = Dataset.model_validate_json(store.read(name))
-    except InvalidValue as error:
-        raise InputError(f"{store.url}: {name}: {error}") from None
+    where = f"{store.url}: {name}"
+    dataset = model_from(Dataset, where, json_of(where, store.read(name)))
     if other := differing(_asked(recipe), _told(dataset)):
         raise InputError(f"{store.url}: {name} has another {other[0]}, expected that of the set {recipe.name}")
 

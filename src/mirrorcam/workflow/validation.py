@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.optics.base.arguments import AnyPath, path_of
-from mirrorcam.optics.base.files import inside, read_model, write_metrics
+from mirrorcam.optics.base.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
 from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Metric, Value
@@ -106,7 +106,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     total = pictures + dataset.frames
     calibration = calibrate_set(folder, lambda done: progress(done, total))
     truth = true_layout(folder)
-    poses = read_model(_Poses, folder / "truth" / "poses.json").frames
+    poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
     layout, apart = calibration.layout, {}
     if len(layout.mirrors) == 2:
         layout, angle = turned_like(layout, truth)

@@ -10,10 +10,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.files import is_inside, read_bytes, write_text
+from mirrorcam.optics.base.files import is_inside, json_of, model_from, read_lines, write_text
 from mirrorcam.optics.base.fingerprint import file_digest, file_digests
 from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, InvalidValue, Value
+from mirrorcam.optics.base.values import InputError, Value
 
 Checksums = Mapping[str, str]
 """The sha256 of files by their path in a folder."""
@@ -103,11 +103,11 @@ class FolderRecord:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._written: dict[str, WrittenFiles] = {}
-        lines = read_bytes(path).splitlines() if path.exists() else []
+        lines = [line for line in read_lines(path) if line] if path.exists() else []
         for line in lines:
             try:
-                self._note(_Line.model_validate_json(line))
-            except InvalidValue:
+                self._note(model_from(_Line, path, json_of(path, line)))
+            except InputError:
                 continue  # incomplete, or not written by this program: its files are not known to be ours
         if len(lines) > len(self._written):
             every = (_Line(command=name, next=dict(w.next), now=dict(w.now)) for name, w in self._written.items())

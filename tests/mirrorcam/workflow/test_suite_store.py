@@ -128,7 +128,7 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
         return Dataset.model_validate_json(whole).replaced(**fields).model_dump_json(by_alias=True).encode()
 
     faults = {
-        b"{": "Invalid JSON",
+        b"{": "not valid JSON",
         b"[]": "Input should be an object",
         listing("../../out"): "expected the files of a set alone",
         listing("/etc/out"): "expected the files of a set alone",

@@ -195,7 +195,7 @@ def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
     path = tmp_path / "note.json"
     with path.open("wb") as stream:
         stream.truncate(10**12)
-    assert refusal(files.read_json, path) == f"{path}: is larger than 100 MB, expected a smaller file"
+    assert refusal(files.read_json, path) == f"{path}: is larger than 1 MB, expected a smaller file"
 
 
 @pytest.mark.parametrize(

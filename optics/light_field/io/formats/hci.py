@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_bytes, write_text
+from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, read_bytes, write_text
 from mirrorcam.optics.base.messages import shortened
+from mirrorcam.optics.base.nested_text import json_value
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
@@ -173,7 +174,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
     try:
-        parser.read_string(read_bytes(path).decode("utf-8"))
+        parser.read_string(read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8"))
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
     except (Error, ValueError, AttributeError) as error:  # AttributeError: a line that goes on one without a value
@@ -249,10 +250,10 @@ def _our_views(parser: ConfigParser, path: Path, size: tuple[int, int]) -> Views
     try:
         given: dict[str, Any] = {
             **ours,
-            **{name: json.loads(ours[name]) for name in arrays if name in ours},
+            **{name: json_value(ours[name].encode()) for name in arrays if name in ours},
             **{name: float(ours[name]) for name in ("focal_px", "reference_depth_mm") if name in ours},
         }
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(shortened(f"{path}: section {OURS!r}: does not describe views: {error}")) from None
     return views_of_fields({**given, "width_px": size[0], "height_px": size[1]}, f"{path}: section {OURS!r}")
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from mirrorcam.optics.base.array_files import refusing
-from mirrorcam.optics.base.files import inside, read_json, write_json
+from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, inside, read_json, write_json
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError, Matrix4, Value
 from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
@@ -69,7 +69,7 @@ def read_nerfstudio(folder: Path) -> LightField:
     Without `views.json` the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
     """
     path = folder / TRANSFORMS
-    dataset = read_json(path)
+    dataset = read_json(path, LARGEST_LAYOUT_BYTES)
     with refusing(path, "a dataset of a grid of views"):
         frames = {}
         for each in dataset["frames"]:

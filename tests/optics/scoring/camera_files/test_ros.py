@@ -85,6 +85,54 @@ def test_a_file_of_camera_calibration_is_read(tmp_path: Path) -> None:
         read_rig(path)
 
 
+MESSAGE = (
+    "header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: left_optical_frame\nheight: 480\nwidth: 640\n"
+    "distortion_model: rational_polynomial\nd: [0.1, -0.2, 0.0, 0.002, 0.0, 0.5, 0.0, 0.0]\n"
+    "k: [500.5, 0.0, 320.1, 0.0, 501.5, 240.2, 0.0, 0.0, 1.0]\n"
+    "r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n"
+    "p: [500.5, 0.0, 320.1, 0.0, 0.0, 501.5, 240.2, 0.0, 0.0, 0.0, 1.0, 0.0]\n---\n"
+)
+
+
+@pytest.mark.parametrize("ros1", [False, True])
+@pytest.mark.parametrize("times", [1, 3])
+def test_messages_as_they_are_printed_are_read(tmp_path: Path, ros1: bool, times: int) -> None:
+    path, text = tmp_path / "camera_info.yaml", MESSAGE
+    for key in "kdrp" if ros1 else "":
+        text = text.replace(f"\n{key}: ", f"\n{key.upper()}: ")
+    path.write_text("".join(text.replace("nanosec: 0", f"nanosec: {number}") for number in range(times)))
+    (camera,) = read_rig(path).cameras
+    assert camera.name == "left"
+    assert camera.size_px == (640, 480)
+    assert lens_of(camera).distortion.tolist() == [0.1, -0.2, 0.0, 0.002, 0.0, 0.5, 0.0, 0.0]
+    assert lens_of(camera).fx_px == 500.5
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (MESSAGE + MESSAGE.replace("500.5", "500.6"), "2 documents that differ"),
+        (MESSAGE.replace("0.5, 0.0, 0.0]", "'...']"), "distortion_coefficients is abbreviated, .* --full-length"),
+    ],
+)
+def test_messages_that_differ_or_are_abbreviated_are_refused(tmp_path: Path, text: str, complaint: str) -> None:
+    (tmp_path / "camera_info.yaml").write_text(text)
+    with pytest.raises(InputError, match=complaint):
+        read_rig(tmp_path / "camera_info.yaml")
+
+
+def test_coefficients_are_as_many_as_there_are(tmp_path: Path) -> None:
+    """Some tools state 1 x 5 of the eight of a rational_polynomial (image_pipeline, issue 278)."""
+    (tmp_path / "left.yaml").write_text(
+        "image_width: 640\nimage_height: 480\ncamera_name: left\ndistortion_model: rational_polynomial\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0, 0.2, 0, 0.3]}\n"
+        "projection_matrix: {rows: 3, cols: 4, data: [500, 0, 320, 0, 0, 500, 240, 0, 0, 0, 1, 0]}\n"
+    )
+    (camera,) = read_rig(tmp_path / "left.yaml").cameras
+    assert lens_of(camera).distortion.tolist() == [0.1, 0, 0, 0, 0, 0.2, 0, 0.3]
+
+
 @pytest.mark.parametrize(
     ("urdf", "complaint"),
     [
