@@ -14,6 +14,7 @@ from mirrorcam.optics.base.pictures import check_size, is_picture, pictures_in, 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
+from mirrorcam.optics.calibration.mrcal_corners import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.video import Video
@@ -93,6 +94,8 @@ def calibration_pictures(
             names.append(path.name)
             sources.append(None)
             continue
+        if path.suffix.lower() in (".csv", MRCAL_SUFFIX):
+            raise InputError(f"{path}: a table of corners, expected pictures: give it with --corners")
         for frame in _sharp_frames(path, camera, tell):
             pictures.append(frame.picture)
             names.append(f"{path.name} frame {frame.number}")

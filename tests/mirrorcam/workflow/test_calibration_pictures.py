@@ -64,6 +64,13 @@ def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) 
         calibration_pictures([tmp_path / "text.mp4"], 30, tell=lambda sentence: None)
 
 
+@pytest.mark.parametrize("name", ["corners.csv", "corners.vnl"])
+def test_a_table_of_corners_among_pictures_is_refused_with_its_option(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("# filename x y level\n")
+    with pytest.raises(InputError, match=r"a table of corners, expected pictures: give it with --corners"):
+        calibration_pictures([tmp_path / name], 30, tell=print)
+
+
 @pytest.mark.parametrize("name", ["a.mp4", "2026-11-26T10:30:05.mkv"])
 def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.chdir(tmp_path)
