@@ -37,7 +37,7 @@ from mirrorcam.optics.scoring.stated_covariance import CovarianceFile
 from mirrorcam.render_scenes.suites.suite import SUITES, read_suite, suite_names
 from mirrorcam.workflow.design_request import read_request, request_toml
 from mirrorcam.workflow.device_folder import read_hardware
-from mirrorcam.workflow.evaluation import read_baseline
+from mirrorcam.workflow.evaluation_reading import read_evaluation
 
 ATTEMPTS = 3000
 LONGEST_S = 2.0
@@ -118,7 +118,7 @@ KINDS = {
         Kind("layout.json", lambda: LAYOUT.read_text(encoding="utf-8"), _compare),
         Kind("design.json", lambda: LAYOUT.read_text(encoding="utf-8"), read_request),
         Kind("covariance.json", lambda: COVARIANCE, partial(read_model, CovarianceFile)),
-        Kind("evaluation.json", lambda: EVALUATION, read_baseline),
+        Kind("evaluation.json", lambda: EVALUATION, read_evaluation),
         Kind("opencv.json", lambda: json.dumps(yaml_documents(_exported("opencv.yaml"))[0]), _score),
     ),
 }

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mirrorcam.optics.base.values import InputError
 
-X264 = "libx264"
+X264: Final = "libx264"
 
 
 def require_x264() -> None:

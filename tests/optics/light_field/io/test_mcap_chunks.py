@@ -87,7 +87,9 @@ def sized_lz4(content: bytes) -> bytes:
 
 @needs_rosbags
 @pytest.mark.parametrize(
-    ("name", "compress"), [(b"zstd", unsized_zstd), (b"lz4", unsized_lz4), (b"lz4", sized_lz4)], ids=str
+    ("name", "compress"),
+    [(b"zstd", unsized_zstd), (b"lz4", unsized_lz4), (b"lz4", sized_lz4)],
+    ids=["zstd-unsized", "lz4-unsized", "lz4-sized"],
 )
 def test_frames_are_counted_without_holding_them(path: Path, name: bytes, compress: Callable[[bytes], bytes]) -> None:
     for size in (0, 1, 900):
