@@ -150,7 +150,7 @@ def serve_live(
     Raises InputError where something cannot be opened.
     """
     listening = listening_socket(port)
-    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True) as engine:
+    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, tell=tell) as engine:
         app = live_app(engine, listening.getsockname()[1])
         run_server(app, listening, browser=browser, tell=tell, end=engine.close)
     return 0

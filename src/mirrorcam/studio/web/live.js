@@ -141,7 +141,7 @@
     allowButtons(status);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
-    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames`;
+    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames${status.recording[2] ? `, ${status.recording[2]} lost` : ""}`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
     if (!start.board) return;
     showHint(status);
