@@ -15,6 +15,8 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame
 
 QUALITY = 95
+BUFFER_BYTES = 4_000_000
+"""FFmpeg's buffer: a frame is one write then, which waits for Python's lock once."""
 TICKS_HZ = 1000
 """Times in a Matroska file are in milliseconds."""
 
@@ -90,8 +92,10 @@ class FrameRecorder:
         temporary = self._stack.enter_context(atomic(path))
         self._output = self._stack.enter_context(closing(_Output(temporary)))
         self._stack.callback(self._keep_complete)
-        # Without buffering by FFmpeg, a cluster of frames is in the file once the next one begins.
-        self._container: Any = av.open(self._output, "w", format="matroska", options={"flush_packets": "1"})
+        # Flushed after each packet, a cluster of frames is in the file once the next one begins.
+        self._container: Any = av.open(
+            self._output, "w", format="matroska", options={"flush_packets": "1"}, buffer_size=BUFFER_BYTES
+        )
         self._stream: Any = self._container.add_stream("mjpeg", rate=30)
         self._stream.width, self._stream.height, self._stream.pix_fmt = width_px, height_px, "yuvj420p"
         self._stream.time_base = Fraction(1, TICKS_HZ)
