@@ -17,7 +17,6 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import StaticFiles
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.optics.base.bounds import DEPTH_MM
@@ -31,6 +30,7 @@ from mirrorcam.studio.jobs import JobKind, Jobs
 from mirrorcam.studio.local_access import FILES, LocalAccess
 from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.studio.page_requests import REFUSALS, asked
+from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import Asker, Superseded
 from mirrorcam.workflow.design_request import request_of, request_toml
@@ -38,7 +38,7 @@ from mirrorcam.workflow.design_request import request_of, request_toml
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"
 """Name that a page gives itself, so that its newest request replaces its earlier ones and no other page's."""
-LONGEST_NAME = 64
+LONGEST_NAME, LONGEST_NUMBER = 64, 16
 
 
 class Opened(Value):
@@ -172,13 +172,6 @@ class DesignAnswers:
         return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
 
 
-class _Files(StaticFiles):
-    """Files of a folder that is made with the first job: before it, there is none of them."""
-
-    async def check_config(self) -> None:
-        return
-
-
 class JobAnswers:
     """Answers about what is made of designs."""
 
@@ -195,7 +188,10 @@ class JobAnswers:
         return _json([report.model_dump(mode="json") for report in self._jobs.reports()])
 
     async def cancel(self, request: Request) -> Response:
-        self._jobs.cancel(request.path_params["number"])
+        number = request.path_params["number"]
+        if not (number.isascii() and number.isdigit() and len(number) < LONGEST_NUMBER):
+            return PlainTextResponse("not found", status_code=404)
+        self._jobs.cancel(int(number))
         return _json({})
 
     async def zip(self, request: Request) -> Response:
@@ -208,13 +204,12 @@ class JobAnswers:
 
     @property
     def routes(self) -> list[BaseRoute]:
-        files = _Files(directory=self._jobs.root, check_dir=False)
         return [
             Route("/jobs", self.all),
             Route("/jobs", self.start, methods=["POST"]),
-            Route("/jobs/{number:int}/cancel", self.cancel, methods=["POST"]),
+            Route("/jobs/{number}/cancel", self.cancel, methods=["POST"]),
             Route("/zip/{name:path}", self.zip),
-            Mount(FILES, files),
+            Mount(FILES, ServedFiles(self._jobs.root)),
         ]
 
 
