@@ -32,6 +32,8 @@ class NewestFrame:
         Whether frames arrive when their times say so, as a file's should; else as the source gives them.
     every
         Whether each frame is waited for until it is taken, so that none is dropped.
+    arriving
+        Called in the thread that reads with each frame and each lost one, as soon as it arrives.
     clock
         Time in s.
 
@@ -47,10 +49,12 @@ class NewestFrame:
         *,
         paced: bool = False,
         every: bool = False,
+        arriving: Callable[[Frame | Lost], None] = lambda item: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.dropped = self.lost = 0
         self._source, self._paced, self._every, self._clock = source, paced, every, clock
+        self._arriving = arriving
         self._changed, self._stopping = threading.Condition(), threading.Event()
         self._newest: Arrived | None = None
         self._over = False
@@ -93,11 +97,13 @@ class NewestFrame:
                     return
                 if isinstance(item, Lost):
                     self.lost += 1
+                    self._arriving(item)
                     continue
                 if self._paced:
                     started = self._clock() - item.time_s if started is None else started
                     if self._stopping.wait(max(started + item.time_s - self._clock(), 0.0)):
                         return
+                self._arriving(item)
                 self._put(item)
         except BaseException as error:  # raised again where a frame is taken
             self._error = error

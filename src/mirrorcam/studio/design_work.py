@@ -125,8 +125,8 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
 
 
 def next_suggestion() -> SuggestedRequest | None:
-    """The next request that can be met; None where there is no other."""
-    return next(_suggestions[0], None)
+    """The next request that can be met; None where there is no other, or no search."""
+    return next(_suggestions[0], None) if _suggestions else None
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
@@ -18,16 +19,13 @@ from mirrorcam.studio.look_ahead import LookAhead
 from mirrorcam.studio.nearby_requests import nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.tolerance_values import ToleranceBars
+from mirrorcam.studio.turns import Asker, Superseded, Turns
 
 MOST_KEPT = 300
 
 
-class Superseded(Exception):
-    """A design that is no longer asked for: another was, before it was solved."""
-
-
 class Designer:
-    """Solves the newest request and previews others meanwhile; any thread may call.
+    """Solves the newest request of each page in turn, and previews others meanwhile; any thread may call.
 
     What was solved is kept, so that going back to it takes no time, and a preview lies between what was solved. While
     nothing is asked for, a process of low priority solves what was previewed last, then requests near the newest.
@@ -39,10 +37,8 @@ class Designer:
         self._solver, self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(3))
         self._painter, self._advisor = WorkerProcess(), Advisor()
         self._look_ahead = LookAhead(self._kept.__contains__, self._keep)
-        self._lock, self._turn = threading.Lock(), threading.Lock()
-        self._newest = 0
-        self._solving: DesignSpec | None = None
-        self._studied: DesignSpec | None = None
+        self._lock = threading.Lock()
+        self._solutions, self._studies = Turns(self._solver.kill), Turns(self._analyst.kill)
         self._over = False
 
     def start(self) -> None:
@@ -66,42 +62,40 @@ class Designer:
         """Take the files of layouts that were solved before, such as of a sweep: each is read when it is asked for."""
         self._stored = dict(stored)
 
-    def solve(self, spec: DesignSpec) -> Found:
-        """The exact design of a request; ends the solution of an earlier one, whose call raises Superseded.
+    def solve(self, spec: DesignSpec, asker: Asker | None = None) -> Found:
+        """The exact design of a request, once it is the turn of its page.
 
-        Raises InputError where the process that solves it dies.
+        A page that asks for another design ends the solution of its earlier one, whose call raises Superseded. Raises
+        InputError where the process that solves it dies.
         """
-        with self._lock:
-            self._newest += 1
-            mine = self._newest
-            if self._solving not in (None, spec):
-                self._solver.kill()
+        asker = asker or Asker()
         if spec in self._stored and spec not in self._kept:
             self.keep(spec, Layout.load(self._stored[spec]))
-        self._advisor.end_searches()  # for requests that are no longer looked at
-        with self._turn:
-            found = self._kept.get(spec)
-            if found is None:
-                found = self._solved_now(spec, mine)
-                self._keep(spec, found)
+        self._advisor.end_search(asker)  # for a request that is no longer looked at
+        found = self._kept.get(spec)
+        if found is None:
+            with self._solutions.turn(asker, spec):
+                found = self._kept.get(spec) or self._solved_now(spec, asker)
+        else:
+            self._solutions.give_up_earlier(asker, spec)
         self._look_ahead.wish(nearby_requests(spec))
         return found
 
-    def _solved_now(self, spec: DesignSpec, number: int) -> Found:
-        with self._lock:
-            if number != self._newest:
-                raise Superseded
-            self._solving = spec
+    def leave(self, asker: Asker) -> None:
+        """Give up a request that its page has ended."""
+        self._solutions.leave(asker)
+        self._studies.leave(asker)
+        self._advisor.leave(asker)
+
+    def _solved_now(self, spec: DesignSpec, asker: Asker) -> Found:
         try:
             with self._look_ahead.paused():
                 found: Found = self._solver.call(design_work.solve_in_two, spec)
         except WorkerDied as death:
-            if number == self._newest and not self._over:
-                raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
-            raise Superseded from None
-        finally:
-            with self._lock:
-                self._solving = None
+            if asker.gone or self._over:
+                raise Superseded from None
+            raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
+        self._keep(spec, found)
         return found
 
     def _keep(self, spec: DesignSpec, found: Found) -> None:
@@ -128,39 +122,40 @@ class Designer:
             raise InputError("this design is not solved, expected one that is")
         return found
 
-    def tolerance(self, spec: DesignSpec) -> ToleranceBars:
+    def tolerance(self, spec: DesignSpec, asker: Asker | None = None) -> ToleranceBars:
         """What devices of a solved design can be expected to reach, which takes seconds.
 
-        Raises InputError for a design that is not solved, or that cannot be built so, and WorkerDied where that of
-        another design was asked for meanwhile.
+        Raises InputError for a design that is not solved, or that cannot be built so, and Superseded where the page has
+        asked for that of another design meanwhile.
         """
-        layout = self.solved(spec).layout
-        with self._lock:
-            if self._studied not in (None, spec):  # a design that is no longer looked at
-                self._analyst.kill()
-            self._studied = spec
-        try:
-            bars: ToleranceBars = self._analyst.call(design_work.tolerance, layout)
-        finally:
-            with self._lock:
-                if self._studied == spec:
-                    self._studied = None
+        asker, layout = asker or Asker(), self.solved(spec).layout
+        with self._studies.turn(asker, spec):
+            bars: ToleranceBars = self._studied(asker, design_work.tolerance, layout)
         return bars
 
     def report(self, spec: DesignSpec) -> str:
         """The report of a solved design. Raises InputError for one that is not."""
-        found = self.solved(spec)
-        return str(self._analyst.call(design_work.report, found.layout, found.parabola))
+        found, asker = self.solved(spec), Asker(object())
+        with self._studies.turn(asker, spec):
+            return str(self._studied(asker, design_work.report, found.layout, found.parabola))
 
-    def suggestions(self, spec: DesignSpec) -> Iterator[SuggestedRequest]:
-        """Requests near a refused one that can be met, as they are found, until another request comes.
+    def _studied(self, asker: Asker, work: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return self._analyst.call(work, *arguments)
+        except WorkerDied:
+            if asker.gone:
+                raise Superseded from None
+            raise
+
+    def suggestions(self, spec: DesignSpec, asker: Asker | None = None) -> Iterator[SuggestedRequest]:
+        """Requests near a refused one that can be met, as they are found, until its page has another request.
 
         Raises InputError for a request that was not refused.
         """
         refused = self._kept.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
             raise InputError("this design was not refused, expected one that cannot be")
-        return self._advisor.suggestions(spec, refused)
+        return self._advisor.suggestions(spec, refused, asker or Asker())
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A frame that a solved design would see. Raises InputError where there is no room for the subject."""
@@ -173,6 +168,6 @@ class Designer:
         return pictures
 
     def refocused(self, spec: DesignSpec, subject: Subject, depth_mm: float) -> Frame:
-        """All views in focus at a depth. Raises InputError unless this design was `decoded` last."""
+        """All views in focus at a depth. Raises InputError unless this design was `decoded` lately."""
         picture: Frame = self._painter.call(sight_work.refocused, self.solved(spec).layout, subject, depth_mm)
         return picture

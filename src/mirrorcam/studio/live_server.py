@@ -16,13 +16,13 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
 
 from mirrorcam.optics.base.values import Value
 from mirrorcam.studio.live_page import live_page
 from mirrorcam.studio.local_access import FILES, LocalAccess
 from mirrorcam.studio.loopback import listening_socket, run_server
 from mirrorcam.studio.page_requests import REFUSALS, asked
+from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.workflow.live_engine import LiveEngine
 from mirrorcam.workflow.live_values import LiveRequest, PictureKind
 
@@ -129,7 +129,7 @@ def live_app(engine: LiveEngine, port: int) -> Starlette:
             Route("/depth", answers.depth),
             Route("/status", answers.status),
             Route("/order", answers.order, methods=["POST"]),
-            Mount(FILES, StaticFiles(directory=engine.out, check_dir=False)),
+            Mount(FILES, ServedFiles(engine.out)),
         ],
         middleware=[Middleware(LocalAccess, port=port)],
         exception_handlers=REFUSALS,
@@ -150,7 +150,7 @@ def serve_live(
     Raises InputError where something cannot be opened.
     """
     listening = listening_socket(port)
-    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True) as engine:
+    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, tell=tell) as engine:
         app = live_app(engine, listening.getsockname()[1])
         run_server(app, listening, browser=browser, tell=tell, end=engine.close)
     return 0

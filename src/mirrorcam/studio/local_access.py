@@ -5,11 +5,14 @@ from __future__ import annotations
 import secrets
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES = 2_000_000
+LONGEST_LENGTH = 20
+"""Digits of a stated length that are read as a number."""
 FILES = "/files"
 """Where the pages of built devices are, which carry their scripts and styles in themselves."""
 _ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
@@ -42,8 +45,12 @@ class LocalAccess:
             f"script-src {inline}; style-src {inline}; img-src 'self' data: blob:; connect-src 'self' data: blob:"
         )
 
+        begun = False
+
         async def with_policy(message: Message) -> None:
+            nonlocal begun
             if message["type"] == "http.response.start":
+                begun = True
                 headers = MutableHeaders(scope=message)
                 headers["Content-Security-Policy"] = policy
                 headers["X-Content-Type-Options"] = "nosniff"
@@ -52,7 +59,11 @@ class LocalAccess:
                 headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
-        await self._app(scope, _limited(receive), with_policy)
+        try:
+            await self._app(scope, _limited(receive), with_policy)
+        except ClientDisconnect:
+            if not begun:
+                await PlainTextResponse("the request has ended before its end", status_code=400)(scope, receive, send)
 
     def _refusal(self, headers: Headers, method: str, path: str) -> str:
         """Why a request is refused, empty where it is not."""
@@ -66,9 +77,11 @@ class LocalAccess:
             return "the request comes from a page of another site"
         if method == "POST" and not headers.get("content-type", "").startswith("application/json"):
             return "expected application/json"
-        if int(headers.get("content-length", "0") or "0") > LARGEST_BODY_BYTES:
-            return "the request is too large"
-        return ""
+        length = headers.get("content-length", "0") or "0"
+        if not (length.isascii() and length.isdigit()):
+            return "expected a number of bytes as its length"
+        too_large = len(length) > LONGEST_LENGTH or int(length) > LARGEST_BODY_BYTES
+        return "the request is too large" if too_large else ""
 
     def _is_own(self, origin: str) -> bool:
         return origin.lower() in {f"http://{host}" for host in self._hosts}

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import Field
 from starlette.applications import Starlette
 from starlette.background import BackgroundTask
-from starlette.concurrency import run_in_threadpool
+from starlette.concurrency import iterate_in_threadpool, run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import BaseRoute, Mount, Route
-from starlette.staticfiles import StaticFiles
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.optics.base.bounds import DEPTH_MM
@@ -23,13 +25,20 @@ from mirrorcam.optics.base.worker_process import WorkerDied
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_values import SolvedDesign
-from mirrorcam.studio.designer import Designer, Superseded
+from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import JobKind, Jobs
 from mirrorcam.studio.local_access import FILES, LocalAccess
 from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.studio.page_requests import REFUSALS, asked
+from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.studio.sight_work import Subject
+from mirrorcam.studio.turns import Asker, Superseded
 from mirrorcam.workflow.design_request import request_of, request_toml
+
+Result = TypeVar("Result")
+PAGE_HEADER = "x-page"
+"""Name that a page gives itself, so that its newest request replaces its earlier ones and no other page's."""
+LONGEST_NAME, LONGEST_NUMBER = 64, 16
 
 
 class Opened(Value):
@@ -67,7 +76,7 @@ class DesignAnswers:
 
     async def design(self, request: Request) -> Response:
         try:
-            found = await run_in_threadpool(self._designer.solve, await asked(DesignSpec, request))
+            found = await self._solved(request, self._designer.solve)
         except InputError as error:
             return _json({"status": "refused", "constraint": "", "finding": str(error)})
         except Superseded:
@@ -82,11 +91,18 @@ class DesignAnswers:
         )
 
     async def suggestions(self, request: Request) -> Response:
-        found = self._designer.suggestions(await asked(DesignSpec, request))
-        return StreamingResponse((f"{each.model_dump_json()}\n" for each in found), media_type="application/x-ndjson")
+        asker = _asker(request)
+        found = self._designer.suggestions(await asked(DesignSpec, request), asker)
+
+        async def lines() -> AsyncIterator[str]:
+            async with self._attended(request, asker):
+                async for each in iterate_in_threadpool(found):
+                    yield f"{each.model_dump_json()}\n"
+
+        return StreamingResponse(lines(), media_type="application/x-ndjson")
 
     async def tolerance(self, request: Request) -> Response:
-        bars = await run_in_threadpool(self._designer.tolerance, await asked(DesignSpec, request))
+        bars = await self._solved(request, self._designer.tolerance)
         return _json(bars.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
@@ -118,6 +134,27 @@ class DesignAnswers:
         spec = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
         return _json(spec.model_dump(mode="json"))
 
+    async def _solved(self, request: Request, work: Callable[[DesignSpec, Asker], Result]) -> Result:
+        """The result of work on the design of a request."""
+        spec, asker = await asked(DesignSpec, request), _asker(request)
+        async with self._attended(request, asker):
+            return await run_in_threadpool(work, spec, asker)
+
+    @asynccontextmanager
+    async def _attended(self, request: Request, asker: Asker) -> AsyncIterator[None]:
+        """Give up a request where its page ends it within the block."""
+
+        async def attend() -> None:
+            while (await request.receive())["type"] != "http.disconnect":
+                continue
+            await run_in_threadpool(self._designer.leave, asker)
+
+        attending = asyncio.create_task(attend())
+        try:
+            yield
+        finally:
+            attending.cancel()
+
     @property
     def routes(self) -> list[Route]:
         answers = {
@@ -136,13 +173,6 @@ class DesignAnswers:
         return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
 
 
-class _Files(StaticFiles):
-    """Files of a folder that is made with the first job: before it, there is none of them."""
-
-    async def check_config(self) -> None:
-        return
-
-
 class JobAnswers:
     """Answers about what is made of designs."""
 
@@ -159,7 +189,10 @@ class JobAnswers:
         return _json([report.model_dump(mode="json") for report in self._jobs.reports()])
 
     async def cancel(self, request: Request) -> Response:
-        self._jobs.cancel(request.path_params["number"])
+        number = request.path_params["number"]
+        if not (number.isascii() and number.isdigit() and len(number) < LONGEST_NUMBER):
+            return PlainTextResponse("not found", status_code=404)
+        self._jobs.cancel(int(number))
         return _json({})
 
     async def zip(self, request: Request) -> Response:
@@ -172,13 +205,12 @@ class JobAnswers:
 
     @property
     def routes(self) -> list[BaseRoute]:
-        files = _Files(directory=self._jobs.root, check_dir=False)
         return [
             Route("/jobs", self.all),
             Route("/jobs", self.start, methods=["POST"]),
-            Route("/jobs/{number:int}/cancel", self.cancel, methods=["POST"]),
+            Route("/jobs/{number}/cancel", self.cancel, methods=["POST"]),
             Route("/zip/{name:path}", self.zip),
-            Mount(FILES, files),
+            Mount(FILES, ServedFiles(self._jobs.root)),
         ]
 
 
@@ -191,8 +223,14 @@ def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> S
     return Starlette(
         routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
         middleware=[Middleware(LocalAccess, port=port)],
-        exception_handlers=REFUSALS | {WorkerDied: _gone},
+        exception_handlers=REFUSALS | {WorkerDied: _gone, Superseded: _gone},
     )
+
+
+def _asker(request: Request) -> Asker:
+    """The page that a request is of, by the name that it gives itself; a request without is a page of its own."""
+    name = request.headers.get(PAGE_HEADER)
+    return Asker(object() if name is None else name[:LONGEST_NAME])
 
 
 def _json(value: Any) -> Response:

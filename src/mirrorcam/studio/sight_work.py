@@ -1,8 +1,9 @@
-"""What a design would see, rendered and decoded by a process of the studio, which keeps the last one to focus on."""
+"""What a design would see, rendered and decoded by a process of the studio, which keeps the last ones to focus on."""
 
 from __future__ import annotations
 
 import base64
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -43,8 +44,10 @@ class Decoded(Value):
     error_mm: float | None
 
 
+MOST_SEEN = 12
 _frame: tuple[str, PreviewFrame] | None = None
-_seen: tuple[str, SeenBy] | None = None
+_seen: OrderedDict[str, SeenBy] = OrderedDict()
+"""What was decoded lately, by its name: pages that are open at the same time look at different designs."""
 
 
 def _name(layout: Layout, subject: Subject) -> str:
@@ -68,13 +71,15 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
     """Views, a refocused picture and depth of such a frame. Raises InputError where views share nothing."""
     from mirrorcam.render_scenes.preview.seen_by import seen_in
 
-    global _seen
     name = _name(layout, subject)
     if _frame is None or _frame[0] != name:
         frame(layout, subject)
     assert _frame is not None
     seen = seen_in(_frame[1])
-    _seen = (name, seen)
+    _seen.pop(name, None)
+    _seen[name] = seen
+    while len(_seen) > MOST_SEEN:
+        _seen.popitem(last=False)
     near_mm, far_mm = seen.searched_mm
     focus_mm = 2.0 / (1.0 / near_mm + 1.0 / far_mm)
     error_mm = seen.median_error_mm
@@ -90,10 +95,11 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
 
 
 def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
-    """The picture of all views in focus at a depth. Raises InputError unless this design was decoded last."""
-    if _seen is None or _seen[0] != _name(layout, subject):
-        raise InputError("this design is not decoded now, expected the one that was decoded last")
-    return Frame(picture=_data_url(_seen[1].refocused(depth_mm)))
+    """The picture of all views in focus at a depth. Raises InputError unless this design was decoded lately."""
+    seen = _seen.get(_name(layout, subject))
+    if seen is None:
+        raise InputError("this design is not decoded now, expected one that was decoded lately")
+    return Frame(picture=_data_url(seen.refocused(depth_mm)))
 
 
 def _data_url(picture: NDArray[np.uint8]) -> str:

@@ -108,7 +108,8 @@ class DecodingThread:
             if answer.over:
                 self._rest(orders.plays)
         try:
-            process.call(close_session)
+            for line in process.call(close_session):
+                self._meters.say(line)
         except (InputError, RuntimeError, WorkerDied) as error:
             self._meters.say(str(error))
 

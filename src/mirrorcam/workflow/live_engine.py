@@ -7,6 +7,7 @@ and one aligns and finds boards; a thread of the engine stands by each.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -17,6 +18,7 @@ from mirrorcam.optics.base.files import numbered
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.io.background_recorder import new_recording
 from mirrorcam.workflow.live_calibration import CalibrationRun
 from mirrorcam.workflow.live_decoding_thread import DecodingThread
 from mirrorcam.workflow.live_depth_thread import DepthThread
@@ -47,6 +49,8 @@ class LiveEngine:
         are.
     hold
         Whether a source that ends (a video, a folder) waits for `begin`; a camera does not.
+    tell
+        Takes each message of the session, in a thread of the engine.
 
     Attributes
     ----------
@@ -67,9 +71,10 @@ class LiveEngine:
         board: Path | None = None,
         idle_s: float | None = None,
         hold: bool = False,
+        tell: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.request, self.out, self.board = request, out, board
-        self._pictures, self._meters = LivePictures(idle_s), LiveMeters()
+        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(tell)
         self._depth = DepthThread(request.layout, request.depth_width_px, self._pictures, self._meters)
         self._setup = SetupThread(request.layout, board, self._meters)
         self._decoding = DecodingThread(
@@ -154,12 +159,12 @@ class LiveEngine:
         self._decoding.order(reset_focus=True)
 
     def record(self) -> Path:
-        """Write frames to a new video from the next one on, and return its path.
+        """Write every frame to a new video from the next one on, and return its path.
 
-        Raises InputError where the source has ended.
+        Raises InputError where the source has ended, and where the folder cannot be written.
         """
         self._refuse_ended()
-        path = numbered(self.out / "recordings", "recording", ".mkv")
+        path = new_recording(self.out / "recordings")
         self._decoding.order(record=path)
         return path
 

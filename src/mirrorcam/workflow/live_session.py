@@ -26,13 +26,13 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
-from mirrorcam.optics.light_field.io.frame_recorder import FrameRecorder
 from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.live_camera import LiveCamera
 from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
 from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
+from mirrorcam.workflow.live_recording import LiveRecording
 from mirrorcam.workflow.live_source import open_source
 from mirrorcam.workflow.live_values import Answer, LiveRequest, Orders, PictureKind, SessionAbout, Shown
 
@@ -92,8 +92,7 @@ class LiveSession:
         self._meter, self._measured_s = FocusMeter(len(self._masks)), -np.inf
         self._kept: deque[NDArray[np.uint8]] = deque(maxlen=KEPT_FRAMES)
         self._kept_s = -np.inf
-        self._recorder: FrameRecorder | None = None
-        self._recorded = 0
+        self._recording = LiveRecording(camera, self._lines.append)
         self.opened = open_source(request.source, camera, self._lines.append)
         self._every, self._plays = request.every, 0
         self._newest: NewestFrame | None = None
@@ -132,8 +131,7 @@ class LiveSession:
         """The pictures of the next frame, as ordered. Raises InputError as the source does."""
         if orders.reset_focus:
             self._meter.reset()
-        if orders.record is None and self._recorder is not None:
-            self._stop_recording()
+        self._recording.order(orders.record)
         if orders.plays > self._plays and self.opened.ends:
             self._plays = orders.plays
             if self._newest is None or self._newest.over:
@@ -146,10 +144,9 @@ class LiveSession:
             shown = self._shown(arrived, orders)
         elif over and self._last is not None:
             shown = self._shown_again(self._last, orders)
+        recorded = self._recording.counts
         source = self.opened.source
         live = source if isinstance(source, LiveCamera) else None
-        lines = tuple(self._lines)
-        self._lines.clear()
         return Answer(
             shown,
             over=over,
@@ -158,25 +155,33 @@ class LiveSession:
             + (0 if live is None else live.dropped),
             lost=self._lost + (0 if self._newest is None else self._newest.lost),
             outages=0 if live is None else live.outages,
-            recorded=self._recorded,
+            recorded=recorded.recorded,
+            not_recorded=recorded.lost,
             memory_mb=resident_mb(),
-            lines=lines,
+            lines=self._told(),
         )
 
-    def close(self) -> None:
-        """Finish the recording, and let go of the source."""
-        self._stop_recording()
+    def close(self) -> tuple[str, ...]:
+        """Finish the recording, let go of the source, and return the last messages."""
+        self._recording.order(None)
         if self._newest is None:
             self.opened.source.stop()
         else:
             self._newest.stop()
+        self._recording.close()
+        return self._told()
 
     def _read(self) -> None:
         """Read the source, from its start where it ends."""
         if self._newest is not None:
             self._dropped += self._newest.dropped
             self._lost += self._newest.lost
-        self._newest = NewestFrame(self.opened.source, paced=self.opened.paced and not self._every, every=self._every)
+        self._newest = NewestFrame(
+            self.opened.source,
+            paced=self.opened.paced and not self._every,
+            every=self._every,
+            arriving=self._recording.give,
+        )
 
     def _shown_again(self, last: Arrived, orders: Orders) -> Shown | None:
         """What is ordered and the last frame has not become yet: of other kinds, in another focus, for depth."""
@@ -188,7 +193,7 @@ class LiveSession:
         depth = orders.depth and "depth" not in self._made
         if not kinds and not depth:
             return None
-        wanted = replace(orders, kinds=kinds, depth=depth, frames=False, record=None, take=None)
+        wanted = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
         return replace(self._shown(replace(last, moment=time.monotonic()), wanted), again=True)
 
     def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
@@ -205,7 +210,6 @@ class LiveSession:
         done = time.monotonic()
         self._made |= dict.fromkeys(jpegs, orders.focus_mm) | ({"depth": None} if orders.depth else {})
         samples = self._small.decode(frame.pixels).samples if orders.depth else None
-        self._record(frame, orders.record)
         measured = done - self._measured_s >= METER_S
         grey: Any = cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY) if measured or orders.frames else None
         sharp, exposure = None, None
@@ -238,21 +242,10 @@ class LiveSession:
         write_image(path, frame.pixels)
         return path
 
-    def _record(self, frame: Frame, path: Path | None) -> None:
-        if path is None:
-            return
-        if self._recorder is not None and self._recorder.path != path:
-            self._stop_recording()
-        if self._recorder is None:
-            self._recorder = FrameRecorder(path, self.layout.camera.width_px, self.layout.camera.height_px)
-        self._recorder.add(frame)
-        self._recorded = self._recorder.frames
-
-    def _stop_recording(self) -> None:
-        if self._recorder is not None:
-            self._recorder.close()
-            self._lines.append(f"{self._recorder.path} written: {self._recorder.frames} frames")
-            self._recorder = None
+    def _told(self) -> tuple[str, ...]:
+        lines = tuple(self._lines)
+        self._lines.clear()
+        return lines
 
 
 def _jpeg(picture: Any) -> bytes:
@@ -284,7 +277,6 @@ def next_pictures(orders: Orders) -> Answer:
     return _SESSIONS[0].next(orders)
 
 
-def close_session() -> None:
-    """Close this process's session, if it has one."""
-    while _SESSIONS:
-        _SESSIONS.pop().close()
+def close_session() -> tuple[str, ...]:
+    """Close this process's session, if it has one, and return its last messages."""
+    return _SESSIONS.pop().close() if _SESSIONS else ()

@@ -103,4 +103,4 @@ def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda 
         raise InputError(
             f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
         )
-    return LiveSource(camera(text, *size, tell=tell, waiting=1), shown(text), "camera")
+    return LiveSource(camera(text, *size, tell=tell), shown(text), "camera")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +57,7 @@ class LiveStatus:
     pictures_kept
         Number of all that a calibration would use, with those of earlier sessions.
     recording
-        The file that frames go to, and their number.
+        The file that frames go to, their number, and that of the frames which are lost to it.
     calibration
         How far the calibration is.
     depth_median_mm
@@ -89,7 +89,7 @@ class LiveStatus:
     pictures: int
     taken: Path | None
     pictures_kept: int
-    recording: tuple[Path, int] | None
+    recording: tuple[Path, int, int] | None
     calibration: CalibrationState | None
     depth_median_mm: float | None
     lines: tuple[str, ...]
@@ -98,10 +98,13 @@ class LiveStatus:
 
 
 class LiveMeters:
-    """Counts, rates and messages of a session, from what its processes give; any thread may note and ask."""
+    """Counts, rates and messages of a session, from what its processes give; any thread may note and ask.
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
+    `tell` takes each message as it comes.
+    """
+
+    def __init__(self, tell: Callable[[str], None] = lambda line: None) -> None:
+        self._tell, self._lock = tell, threading.Lock()
         self._arrivals: deque[float] = deque(maxlen=REMEMBERED)
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
         self._depths: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
@@ -123,9 +126,10 @@ class LiveMeters:
 
     def note(self, answer: Answer) -> None:
         """Count what the process that decodes has answered."""
+        for line in answer.lines:
+            self.say(line)
         with self._lock:
             self._answer = answer
-            self._lines.extend(answer.lines)
             shown = answer.shown
             if shown is None:
                 return
@@ -147,19 +151,20 @@ class LiveMeters:
 
     def say(self, line: str) -> None:
         """Add a message."""
+        self._tell(line)
         with self._lock:
             self._lines.append(line)
 
     def fail(self, reason: str) -> None:
         """Say why the session has ended before its source."""
+        self.say(reason)
         with self._lock:
-            self._lines.append(reason)
             self._failed = reason
 
     def fail_part(self, part: str, reason: str) -> None:
         """Say why "depth" or "setup" has ended; the session goes on."""
+        self.say(reason)
         with self._lock:
-            self._lines.append(reason)
             self._failed_parts[part] = reason
 
     def status(
@@ -177,6 +182,7 @@ class LiveMeters:
         with self._lock:
             answer, latencies = self._answer, sorted(self._latencies)
             depths = [(done, latency) for done, latency in self._depths if now - done < RECENT_S]
+            recorded = (0, 0) if answer is None else (answer.recorded, answer.not_recorded)
             return LiveStatus(
                 frames=self._frames,
                 rate_hz=rate([each for each in self._arrivals if now - each < RECENT_S]),
@@ -197,7 +203,7 @@ class LiveMeters:
                 pictures=self._pictures,
                 taken=self._taken,
                 pictures_kept=pictures_kept,
-                recording=None if recording is None else (recording, 0 if answer is None else answer.recorded),
+                recording=None if recording is None else (recording, *recorded),
                 calibration=calibration,
                 depth_median_mm=self._depth_median_mm,
                 lines=tuple(self._lines),

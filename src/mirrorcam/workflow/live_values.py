@@ -141,7 +141,10 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a session answers: a frame's pictures, if one arrived in time, and the counts so far."""
+    """What a session answers: a frame's pictures, if one arrived in time, and the counts so far.
+
+    `recorded` and `not_recorded` are frames of the recording that runs: those in the file, and those that are lost.
+    """
 
     shown: Shown | None
     over: bool
@@ -149,5 +152,6 @@ class Answer:
     lost: int
     outages: int
     recorded: int
+    not_recorded: int
     memory_mb: float
     lines: tuple[str, ...] = field(default=())

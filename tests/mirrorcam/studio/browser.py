@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -108,15 +108,20 @@ def _note(watched: Watched, message: Any) -> None:
 
 
 @contextmanager
-def served(folder: Path, command: str = "studio", *arguments: str) -> Iterator[str]:
-    """The address of a page that a command serves in a process of its own, which ends with 0 where it is asked to."""
+def served(folder: Path, command: str = "studio", *arguments: str, errors: Path | None = None) -> Iterator[str]:
+    """The address of a page that a command serves in a process of its own, which ends with 0 where it is asked to.
+
+    What it writes to standard error goes to a file, where one is given.
+    """
     given = [command, *arguments, "--no-browser", "--port", "0", "--out", str(folder)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mirrorcam", *given],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    )
+    with ExitStack() as files:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "mirrorcam", *given],
+            stdout=subprocess.PIPE,
+            stderr=None if errors is None else files.enter_context(errors.open("w", encoding="utf-8")),
+            text=True,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        )
     assert process.stdout is not None
     line = process.stdout.readline()
     if "http" not in line:

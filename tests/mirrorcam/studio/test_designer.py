@@ -12,7 +12,8 @@ import pytest
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
-from mirrorcam.studio.designer import Designer, Superseded
+from mirrorcam.studio.designer import Designer
+from mirrorcam.studio.turns import Asker, Superseded
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 LONG = DesignSpec(rows=5, cols=5)
@@ -49,11 +50,50 @@ def test_a_newer_request_ends_the_older_one(designer: Designer) -> None:
 
     waiting = threading.Thread(target=solve_long)
     waiting.start()
-    while designer._solving is None:
+    while designer._solutions.working is None:
         time.sleep(0.01)
     assert isinstance(designer.solve(SMALL), SolvedDesign)
     waiting.join(30.0)
     assert ended == ["superseded"]
+
+
+def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
+    specs = [SMALL.replaced(scale_mm=80.0 + number) for number in range(4)]
+    found: dict[int, object] = {}
+
+    def ask(number: int) -> None:
+        found[number] = designer.solve(specs[number], Asker(number))
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(120.0)
+    assert len(found) == 4
+    for number, spec in enumerate(specs):
+        design = found[number]
+        assert isinstance(design, SolvedDesign) and design.layout.spec == spec
+
+
+def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) -> None:
+    ended: list[str] = []
+    leaving = Asker("a")
+
+    def solve_long() -> None:
+        try:
+            designer.solve(LONG, leaving)
+        except Superseded:
+            ended.append("superseded")
+
+    waiting = threading.Thread(target=solve_long)
+    waiting.start()
+    while designer._solutions.working is None:
+        time.sleep(0.01)
+    time.sleep(0.5)
+    designer.leave(leaving)
+    waiting.join(5.0)
+    assert ended == ["superseded"]
+    assert isinstance(designer.solve(SMALL, Asker("b")), SolvedDesign)
 
 
 def test_a_solver_that_dies_is_said_and_replaced(designer: Designer) -> None:

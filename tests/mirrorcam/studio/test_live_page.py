@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
@@ -159,6 +160,51 @@ def test_a_video_begins_with_the_first_page_keeps_its_last_pictures_and_plays_ag
         page.wait_for_selector("#record[disabled]", timeout=LONG_MS)
         assert get(short)["frames"] > frames
         assert later.errors == [] and later.outside == []
+
+
+def requests_in(page: Any, ms: float) -> Counter[str]:
+    """How often a page asks for what in a time."""
+    asked: Counter[str] = Counter()
+
+    def count(request: Any) -> None:
+        asked[request.url.split("/", 3)[3].split("?")[0]] += 1
+
+    page.on("request", count)
+    page.wait_for_timeout(ms)
+    page.remove_listener("request", count)
+    return asked
+
+
+def test_a_page_rests_after_the_end_until_something_is_ordered(browser: Any, short: str) -> None:
+    with browser_page(browser) as first, browser_page(browser) as later:
+        first.open(short)
+        first.page.wait_for_selector("#ended:visible", timeout=LONG_MS)
+        later.open(short)
+        for kind in ("frame", "views", "refocus", "depth"):
+            later.page.wait_for_selector(f"#{kind}[data-serial]", timeout=LONG_MS)
+        later.page.wait_for_selector("#ended:has-text('video.avi has ended')", timeout=LONG_MS)
+        end = time.monotonic() + LONG_MS / 1e3
+        while set(requests_in(later.page, 1000)) - {"status"}:
+            assert time.monotonic() < end
+        asked = requests_in(later.page, 3000)
+        assert set(asked) <= {"status"} and asked.total() <= 3
+        serial = later.page.get_attribute("#refocus", "data-serial")
+        later.page.focus("#focus")
+        later.page.keyboard.press("ArrowRight")
+        later.page.wait_for_selector(f"#refocus:not([data-serial='{serial}'])", timeout=LONG_MS)
+        serial = later.page.get_attribute("#frame", "data-serial")
+        first.page.click("#again:not([disabled])")
+        later.page.wait_for_selector(f"#frame:not([data-serial='{serial}'])", timeout=LONG_MS)
+        later.page.wait_for_selector("#ended:visible", timeout=LONG_MS)
+        assert first.errors == [] and later.errors == [] and later.shifts() == []
+
+
+def test_a_server_that_has_no_pictures_is_not_pressed_for_them(browser: Any, address: str) -> None:
+    with browser_page(browser) as watched:
+        watched.page.route("**/picture/**", lambda route: route.fulfill(status=204))
+        watched.open(address)
+        asked = requests_in(watched.page, 3000)
+        assert all(0 < asked[f"picture/{kind}"] <= 5 for kind in ("frame", "views", "refocus", "depth"))
 
 
 def test_a_source_that_plays_cannot_be_played_again(browser: Any, address: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections import OrderedDict
 
 import cv2
 import numpy as np
@@ -37,8 +38,18 @@ def test_a_frame_is_decoded_and_focused_on_any_depth(default_layout: Layout) -> 
     assert np.abs(near.astype(float) - far).mean() > 2.0
 
 
-def test_only_what_was_decoded_last_is_focused(default_layout: Layout) -> None:
+def test_what_was_decoded_lately_is_focused_though_another_was_decoded_since(
+    default_layout: Layout, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sight_work, "_seen", OrderedDict())
     layout = default_layout.replaced(spec=DesignSpec())
     sight_work.decoded(layout, "board")
     with pytest.raises(InputError, match="not decoded now"):
         sight_work.refocused(layout, "tabletop", 400.0)
+    first = sight_work.refocused(layout, "board", 400.0)
+    sight_work.decoded(layout, "tabletop")
+    assert sight_work.refocused(layout, "board", 400.0) == first
+    monkeypatch.setattr(sight_work, "MOST_SEEN", 1)
+    sight_work.decoded(layout, "tabletop")
+    with pytest.raises(InputError, match="not decoded now"):
+        sight_work.refocused(layout, "board", 400.0)

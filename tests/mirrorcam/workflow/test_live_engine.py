@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -115,6 +116,7 @@ def test_recording_and_pictures_are_files_of_new_names(engine: LiveEngine) -> No
     engine.stop_recording()
     until(engine, lambda status: bool(status.lines))
     assert path.name == "recording_0001.mkv" and len(list(Video(path).frames())) >= 5
+    assert json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["recorded"] >= 5
     assert engine.record().name == "recording_0002.mkv"
     taken = engine.take_picture()
     status = until(engine, lambda status: status.pictures == 1 and status.hint is not None)

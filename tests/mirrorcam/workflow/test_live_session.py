@@ -139,15 +139,48 @@ def test_a_calibration_picture_is_the_frame_itself(session: LiveSession, tmp_pat
         session.next(Orders(take=path))
 
 
-def test_a_recording_has_the_frames_while_it_was_on(session: LiveSession, tmp_path: Path) -> None:
+def test_a_recording_has_the_frames_that_arrive_while_it_is_on(session: LiveSession, tmp_path: Path) -> None:
     path, orders = tmp_path / "a.mkv", Orders(kinds=())
     session.next(orders)
-    for _ in range(4):
+    for _ in range(5):
         answer = session.next(replace(orders, record=path))
-    assert answer.recorded == 4 and not path.exists()
-    answer = session.next(orders)
-    assert path.is_file() and "4 frames" in answer.lines[0]
-    assert len(list(Video(path).frames())) == 4
+    assert answer.not_recorded == 0 and not path.exists()
+    lines: tuple[str, ...] = ()
+    while not lines:
+        lines = session.next(replace(orders, timeout_s=0.01)).lines
+    assert path.is_file() and f"{path} written" in lines[0]
+    # A frame is ready, and the next one waits, when the first of five is taken and the last.
+    assert 3 <= len(list(Video(path).frames())) <= 6
+
+
+def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
+    request_: LiveRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    shown = [each.pixels for each in Video(Path(request_.source)).frames() if isinstance(each, Frame)]
+
+    def pictures() -> Generator[Seen]:
+        began = time.monotonic()
+        for number in range(90):
+            time.sleep(max(began + number / 60.0 - time.monotonic(), 0.0))
+            yield Seen(shown[number % len(shown)])
+        time.sleep(60.0)
+
+    def opened(text: str, wanted: Camera, tell: Callable[[str], None]) -> LiveSource:
+        camera = LiveCamera("camera 0", lambda: Connection(pictures()), WIDTH_PX, HEIGHT_PX, tell=tell)
+        return LiveSource(camera, "camera 0", "camera")
+
+    monkeypatch.setattr(live_session, "open_source", opened)
+    session = LiveSession(replace(request_, source="0", every=False))
+    path, decoded = tmp_path / "a.mkv", 0
+    while (answer := session.next(Orders(kinds=("frame",), record=path, timeout_s=0.5))).shown is not None:
+        decoded += 1
+        time.sleep(0.15)
+    lines = session.close()
+    recorded = [item for item in Video(path).frames() if isinstance(item, Frame)]
+    # Those before the first order are not recorded; all others are.
+    assert decoded < 20 and len(recorded) >= 85 and answer.not_recorded == 0
+    assert any(line.endswith(f"a.mkv written: {len(recorded)} frames") for line in lines)
+    assert [item.time_s for item in recorded] == pytest.approx([k / 60.0 for k in range(len(recorded))], abs=0.03)
 
 
 def test_closing_finishes_the_recording(request_: LiveRequest, tmp_path: Path) -> None:

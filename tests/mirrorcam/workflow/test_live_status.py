@@ -12,7 +12,9 @@ from mirrorcam.workflow.live_values import Answer, Shown
 
 
 def answer(shown: Shown | None, *, over: bool = False, lines: tuple[str, ...] = ()) -> Answer:
-    return Answer(shown, over=over, dropped=3, lost=2, outages=1, recorded=7, memory_mb=50.0, lines=lines)
+    return Answer(
+        shown, over=over, dropped=3, lost=2, outages=1, recorded=7, not_recorded=2, memory_mb=50.0, lines=lines
+    )
 
 
 def shown(done_s: float, latency_ms: float, **more: object) -> Shown:
@@ -26,7 +28,7 @@ def status(meters: LiveMeters, recording: Path | None = None) -> LiveStatus:
 def test_before_the_first_frame_nothing_is_known() -> None:
     found = status(LiveMeters(), Path("a.mkv"))
     assert (found.frames, found.rate_hz, found.depth_hz, found.latency_ms, found.sharpness) == (0, 0.0, 0.0, None, ())
-    assert found.recording == (Path("a.mkv"), 0) and not found.over and found.failed is None
+    assert found.recording == (Path("a.mkv"), 0, 0) and not found.over and found.failed is None
 
 
 def test_rates_and_latencies_are_of_the_last_frames() -> None:
@@ -37,7 +39,7 @@ def test_rates_and_latencies_are_of_the_last_frames() -> None:
     assert found.frames == 21 and found.rate_hz == pytest.approx(20.0)
     assert found.latency_ms == pytest.approx(20.0) and found.latency_p95_ms == pytest.approx(29.0)
     assert (found.dropped, found.lost, found.outages, found.memory_mb) == (3, 2, 1, 50.0)
-    assert found.recording == (Path("a.mkv"), 7)
+    assert found.recording == (Path("a.mkv"), 7, 2)
     old = LiveMeters()
     for k in range(21):
         old.note(answer(shown(now - 60.0 + 0.05 * k, 10.0)))

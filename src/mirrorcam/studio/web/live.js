@@ -1,8 +1,10 @@
 "use strict";
-// The live page: pictures follow the camera, controls order, and the status is shown four times a second.
+// The live page: pictures follow the camera, controls order, and the status is shown four times a second; less often once
+// the source has ended.
 (() => {
   const BINS = 32;
   const POLL_MS = 250;
+  const RESTING_MS = 2000;
   const MEASURING = "Measuring … The first answer takes some seconds.";
   const start = JSON.parse(document.getElementById("start").textContent);
   const { about } = start;
@@ -12,12 +14,20 @@
   const overlay = new Studio.Overlay(at("overlay"), about, start.outlines);
   const sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
   const histogram = new Studio.Histogram(at("histogram"), BINS);
-  new Studio.Pictures(about);
+  const pictures = new Studio.Pictures(about);
+  let wakeStatus = () => {};
 
   const told = (error) => {
     at("recorded").textContent = error.message;
   };
-  const order = (action, fields) => Studio.order(action, fields).catch(told);
+  const order = (action, fields) => {
+    const ordered = Studio.order(action, fields).catch(told);
+    ordered.then(() => {
+      pictures.wake();
+      wakeStatus();
+    });
+    return ordered;
+  };
   const allow = (id, reason) => {
     const button = at(id);
     if (!button) return;
@@ -53,9 +63,12 @@
   at("near").textContent = `${about.near_mm.toFixed(0)} mm`;
   at("far").textContent = `${about.far_mm.toFixed(0)} mm`;
   let pointed = null;
+  let moved = false;
   at("depth").addEventListener("pointermove", (event) => {
     const box = event.target.getBoundingClientRect();
     pointed = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+    moved = true;
+    wakeStatus();
   });
   at("depth").addEventListener("pointerleave", () => { pointed = null; });
   at("depth").addEventListener("click", async (event) => {
@@ -141,7 +154,7 @@
     allowButtons(status);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
-    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames`;
+    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames${status.recording[2] ? `, ${status.recording[2]} lost` : ""}`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
     if (!start.board) return;
     showHint(status);
@@ -173,6 +186,8 @@
     const late = status.latency_ms === null ? "" : `, ${status.latency_ms.toFixed(0)} ms late`;
     line.className = `status ${status.failed ? "failed" : status.over ? "preview" : status.frames ? "exact" : "solving"}`;
     line.textContent = status.failed ? "Ended" : status.over ? `${about.source} has ended` : status.frames ? `${status.rate_hz.toFixed(0)} pictures/s${late}` : `Waiting for ${about.source} …`;
+    pictures.note(status);
+    at("ended").hidden = !status.over || Boolean(status.failed);
     at("failed").hidden = !status.failed;
     at("failed").textContent = status.failed ?? "";
     const gone = status.outages ? `, gone ${status.outages} times` : "";
@@ -194,12 +209,23 @@
     return status.over ? middle : `${status.depth_hz.toFixed(1)} a second, ${middle}`;
   };
 
+  // Rest after the end of the source, or of the server, until something is ordered or pointed at.
+  const rest = (resting) => new Promise((resolve) => {
+    setTimeout(resolve, resting ? RESTING_MS : POLL_MS);
+    if (resting) wakeStatus = resolve;
+  });
+
   const follow = async () => {
     for (;;) {
+      let resting = true;
+      const touched = moved;
+      moved = false;
       try {
         const ticked = ticking ? -1 : ticks;
-        show(await (await fetch("/status")).json(), ticked);
-        if (pointed) {
+        const status = await (await fetch("/status")).json();
+        show(status, ticked);
+        resting = pictures.rest && status.calibration?.state !== "running" && !touched;
+        if (pointed && !resting) {
           const found = await depthAt(...pointed);
           at("depth-text").textContent = found === null ? "not known there" : `${found} mm there; click to focus`;
         }
@@ -207,7 +233,8 @@
         at("status").className = "status failed";
         at("status").textContent = "The server has ended";
       }
-      await Studio.pause(POLL_MS);
+      await rest(resting);
+      wakeStatus = () => {};
     }
   };
   follow();

@@ -1,13 +1,19 @@
 "use strict";
 // The newest pictures of each kind, drawn as they come; a page that is hidden asks for none, and none are made for it.
+// After the end of the source it asks for what is still to come, such as another focus, and then for nothing.
 (() => {
   const KINDS = ["frame", "views", "refocus", "depth"];
+  const FRUITLESS_MS = 1000; // least time between two requests of which the first gave no picture
+  const STILL_TO_COME_MS = 4000;
 
   Studio.order = (action, fields = {}) => Studio.post("/order", { action, ...fields });
 
   Studio.Pictures = class {
     constructor(about) {
       this.seen = document.visibilityState !== "hidden";
+      this.ended = false;
+      this.failed = false;
+      this.wake();
       for (const kind of KINDS) {
         const [width, height] = about.sizes_px[kind];
         const canvas = document.getElementById(kind);
@@ -16,17 +22,48 @@
       }
       document.addEventListener("visibilitychange", () => {
         this.seen = document.visibilityState !== "hidden";
+        this.wake();
       });
+    }
+
+    // Take from a status whether the source has ended, or was played again.
+    note({ over, failed, frames }) {
+      const [ended, dead] = [over || failed !== null, failed !== null];
+      if (ended === this.ended && dead === this.failed && !(ended && frames !== this.frames)) return;
+      [this.ended, this.failed, this.frames] = [ended, dead, frames];
+      this.wake();
+    }
+
+    // Whether the source has ended, and no more pictures are expected.
+    get rest() {
+      return this.ended && performance.now() > this.until;
+    }
+
+    // Ask again, as other pictures are to come.
+    wake() {
+      this.until = performance.now() + STILL_TO_COME_MS;
+      this.woken?.();
+      this.waking = new Promise((resolve) => { this.woken = resolve; });
+    }
+
+    asks(serial) {
+      if (!this.seen) return false;
+      return !this.rest || (serial === 0 && !this.failed);
     }
 
     async follow(kind, canvas) {
       const drawing = canvas.getContext("2d");
       let serial = 0;
       for (;;) {
+        if (!this.asks(serial)) {
+          await this.waking;
+          continue;
+        }
+        const asked = performance.now();
         try {
-          const answer = this.seen ? await fetch(`/picture/${kind}?after=${serial}`) : null;
-          if (!answer || answer.status !== 200) {
-            await pause(answer ? 20 : 250);
+          const answer = await fetch(`/picture/${kind}?after=${serial}`);
+          if (answer.status !== 200) {
+            await pause(asked + FRUITLESS_MS - performance.now());
             continue;
           }
           const picture = await createImageBitmap(await answer.blob());
@@ -35,7 +72,7 @@
           serial = Number(answer.headers.get("X-Serial"));
           canvas.dataset.serial = serial;
         } catch {
-          await pause(1000);
+          await pause(FRUITLESS_MS);
         }
       }
     }

@@ -143,7 +143,11 @@
       if (mine === asking.exact) lost(error);
       return;
     }
-    if (mine !== asking.exact || answer.status === "superseded") return;
+    if (mine !== asking.exact) return;
+    if (answer.status === "superseded") {
+      lost(new Error("another request of this page came first"));
+      return;
+    }
     performance.measure("solve", { start: began, end: performance.now() });
     if (answer.status === "solved") {
       Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });

@@ -1,9 +1,11 @@
 "use strict";
 // Answers of the studio's server.
 (() => {
+  // Pages that are open at the same time have names, by which the server tells their requests apart.
+  const page = crypto.randomUUID();
   const post = async (address, body, kind = "json", signal = undefined) => {
     const answer = await fetch(address, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), signal,
+      method: "POST", headers: { "Content-Type": "application/json", "X-Page": page }, body: JSON.stringify(body), signal,
     });
     if (!answer.ok) throw new Error((await answer.text()) || answer.statusText);
     return kind === "body" ? answer.body : answer[kind]();

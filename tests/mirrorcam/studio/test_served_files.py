@@ -1,0 +1,68 @@
+"""Files that change while they are sent, or cannot be read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+from starlette.routing import Mount
+from starlette.testclient import TestClient
+
+from mirrorcam.studio.served_files import ServedFiles, _SentFile
+
+TEXT = "0123456789" * 20_000
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> TestClient:
+    (tmp_path / "a.txt").write_text(TEXT)
+    return TestClient(Starlette(routes=[Mount("/files", ServedFiles(tmp_path))]))
+
+
+def test_files_and_parts_of_them_are_sent(client: TestClient) -> None:
+    assert client.get("/files/a.txt").text == TEXT
+    part = client.get("/files/a.txt", headers={"range": "bytes=10-14"})
+    assert part.status_code == 206 and part.text == "01234"
+    parts = client.get("/files/a.txt", headers={"range": "bytes=0-1,5-6"})
+    assert parts.status_code == 206 and "01" in parts.text and "56" in parts.text
+    head = client.head("/files/a.txt")
+    assert head.headers["content-length"] == str(len(TEXT)) and head.content == b""
+    etag = head.headers["etag"]
+    assert client.get("/files/a.txt", headers={"if-none-match": etag}).status_code == 304
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: os.symlink(path, path)])
+def test_what_is_no_file_is_not_found(make: Callable[[Path], None], client: TestClient, tmp_path: Path) -> None:
+    make(tmp_path / "odd")
+    assert client.get("/files/odd").status_code == 404
+    assert client.get("/files/odd/inside").status_code == 404
+    assert client.get("/files/a.txt/inside").status_code == 404
+
+
+def test_there_are_no_files_without_their_folder(tmp_path: Path) -> None:
+    client = TestClient(Starlette(routes=[Mount("/files", ServedFiles(tmp_path / "none"))]))
+    assert client.get("/files/a.txt").status_code == 404
+
+
+@pytest.mark.parametrize("change", [lambda path: path.unlink(), lambda path: path.write_text("short"), None])
+def test_a_file_that_changes_meanwhile_is_never_longer_than_stated(
+    change: Callable[[Path], Any] | None, client: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None: it grows. The answer has begun when it changes; it breaks off, and nothing is raised."""
+    path, original = tmp_path / "a.txt", _SentFile._handle_simple
+
+    async def late(self: _SentFile, *arguments: Any) -> None:
+        if change is None:
+            path.write_text(TEXT + TEXT)
+        else:
+            change(path)
+        await original(self, *arguments)
+
+    monkeypatch.setattr(_SentFile, "_handle_simple", late)
+    answer = client.get("/files/a.txt")
+    assert answer.headers["content-length"] == str(len(TEXT))
+    assert (answer.text == TEXT) if change is None else len(answer.text) < len(TEXT)
