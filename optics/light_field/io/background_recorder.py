@@ -99,7 +99,7 @@ class BackgroundRecorder:
         recorder: Callable[[Path, int, int], FrameRecorder] = FrameRecorder,
     ) -> None:
         self.path = path
-        self._open = lambda: recorder(path, width_px, height_px)
+        self._open: Callable[[], FrameRecorder] = lambda: recorder(path, width_px, height_px)
         self._most, self._finishing_s = waiting_bytes, finishing_s
         self._changed = threading.Condition()
         self._waiting: deque[Frame] = deque()

@@ -46,6 +46,19 @@ def test_it_opens_with_the_exact_design_of_its_address(page: Watched, studio: tu
     assert "faceted parabola" in page.page.inner_text("#figures")
 
 
+def test_two_pages_solve_at_the_same_time(browser: Any, studio: tuple[str, Path]) -> None:
+    with browser_page(browser) as first, browser_page(browser) as second:
+        pages = {91: first, 92: second}
+        for scale_mm, page in pages.items():
+            page.page.goto(f"{studio[0]}{SMALL}&scale_mm={scale_mm}", wait_until="commit")
+        for scale_mm, page in pages.items():
+            page.settled()
+            assert page.drawn["kind"] == "exact" and page.drawn["spec"]["scale_mm"] == scale_mm
+            page.page.wait_for_selector("#tolerance:not(.old) *", timeout=120_000)
+            page.page.wait_for_selector("#refocused:not(.old)", timeout=120_000)
+            assert page.errors == []
+
+
 def test_a_preview_follows_the_slider_and_the_exact_design_its_release(page: Watched, studio: tuple[str, Path]) -> None:
     opened(page, studio)
     before = page.drawn["identity"]

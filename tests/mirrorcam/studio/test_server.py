@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 
 import pytest
@@ -117,3 +119,27 @@ def test_only_what_was_solved_is_made(client: TestClient) -> None:
     assert client.post("/jobs", content=body, headers=JSON).status_code == 422
     assert client.get("/jobs").json() == []
     assert client.post("/jobs/7/cancel", content=b"{}", headers=JSON).status_code == 422
+    for number in ("9" * 5000, "-1", "1.0", "%D9%A1"):
+        assert client.post(f"/jobs/{number}/cancel", content=b"{}", headers=JSON).status_code == 404
+
+
+def post(address: str, spec: DesignSpec, page: str | None) -> HTTPConnection:
+    """A request for a design, whose answer is awaited later."""
+    connection = HTTPConnection(address.split("/")[2], timeout=120.0)
+    connection.request("POST", "/design", spec.model_dump_json(), JSON | ({} if page is None else {"x-page": page}))
+    return connection
+
+
+def test_ten_pages_get_each_its_design_and_one_that_is_closed_is_not_waited_for(studio: tuple[str, Path]) -> None:
+    closed = post(studio[0], DesignSpec(rows=6, cols=6), None)
+    time.sleep(1.0)
+    specs = [SMALL.replaced(scale_mm=90.0 + number) for number in range(10)]
+    earlier = post(studio[0], SMALL.replaced(scale_mm=200.0), "page 0")
+    pages = [post(studio[0], spec, f"page {number}" if number % 2 == 0 else None) for number, spec in enumerate(specs)]
+    closed.close()
+    for spec, page in zip(specs, pages, strict=True):
+        found = json.loads(page.getresponse().read())
+        assert (
+            found["status"] == "solved" and DesignSpec.model_validate_json(json.dumps(found["drawing"]["spec"])) == spec
+        )
+    assert json.loads(earlier.getresponse().read())["status"] in ("superseded", "solved")

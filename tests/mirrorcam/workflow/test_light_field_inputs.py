@@ -68,7 +68,7 @@ def test_views_in_another_order_are_read_in_theirs_and_it_is_said(
 ) -> None:
     light_field = scene(2, 3)
     for t, s in np.ndindex(2, 3):
-        write_image(tmp_path / "a" / f"{s}_{t}.png", light_field.samples[t, s])
+        write_image(tmp_path / "a" / f"{s}_{t}.png", light_field.samples[t, s].astype(np.uint8))
     (found,) = LightFieldInputs((tmp_path / "a",), assumed=GIVEN, reporter=TERMINAL).each()
     assert np.array_equal(found.light_field.samples, light_field.samples)
     assert "a: the pictures show that views are column by column in 3 columns of 2" in capsys.readouterr().out

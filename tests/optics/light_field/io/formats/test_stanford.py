@@ -114,7 +114,9 @@ def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_pa
     light_field = scene(3, 4)
     for t, s in np.ndindex(3, 4):
         number = 3 * s + (t if s % 2 == 0 else 2 - t) + 1
-        write_image(tmp_path / f"IMG_0001_{number:03d}_{s + 1:02d}_{t + 1:02d}.png", light_field.samples[t, s])
+        write_image(
+            tmp_path / f"IMG_0001_{number:03d}_{s + 1:02d}_{t + 1:02d}.png", light_field.samples[t, s].astype(np.uint8)
+        )
     contents = open_light_fields(tmp_path, assumed=GIVEN)
     assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: read so",)
     assert np.array_equal(contents.frames[0].samples, light_field.samples)
@@ -125,6 +127,6 @@ def test_places_that_contradict_the_pictures_are_refused(tmp_path: Path) -> None
     light_field = scene(2, 3)
     for t, s in np.ndindex(2, 3):
         x, y = light_field.positions_mm[t, s, :2]
-        write_image(tmp_path / f"out_{t:02d}_{s:02d}_{-y:.6f}_{x:.6f}_.png", light_field.samples[t, s])
+        write_image(tmp_path / f"out_{t:02d}_{s:02d}_{-y:.6f}_{x:.6f}_.png", light_field.samples[t, s].astype(np.uint8))
     with pytest.raises(InputError, match=r"^.*: the pictures show that rows run upwards, or columns leftwards"):
         open_light_fields(tmp_path, assumed=GIVEN)
