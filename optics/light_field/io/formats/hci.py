@@ -12,6 +12,7 @@ its mean step and ignore the section `mirrorcam` of `parameters.cfg`, from which
 from __future__ import annotations
 
 import json
+import re
 from configparser import ConfigParser, Error
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -45,6 +46,7 @@ _KEYS = {
     "intrinsics": ("image_resolution_x_px", "image_resolution_y_px", "focal_length_mm", "sensor_size_mm"),
     "extrinsics": ("num_cams_x", "num_cams_y", "baseline_mm", "focus_distance_m"),
 }
+_LONG_BLANK = re.compile(r"[^\S\n]{100}")
 _COUNTS = ("image_resolution_x_px", "image_resolution_y_px", "num_cams_x", "num_cams_y")
 
 
@@ -174,7 +176,10 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
     try:
-        parser.read_string(read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8"))
+        text = read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8")
+        if _LONG_BLANK.search(text):  # in which the parser looks for the end of a name from each place again
+            raise ValueError("a hundred blanks in a row")
+        parser.read_string(text)
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
     except (Error, ValueError, AttributeError) as error:  # AttributeError: a line that goes on one without a value

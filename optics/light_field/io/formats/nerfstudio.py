@@ -71,9 +71,9 @@ def read_nerfstudio(folder: Path) -> LightField:
     path = folder / TRANSFORMS
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)
     with refusing(path, "a dataset of a grid of views"):
-        frames = {}
+        frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
         for each in dataset["frames"]:
-            frame = _Frame.model_validate({**dataset, **each}, strict=True)
+            frame = _Frame.model_validate({**common, **each}, strict=True)
             frames[_index(frame.file_path)] = frame
         rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
         order = [frames[index] for index in np.ndindex(rows, cols)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -104,3 +105,15 @@ def test_frames_that_are_none_or_lead_out_are_refused(
         read_nerfstudio(tmp_path / "a")
     assert str(refused.value).startswith(str(tmp_path / "a"))
     assert "\n" not in str(refused.value)
+
+
+def test_names_that_mean_nothing_take_no_time_in_each_frame(tmp_path: Path) -> None:
+    same = {"file_path": "a_0_0.png", "transform_matrix": np.eye(4).tolist(), "w": 9.0, "h": 9.0}
+    focal = dict.fromkeys(("fl_x", "fl_y", "cx", "cy"), 9.0)
+    names = {f"name {number}": 0 for number in range(30_000)}
+    text = json.dumps({**same, **focal, **names, "frames": [{}] * 3000})
+    (tmp_path / "transforms.json").write_text(text)
+    begun = time.process_time()
+    with pytest.raises(InputError, match="a_0_0.png: no such file"):
+        read_nerfstudio(tmp_path)
+    assert time.process_time() - begun < 1.0
