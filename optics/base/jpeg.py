@@ -17,8 +17,8 @@ JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 # Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _RESTART = re.compile(rb"\xff[\xd0-\xd7]")
-# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), and the marker after them, where there is one: between
-# the data and that marker, they are padding. Possessive, so that each byte is looked at once.
+# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), and the marker after them, where there is one: they
+# are padding before it. Possessive, so that each byte is looked at once.
 _PADDING = re.compile(rb"(?:\xff?+\x00)++(\xff++[\xd0-\xd7\xd9])?+")
 _FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _TABLES, _SCAN, _END, _RESTARTS = 0xC4, 0xDA, 0xD9, 0xDD

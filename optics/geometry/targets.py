@@ -305,7 +305,10 @@ def load_board(path: Path) -> Target:
 
 def _of_kalibr(path: Path) -> AprilGrid:
     """An AprilGrid from Kalibr's flat `key: value` file, with the tag's size in metres."""
-    lines = (line.split("#")[0] for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines())
+    lines = (
+        line.split("#")[0]
+        for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines()
+    )
     given = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
     if given.get("target_type") != "aprilgrid":
         kind = given.get("target_type", "")[:40]

@@ -233,3 +233,12 @@ def test_blanks_in_a_row_are_refused_at_once(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not the parameters of a light field: a hundred blanks in a row"):
         read_hci(tmp_path)
     assert time.process_time() - begun < 0.5
+
+
+def test_a_scene_of_more_pictures_than_any_is_refused_before_they_are_looked_for(
+    nine: tuple[Path, LightField, FloatArray], tmp_path: Path
+) -> None:
+    text = (nine[0] / "parameters.cfg").read_text().replace("= 9\n", "= 999\n")
+    (tmp_path / "parameters.cfg").write_text(text)
+    with pytest.raises(InputError, match="999x999 views, expected at most 100000"):
+        read_hci(tmp_path)
