@@ -8,7 +8,9 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -23,6 +25,8 @@ LARGEST_BYTES = 400_000_000
 LARGEST_GROWTH = 8
 """Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as those of big scenes do."""
 _PIECE_BYTES = 1 << 17
+_DIRECTORY_BYTES = 1 << 20
+"""Bytes of the list of files of an archive, which take 20 times as much when it is read; an array takes 60."""
 _ERRORS = (
     *(ValueError, TypeError, LookupError, ArithmeticError, AttributeError, OSError, EOFError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
@@ -69,7 +73,7 @@ def read_npz(
     Damage to them is noticed: the file has a checksum of each. Where it is not `what`, the InputError says so.
     """
     stored = stored_bytes(path)
-    with refusing(path, what), zipfile.ZipFile(path) as archive:
+    with refusing(path, what), _Archive(path) as file, zipfile.ZipFile(file) as archive:
         found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         wanted = {name: found[name] for name in names if name in found}
         check_bytes(path, sum(info.file_size for info in wanted.values()), stored)
@@ -83,13 +87,26 @@ def read_npz(
         return arrays
 
 
+class _Archive(FileIO):
+    """An open archive, of which nothing large is read at once: `zipfile` does so with the list of its files alone."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Some bytes; raises ValueError for a list that is too long."""
+        if size is not None and size > _DIRECTORY_BYTES:
+            raise ValueError("too many files in one archive")
+        return super().read(size)
+
+
 def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any]:
     """The array in a stream of `size` bytes, header and all."""
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"header of version {version}, expected 1 or 2")
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, columns_first, dtype = read_header(stream)
+    try:
+        shape, columns_first, dtype = read_header(stream)
+    except (SyntaxError, TokenError, MemoryError):  # as Python's parsers raise them for the text of a header
+        raise ValueError("its header is not that of an array") from None
     if dtype.kind not in "uifbcU" or dtype.names is not None or dtype.subdtype is not None or not dtype.itemsize:
         raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")
     if any(length < 0 or isinstance(length, bool) for length in shape):

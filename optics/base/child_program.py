@@ -6,8 +6,8 @@ interrupted first, as by Ctrl-C, where it has files to finish. This works alike 
 
 A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
 that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered
-are processes that a service of the system starts for it (cron, systemd, a container engine), those of another user, and
-those that remain where a program kills the process between.
+are processes that a service of the system starts for it (cron, systemd, a container engine), and those of another user.
+Where a program kills the process between, on Linux `adopting_orphans` ends what it leaves.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # On Windows, no process but a whole group is interrupted, by Ctrl-Break.
@@ -111,6 +111,26 @@ def _supervise(command: Sequence[str], ending_s: float, *, tree: bool, shell: bo
     return code if code >= 0 else 128 - code
 
 
+@contextmanager
+def adopting_orphans() -> Iterator[Callable[[], None]]:
+    """While the block runs, Linux gives this process the orphans among its descendants; yield what ends those.
+
+    Only processes of other sessions that were not there before the block are ended: those of a `tree` are in such
+    sessions, and cannot leave for that of this process. Elsewhere, nothing is ended.
+    """
+    if sys.platform != "linux":
+        yield lambda: None
+        return
+    from ctypes import CDLL
+
+    prctl, before = CDLL(None).prctl, _descendants()
+    prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    try:
+        yield lambda: _end_orphans(before)
+    finally:
+        prctl(_PR_SET_CHILD_SUBREAPER, 0)
+
+
 def _adopting() -> Callable[[], object] | None:
     """Have Linux give this process all orphans among its descendants; and what has a child killed with this process."""
     if sys.platform != "linux":
@@ -145,12 +165,35 @@ if sys.platform != "win32":
         """Kill the group of a child, and every descendant of this process where the system lists them."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
+        _kill_all(_descendants)
+
+    def _kill_all(found: Callable[[], set[int]]) -> set[int]:
+        """Kill all processes that are found, also those that turn up meanwhile; their numbers."""
         # Stopped first, until no further ones turn up: one that is not could start others faster than they are killed.
         stopped: set[int] = set()
-        while new := _descendants() - stopped:
+        while new := found() - stopped:
             _signal(new, signal.SIGSTOP)
             stopped |= new
         _signal(stopped, signal.SIGKILL)
+        return stopped
+
+    def _end_orphans(before: set[int]) -> None:
+        """Kill what is below this process in other sessions and was not there before; wait for it a limited time."""
+        deadline, left = time.monotonic() + TREE_ENDING_S, _kill_all(lambda: _of_other_sessions() - before)
+        while left and time.monotonic() < deadline:
+            for each in left.copy():
+                with suppress(ChildProcessError):
+                    os.waitpid(each, os.WNOHANG)
+            left &= _descendants()
+            time.sleep(0.005)
+
+    def _of_other_sessions() -> set[int]:
+        found, own = set(), os.getsid(0)
+        for each in _descendants():
+            with suppress(ProcessLookupError, PermissionError):
+                if os.getsid(each) != own:
+                    found.add(each)
+        return found
 
     def _signal(processes: set[int], number: int) -> None:
         for each in processes:

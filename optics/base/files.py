@@ -166,7 +166,7 @@ def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
                 content += stream.read(most + 1 - len(content))
         if len(content) <= most:
             return content
-    raise InputError(f"{path}: is larger than {most // 1_000_000} MB, expected a smaller file")
+    raise InputError(f"{path}: is larger than {most / 1e6:g} MB, expected a smaller file")
 
 
 def read_lines(path: Path) -> list[bytes]:

@@ -17,13 +17,16 @@ JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 # Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
 _RESTART = re.compile(rb"\xff[\xd0-\xd7]")
-# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), between the data and the marker that ends them.
-_PADDING = re.compile(rb"(?:\xff?\x00)+(?=\xff+[\xd0-\xd7\xd9])")
+# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), and the marker after them, where there is one: they
+# are padding before it. Possessive, so that each byte is looked at once.
+_PADDING = re.compile(rb"(?:\xff?+\x00)++(\xff++[\xd0-\xd7\xd9])?+")
 _FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _TABLES, _SCAN, _END, _RESTARTS = 0xC4, 0xDA, 0xD9, 0xDD
 _END_OF_BLOCK = 0x00
 # A run that no compressed picture holds, but a lost block of a disk does.
 _ZEROS = bytes(256)
+_MOST_SEGMENTS, _MOST_SCANS = 10_000, 100
+"""Of one picture: a decoder goes through all of its blocks for each scan, and encoders write at most about ten."""
 EXTRANEOUS = "extraneous bytes before marker 0xd"
 """What libjpeg says of bytes between the end of the data and the marker that follows."""
 
@@ -47,7 +50,7 @@ class Jpeg:
         """Find the segments of JPEG data."""
         found: list[tuple[int, int, int]] = []
         at = 2
-        while marker := _MARKER.search(raw, at):
+        while len(found) < _MOST_SEGMENTS and (marker := _MARKER.search(raw, at)):
             kind, begin = raw[marker.end() - 1], marker.end() + 2
             if kind == _END:
                 return cls(tuple(found), marker.start())
@@ -62,6 +65,12 @@ class Jpeg:
                 height, width = struct.unpack(">HH", raw[begin + 1 : begin + 5])
                 return width, height
         return 0, 0
+
+    @property
+    def is_overlong(self) -> bool:
+        """Whether there are more segments or scans than any encoder writes."""
+        scans = sum(kind == _SCAN for kind, _, _ in self.segments)
+        return len(self.segments) >= _MOST_SEGMENTS or scans > _MOST_SCANS
 
     def scan(self, raw: bytes) -> int:
         """Where the first compressed data begin; the length of the whole without any."""
@@ -114,8 +123,10 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
     Raises
     ------
     DamagedPicture
-        For data of which libjpeg warns, or that have a block of zeros.
+        For data of which libjpeg warns, that have a block of zeros, or more parts than any encoder writes.
     """
+    if jpeg.is_overlong:
+        raise DamagedPicture(overlong(name))
     if jpeg.is_partly_zero(raw):
         raise DamagedPicture(f"{name}: damaged, a block of zeros is where compressed data should be")
     padded = jpeg.is_padded(raw)
@@ -131,6 +142,11 @@ def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDA
     return np.asarray(image[..., 0] if grey else image, dtype=np.uint8)
 
 
+def overlong(name: str) -> str:
+    """The message about a picture that `Jpeg.is_overlong`."""
+    return f"{name}: damaged, has more parts than any JPEG: over {_MOST_SEGMENTS} segments or {_MOST_SCANS} scans"
+
+
 def _decoded(raw: bytes, grey: bool) -> NDArray[Any]:
     image: NDArray[Any] = simplejpeg.decode_jpeg(raw, colorspace="GRAY" if grey else "RGB")
     return image
@@ -138,7 +154,7 @@ def _decoded(raw: bytes, grey: bool) -> NDArray[Any]:
 
 def _without_padding(raw: bytes, jpeg: Jpeg) -> bytes:
     scan = jpeg.scan(raw)
-    return raw[:scan] + _PADDING.sub(b"", raw[scan:])
+    return raw[:scan] + _PADDING.sub(lambda found: found[1] or found[0], raw[scan:])
 
 
 def _reason(name: str, error: ValueError) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.bmp import BMP_BEGIN, Bmp, decode_bmp
 from mirrorcam.optics.base.bounds import LARGEST_PICTURE_PX, LARGEST_PICTURE_SIDE_PX
-from mirrorcam.optics.base.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg
+from mirrorcam.optics.base.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg, overlong
 from mirrorcam.optics.base.png import PNG_BEGIN, PNG_END, Png, decode_png, significant_bits
 from mirrorcam.optics.base.tiff import BIG_TIFF_BEGINS, TIFF_BEGINS, Tiff, decode_tiff
 from mirrorcam.optics.base.values import InputError
@@ -59,6 +59,8 @@ class PictureData:
             whole = raw.rfind(PNG_END) >= 0  # found at once: it is the end
         elif raw.startswith(JPEG_BEGIN):
             jpeg = Jpeg.of(raw)
+            if jpeg.is_overlong:
+                raise DamagedPicture(overlong(name))
             found, channels, whole = cls(name, raw, jpeg, jpeg.size(raw), 8), 3, jpeg.end is not None
         elif raw.startswith(TIFF_BEGINS):
             tiff = Tiff.of(raw, name)

@@ -23,6 +23,8 @@ _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4),
 _LARGEST_FILTER = 4
 _STORED_BYTES = 65_535
 """Bytes of the largest stored block of deflate."""
+_MOST_CHUNKS = 200_000
+"""Parts of the largest picture, of 8 kB each as encoders write them, and some."""
 _LARGE_BYTES = 1 << 26
 """Bytes of lines that memory should not hold twice."""
 
@@ -140,7 +142,9 @@ def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
     content, last = memoryview(raw), b""
     data: list[memoryview] = []
     parts: dict[bytes, bytes] = {}
-    for begin, end in _chunks(raw):
+    for number, (begin, end) in enumerate(_chunks(raw)):
+        if number >= _MOST_CHUNKS:
+            raise DamagedPicture(f"{name}: damaged, has more than {_MOST_CHUNKS} parts")
         before, last = last, raw[begin : begin + 4]
         if zlib.crc32(content[begin:end]) != int.from_bytes(raw[end : end + 4]):
             raise DamagedPicture(f"{name}: damaged, a checksum of its data is wrong")

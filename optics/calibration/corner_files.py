@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic, read_bytes
+from mirrorcam.optics.base.files import atomic, read_lines
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.mrcal_corners import is_vnl, vnl_rows
@@ -139,7 +139,8 @@ class _Picture:
 def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and cells by column."""
     try:
-        lines = read_bytes(path).decode("utf-8-sig").split("\n")
+        lines = [line.decode("utf-8") for line in read_lines(path)]
+        lines[0] = lines[0].removeprefix("\ufeff")
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text in UTF-8, expected a table of corners") from None
     if is_vnl(path, lines):

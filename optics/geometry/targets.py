@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
 from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import read_bytes, read_model, write_text
+from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
 from mirrorcam.optics.base.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
@@ -305,7 +305,10 @@ def load_board(path: Path) -> Target:
 
 def _of_kalibr(path: Path) -> AprilGrid:
     """An AprilGrid from Kalibr's flat `key: value` file, with the tag's size in metres."""
-    lines = (line.split("#")[0] for line in read_bytes(path).decode("utf-8-sig", errors="replace").splitlines())
+    lines = (
+        line.split("#")[0]
+        for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines()
+    )
     given = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
     if given.get("target_type") != "aprilgrid":
         kind = given.get("target_type", "")[:40]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import json_of, model_from
+from mirrorcam.optics.base.files import inside, json_of, model_from, read_bytes
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
-from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
+from mirrorcam.optics.light_field.io.mcap_chunks import LARGEST_TOPICS_BYTES, Chunk, checked_chunks, zstd
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
 from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
+METADATA = "metadata.yaml"
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
 _NS_PER_S = 10**9
 _SHOWN = 3
@@ -60,6 +62,8 @@ class StoredBag(StoredFrames):
 
         self.path, self._store = path, get_typestore(Stores.ROS2_HUMBLE)
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        if path.is_dir() and os.path.lexists(path / METADATA):
+            read_bytes(inside(path, METADATA), LARGEST_TOPICS_BYTES)
         chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
         whole_files = path.is_dir() and any(path.glob("*.zstd"))

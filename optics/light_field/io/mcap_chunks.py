@@ -16,7 +16,10 @@ from mirrorcam.optics.base.files import stored_bytes
 from mirrorcam.optics.base.values import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
-_FOOTER, _CHUNK = 0x02, 0x06
+_FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06
+LARGEST_TOPICS_BYTES = 400_000
+"""Of the descriptions of all topics, whose quality of service is YAML that rosbags takes seconds to read; those of a
+light field take less than 1 kB a view."""
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _COMPRESSIONS = ("", "zstd", "lz4")
@@ -46,7 +49,7 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
 
     Raises InputError for a file that was cut off, and for a chunk that would take more memory than it may.
     """
-    stored, chunks = stored_bytes(path), []
+    stored, chunks, topics = stored_bytes(path), [], 0
     with refusing(path, "an MCAP file that can be read"), path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError("does not begin as one")
@@ -57,6 +60,9 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
             after = file.tell() + length
             if after > stored:
                 raise InputError(f"{path}: is cut off, expected a whole MCAP file (`mcap recover` saves what is there)")
+            topics += length if opcode == _CHANNEL else 0
+            if topics > LARGEST_TOPICS_BYTES:
+                raise ValueError("topics are described by more text than they need")
             if opcode == _CHUNK:
                 chunks.append(_chunk(path, file, start, after, stored))
             file.seek(after)

@@ -14,6 +14,8 @@ from mirrorcam.optics.base.values import InputError
 # "Pf", width and height, and the scale whose sign tells the order of bytes; then one blank and the numbers.
 _HEADER = re.compile(rb"Pf\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(\d{1,6})\s+([-+]?[0-9.]+(?:[eE][-+]?\d+)?)[ \t]*\r?\n")
 
+_LONGEST_HEADER = 4096
+
 
 def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
     """Write a map (v, u) to a .pfm file, atomically; rows go from the bottom up, bytes little end first."""
@@ -27,7 +29,7 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
     Raises InputError in one line for a file that is not such a one, or that is cut short.
     """
     raw = read_bytes(path)
-    header = _HEADER.match(raw)
+    header = _HEADER.match(raw, 0, _LONGEST_HEADER)
     if header is None:
         raise InputError(f"{path}: not a PFM file of one channel, expected a header like 'Pf 512 512 -1'")
     width, height, scale = int(header[1]), int(header[2]), float(header[3])

@@ -40,8 +40,12 @@ MODELS = {
 """Names and numbers of parameters by the numbers of models."""
 COUNTS = dict(MODELS.values())
 CAMERA_SENSOR = 0
-LARGEST_BYTES = 1_000_000_000
+LARGEST_BYTES = 300_000_000
 """Of `images`, which list the points of every picture."""
+LARGEST_CAMERAS_BYTES = 5_000_000
+"""Of `cameras` and `rigs`: those of a hundred cameras take 0.02 MB."""
+MOST_IMAGES = 100_000
+"""Pictures of a model, and lines of `images` in text are twice as many."""
 LONGEST_NAME = 1000
 
 
@@ -79,22 +83,22 @@ def read_model(folder: Path) -> ColmapModel:
         rigs = folder / "rigs.bin"
         model = ColmapModel(
             dict(_parsed(folder / "cameras.bin", _binary_cameras)),
-            tuple(_parsed(folder / "images.bin", _binary_images)),
+            tuple(_parsed(folder / "images.bin", _binary_images, LARGEST_BYTES)),
             tuple(_parsed(rigs, _binary_rigs) if rigs.is_file() else ()),
         )
     else:
         rigs = folder / "rigs.txt"
         model = ColmapModel(
             dict(_parsed(folder / "cameras.txt", _text_cameras)),
-            tuple(_parsed(folder / "images.txt", _text_images)),
+            tuple(_parsed(folder / "images.txt", _text_images, LARGEST_BYTES)),
             tuple(_parsed(rigs, _text_rigs) if rigs.is_file() else ()),
         )
     _check(model, folder)
     return model
 
 
-def _parsed(path: Path, parse: Callable[[bytes], list[Item]]) -> list[Item]:
-    raw = read_bytes(path, LARGEST_BYTES)
+def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = LARGEST_CAMERAS_BYTES) -> list[Item]:
+    raw = read_bytes(path, most)
     try:
         return parse(raw)
     except (struct.error, ValueError, IndexError) as error:
@@ -134,10 +138,12 @@ def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 
 def _text_images(raw: bytes) -> list[ColmapImage]:
     """Every other line is of a picture; the lines between them, of points, may be empty."""
-    lines = _lines(raw)
-    while lines and not lines[0].strip():
-        lines.pop(0)
-    words = [line.split(maxsplit=9) for line in lines[::2] if line.strip()]
+    text = raw.decode("utf-8").lstrip()
+    if text.count("\n") > 2 * MOST_IMAGES:
+        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    lines = [line for line in text.split("\n") if not line.startswith("#")]
+    first = next((number for number, line in enumerate(lines) if line.strip()), 0)
+    words = [line.split(maxsplit=9) for line in lines[first::2] if line.strip()]
     return [ColmapImage(each[9].strip(), int(each[8]), tuple(map(float, each[1:8]))) for each in words]
 
 
@@ -153,12 +159,12 @@ def _text_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
         rig: dict[int, tuple[float, ...]] = {}
         if int(words[1]) > 0 and words[2] == "CAMERA":
             rig[int(words[3])] = IDENTITY
-        rest = words[4:]
-        while rest:
-            kind, number, posed = rest[0], int(rest[1]), rest[2] == "1"
+        at = 4
+        while at < len(words):
+            kind, number, posed = words[at], int(words[at + 1]), words[at + 2] == "1"
             if posed and kind == "CAMERA":
-                rig[number] = tuple(map(float, rest[3:10]))
-            rest = rest[10 if posed else 3 :]
+                rig[number] = tuple(map(float, words[at + 3 : at + 10]))
+            at += 10 if posed else 3
         rigs.append(rig)
     return rigs
 
@@ -203,7 +209,10 @@ def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
 
 def _binary_images(raw: bytes) -> list[ColmapImage]:
     reader, found = _Reader(raw), []
-    for _ in range(reader.count(73)):
+    count = reader.count(73)
+    if count > MOST_IMAGES:
+        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    for _ in range(count):
         reader.take("I")
         pose = reader.take("7d")
         (camera_id,) = reader.take("I")

@@ -12,7 +12,7 @@ import numpy as np
 from mirrorcam.optics.base.files import is_inside
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.scoring.camera_files import anipose, colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
-from mirrorcam.optics.scoring.camera_files.file_text import YAML_SUFFIXES, read_yaml
+from mirrorcam.optics.scoring.camera_files.file_text import LARGEST_BYTES, YAML_SUFFIXES, read_yaml
 from mirrorcam.optics.scoring.camera_rig import CameraRig
 
 FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
@@ -152,6 +152,9 @@ def _in_folder(folder: Path) -> list[Found]:
     """What a folder holds: a format a time, those of several files as one calibration."""
     files: dict[FormatName, list[Path]] = {}
     names = sorted(path for path in folder.iterdir() if path.is_file())
+    if sum(path.stat().st_size for path in names[:MOST_FILES] if path.suffix.lower() in YAML_SUFFIXES) > LARGEST_BYTES:
+        most = LARGEST_BYTES // 1_000_000
+        raise InputError(f"{folder}: holds more than {most} MB of YAML, expected the files of one calibration")
     for path in names[:MOST_FILES]:
         kind = _kind(path)
         if kind is not None:

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.optics.base.child_program import TREE_ENDING_S, supervised
+from mirrorcam.optics.base.child_program import TREE_ENDING_S, adopting_orphans, supervised
 
 HEAD_BYTES, TAIL_BYTES = 1_000_000, 100_000
 """Bytes from the beginning, and from the end, of what a command prints that its log keeps."""
@@ -37,21 +37,24 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
     """
     places = {SET: seen, RESULT: result}
     started = time.monotonic()
-    process = subprocess.Popen(
-        supervised(command, tree=True),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env=os.environ | {name: f"{path}" for name, path in places.items()},
-        start_new_session=True,
-    )
-    printed = _Printed(process)
-    try:
-        code: int | None = process.wait(timeout=timeout_s)
-    except subprocess.TimeoutExpired:
-        code = None
-    finally:
-        _end(process)
+    with adopting_orphans() as end_orphans:
+        process = subprocess.Popen(
+            supervised(command, tree=True),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {name: f"{path}" for name, path in places.items()},
+            start_new_session=True,
+        )
+        printed = _Printed(process)
+        try:
+            code: int | None = process.wait(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            code = None
+        finally:
+            _end(process)
+            if process.returncode < 0:  # by a signal: the command has killed what was to end the rest of it
+                end_orphans()
     seconds = time.monotonic() - started
     log = printed.log()
     if code is None:

@@ -213,7 +213,7 @@ def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
 
 
 def _line(text: str) -> str:
-    return shortened("".join(char if char.isprintable() else " " for char in " ".join(text.split())))
+    return shortened(" ".join("".join(char if char.isprintable() else " " for char in text).split()))
 
 
 def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, str]:

@@ -70,6 +70,21 @@ def test_what_a_command_leaves_behind_ends_with_it(tmp_path: Path, detach: str) 
     assert ended(int(first_line(pid)))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives orphans to a process")
+def test_what_a_command_leaves_behind_ends_though_it_kills_its_starter(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    wait = f'while [ ! -s "{pid}" ]; do sleep 0.02; done'
+    program = f'setsid "{sys.executable}" -c "{SLEEPS}" "{pid}" & {wait}; kill -9 $PPID; sleep 300'
+    other = subprocess.Popen(["sleep", "300"])
+    try:
+        assert run(program, tmp_path).failure == "signal 9 ended the command"
+        assert ended(int(first_line(pid)))
+        assert other.poll() is None
+    finally:
+        other.kill()
+        other.wait()
+
+
 def test_a_command_ends_with_this_process_though_it_is_killed(tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     here = (

@@ -118,3 +118,20 @@ def test_errors_of_decoders_become_one_line_and_others_stay() -> None:
         raise InputError("as it is")
     with pytest.raises(AssertionError), refusing(Path("a.x"), "a picture"):
         raise AssertionError
+
+
+@pytest.mark.parametrize("text", ["[" * 9000, "  a\n b\n", "-" * 9000, "{'descr': '<f4', (", "'" * 3])
+def test_headers_that_are_no_text_of_python_are_refused(tmp_path: Path, text: str) -> None:
+    stated = text.encode()
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x02\x00" + struct.pack("<I", len(stated)) + stated)
+    with pytest.raises(InputError, match=r"not an \.npy file that can be read"):
+        read_npy(tmp_path / "a.npy")
+
+
+def test_an_archive_of_very_many_files_is_refused_before_they_are_listed(tmp_path: Path) -> None:
+    entry = b"PK\x01\x02" + bytes(42)
+    count = 2_000_000
+    end = b"PK\x05\x06" + struct.pack("<HHHHIIH", 0, 0, 0xFFFF, 0xFFFF, count * len(entry), 0, 0)
+    (tmp_path / "a.npz").write_bytes(entry * count + end)
+    with pytest.raises(InputError, match=r"a\.npz: not an \.npz file that can be read: too many files"):
+        read_npz(tmp_path / "a.npz", ["a"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 
 import cv2
 import numpy as np
@@ -82,3 +83,28 @@ def test_a_flipped_bit_can_give_the_very_bytes_of_another_picture() -> None:
             wrong = np.mean(np.abs(found.astype(int) - smooth) > 24) if found.shape == smooth.shape else 0.0
             same += bool(wrong > 0.02 and cv2.imencode(".jpg", found, options)[1].tobytes() == bytes(changed))
     assert same > 10
+
+
+@pytest.mark.parametrize("content", [b"\xff\x00" * 60_000, (bytes(250) + b"\xff\x00") * 500, b"\x00\xff\xff" * 60_000])
+@pytest.mark.parametrize("restarts", [0, 5])
+def test_what_looks_like_padding_is_looked_at_once(content: bytes, restarts: int) -> None:
+    raw = encoded(cv2.IMWRITE_JPEG_RST_INTERVAL, restarts)
+    scan = Jpeg.of(raw).scan(raw)
+    begun = time.process_time()
+    with pytest.raises(DamagedPicture, match="damaged"):
+        read(raw[:scan] + b"\x00\xff\xd0" + content + b"\x01" + raw[scan:])
+    assert time.process_time() - begun < 0.5
+
+
+def test_many_scans_and_segments_are_refused_before_they_are_decoded() -> None:
+    raw = encoded(cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    jpeg = Jpeg.of(raw)
+    assert not jpeg.is_overlong
+    kind, begin, _ = next(each for each in jpeg.segments if each[0] == 0xDA)
+    again = raw[begin - 4 : jpeg.segments[jpeg.segments.index((kind, begin, jpeg.scan(raw))) + 1][1] - 4]
+    assert again.startswith(b"\xff\xda")
+    begun = time.process_time()
+    for content in (again * 1000, b"\xff\xe0\x00\x02" * 1_000_000):
+        with pytest.raises(DamagedPicture, match="more parts than any JPEG"):
+            read(raw[: begin - 4] + content + raw[begin - 4 :])
+    assert time.process_time() - begun < 0.5

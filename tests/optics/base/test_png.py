@@ -168,3 +168,11 @@ def test_significant_bits_are_those_of_colours() -> None:
     assert significant_bits(header(2, 16) + chunk(b"sBIT", b"\x0a\x0c\x0b") + DATA + END) == 12
     assert significant_bits(header(4, 16) + chunk(b"sBIT", b"\x0c\x10") + DATA + END) == 12
     assert significant_bits(header(0, 16) + DATA + chunk(b"sBIT", b"\x0c") + END) is None
+
+
+def test_more_parts_than_a_picture_needs_are_refused_at_once() -> None:
+    raw = cv2.imencode(".png", np.zeros((2, 2), np.uint8))[1].tobytes()
+    empty = b"\x00\x00\x00\x00IDAT" + zlib.crc32(b"IDAT").to_bytes(4)
+    at = raw.index(b"IDAT") - 4
+    with pytest.raises(DamagedPicture, match="more than 200000 parts"):
+        decode_png(raw[:at] + empty * 200_000 + raw[at:], Png.of(raw, "a"), "a", cv2.IMREAD_GRAYSCALE)

@@ -6,6 +6,7 @@ picture, where views of mirrors often have it, so the pictures get margins, whic
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.array_files import refusing
-from mirrorcam.optics.base.files import inside, read_bytes, write_text
+from mirrorcam.optics.base.files import inside, read_lines, write_text
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
@@ -28,6 +29,8 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 PICTURE = "0000.png"
 EDGE_PX = 1.0
 """Least distance of principal points from the edge."""
+_WORDS = 10
+"""Words of the line of a picture."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
@@ -83,6 +86,8 @@ def read_colmap(folder: Path) -> LightField:
     with refusing(where, "a model of a grid of views"):
         found = _named_views(where)
         rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
+        if len(found) != rows * cols:  # before a grid is filled that is as large as the numbers in names
+            raise ValueError(f"{len(found)} views of {rows}x{cols}")
         order = [found[index] for index in np.ndindex(rows, cols)]
         poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
         if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
@@ -133,16 +138,18 @@ def _named_views(where: Path) -> dict[tuple[int, int], _View]:
         cameras[words[0]] = [float(word) for word in words[2:8]]
     for words in _lines(where / "images.txt"):
         # Lines of points are not of ten words that end in the name of a picture.
-        if len(words) == 10 and "/" in words[9]:
+        if len(words) == _WORDS and "/" in words[9]:
             row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
             found[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
     return found
 
 
-def _lines(path: Path) -> list[list[str]]:
-    """The words of the lines that are neither empty nor comments."""
-    lines = read_bytes(path).decode("utf-8").splitlines()
-    return [line.split() for line in lines if line.strip() and not line.startswith("#")]
+def _lines(path: Path) -> Iterator[list[str]]:
+    """The first words, of points the rest in one, of each line that is neither empty nor a comment."""
+    for raw in read_lines(path):
+        line = raw.decode("utf-8")
+        if line.strip() and not line.startswith("#"):
+            yield line.split(maxsplit=_WORDS)
 
 
 FORMAT = Format(

@@ -12,6 +12,7 @@ its mean step and ignore the section `mirrorcam` of `parameters.cfg`, from which
 from __future__ import annotations
 
 import json
+import re
 from configparser import ConfigParser, Error
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, read_bytes, write_text
+from mirrorcam.optics.base.files import read_bytes, write_text
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.nested_text import json_value
 from mirrorcam.optics.base.pictures import read_image, write_image
@@ -37,14 +38,17 @@ Float32 = NDArray[np.float32]
 PARAMETERS = "parameters.cfg"
 DISPARITY, DEPTH = "gt_disp_lowres.pfm", "gt_depth_lowres.pfm"
 OURS = "mirrorcam"
-MOST_VIEWS = 1000
-"""Most views down or across of a scene that is read."""
+MOST_VIEWS, MOST_PICTURES = 1000, 100_000
+"""Most views down or across of a scene that is read, and in all."""
+LARGEST_BYTES = 300_000
+"""Of the parameters: those of the benchmark take 1 kB, those of a hundred views as exact as ours 10 kB."""
 SENSOR_SIZE_MM = 35.0
 """What is written for the longer side of the sensor; only its ratio to the focal length means something."""
 _KEYS = {
     "intrinsics": ("image_resolution_x_px", "image_resolution_y_px", "focal_length_mm", "sensor_size_mm"),
     "extrinsics": ("num_cams_x", "num_cams_y", "baseline_mm", "focus_distance_m"),
 }
+_LONG_BLANK = re.compile(r"[^\S\n]{100}")
 _COUNTS = ("image_resolution_x_px", "image_resolution_y_px", "num_cams_x", "num_cams_y")
 
 
@@ -173,8 +177,12 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)
+    raw = read_bytes(path, LARGEST_BYTES)
     try:
-        parser.read_string(read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8"))
+        text = raw.decode("utf-8")
+        if _LONG_BLANK.search(text):  # in which the parser looks for the end of a name from each place again
+            raise ValueError("a hundred blanks in a row")
+        parser.read_string(text)
         numbers = {key: parser.getfloat(section, key) for section, keys in _KEYS.items() for key in keys}
         extremes = [every * parser.getfloat("meta", name, fallback=np.nan) for name in ("disp_min", "disp_max")]
     except (Error, ValueError, AttributeError) as error:  # AttributeError: a line that goes on one without a value
@@ -188,6 +196,8 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
         kind = "positive number, a whole one" if wrong in _COUNTS else "positive number"
         raise InputError(f"{path}: {wrong} is {numbers[wrong]:g}, expected a {kind} to {beyond[wrong]:g}")
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
+    if cols * rows > MOST_PICTURES:
+        raise InputError(f"{path}: {cols}x{rows} views, expected at most {MOST_PICTURES}")
     if every < 1 or (cols // 2) % every or (rows // 2) % every:
         raise InputError(f"{folder}: {cols}x{rows} views, expected the central one among every {every}th")
     views = _our_views(parser, path, (width, height)) if parser.has_section(OURS) else _even_views(numbers)

@@ -24,6 +24,7 @@ from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_
 from mirrorcam.optics.light_field.light_field import LightField
 
 TRANSFORMS = "transforms.json"
+MOST_FRAMES = 20_000
 
 
 def write_nerfstudio(folder: Path, light_field: LightField) -> None:
@@ -71,11 +72,15 @@ def read_nerfstudio(folder: Path) -> LightField:
     path = folder / TRANSFORMS
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)
     with refusing(path, "a dataset of a grid of views"):
-        frames = {}
+        frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
+        if len(dataset["frames"]) > MOST_FRAMES:
+            raise ValueError(f"more than {MOST_FRAMES} frames")
         for each in dataset["frames"]:
-            frame = _Frame.model_validate({**dataset, **each}, strict=True)
+            frame = _Frame.model_validate({**common, **each}, strict=True)
             frames[_index(frame.file_path)] = frame
         rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
+        if len(frames) != rows * cols:  # before a grid is filled that is as large as the numbers in names
+            raise ValueError(f"{len(frames)} views of {rows}x{cols}")
         order = [frames[index] for index in np.ndindex(rows, cols)]
     transforms = np.array([each.transform_matrix for each in order])
     numbers = np.array([[each.fl_x, each.fl_y, each.cx, each.cy] for each in order])

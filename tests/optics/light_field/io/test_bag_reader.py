@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -257,3 +258,16 @@ def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_
 def test_what_is_missing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mcap: no such file"):
         StoredBag(tmp_path / "nowhere.mcap")
+
+
+def test_long_texts_about_topics_are_refused_before_they_are_parsed(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("a: 1\n" * 100_000)
+    with pytest.raises(InputError, match=r"metadata.yaml: is larger than 0.4 MB"):
+        StoredBag(folder)
+    long = b"\x04" + struct.pack("<Q", 500_000) + bytes(500_000)
+    end = b"\x02" + struct.pack("<Q", 20) + bytes(20) + b"\x89MCAP0\r\n"
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + long + end)
+    with pytest.raises(InputError, match="topics are described by more text"):
+        checked_chunks(tmp_path / "a.mcap")

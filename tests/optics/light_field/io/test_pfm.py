@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import cv2
@@ -48,3 +49,11 @@ def test_what_is_no_map_is_refused(tmp_path: Path, content: bytes, message: str)
     (tmp_path / "a.pfm").write_bytes(content)
     with pytest.raises(InputError, match=message):
         read_pfm(tmp_path / "a.pfm")
+
+
+def test_comments_are_no_longer_than_a_header(tmp_path: Path) -> None:
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n" + b"#\n" * 5_000_000)
+    begun = time.process_time()
+    with pytest.raises(InputError, match="not a PFM file"):
+        read_pfm(tmp_path / "a.pfm")
+    assert time.process_time() - begun < 0.1

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import struct
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pycolmap
@@ -75,3 +77,23 @@ def test_names_of_pictures_may_hold_blanks(exported: Path, tmp_path: Path) -> No
     path = tmp_path / "model" / "images.txt"
     path.write_text(path.read_text().replace("0000.png", "my picture.png"))
     assert read_model(tmp_path / "model").images[0].name == "view_0_0/my picture.png"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("rigs.txt", b"1 2 CAMERA 1 " + b"CAMERA 1 0 " * 200_000),
+        ("images.txt", b"\n" * 400_000),
+        ("images.txt", b"1 1 0 0 0 0 0 0 1 a/b.png\n\n" * 200_000),
+        ("images.bin", struct.pack("<Q", 200_000) + (struct.pack("<I7dI", 1, 1, *[0] * 6, 1) + bytes(9)) * 200_000),
+    ],
+)
+def test_a_model_takes_no_more_time_than_a_large_one(
+    name: str, content: bytes, exported: Path, binary: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(exported / "colmap" / "sparse" if name.endswith(".txt") else binary, tmp_path / "model")
+    (tmp_path / "model" / name).write_bytes(content)
+    begun = time.process_time()
+    with suppress(InputError):
+        read_model(tmp_path / "model")
+    assert time.process_time() - begun < 1.0

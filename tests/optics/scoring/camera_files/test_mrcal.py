@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import cv2
@@ -126,3 +127,27 @@ def test_other_lenses_are_refused_by_name(tmp_path: Path) -> None:
         read_mrcal([written(tmp_path / "a.cameramodel", "LENSMODEL_CAHVOR", [1.0] * 9)])
     with pytest.raises(InputError, match="intrinsics: 5 numbers, expected 8"):
         read_mrcal([written(tmp_path / "b.cameramodel", "LENSMODEL_OPENCV4", [1.0] * 5)])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{" + ",".join(f"{number * (2**61 - 1)}: 0" for number in range(1, 10_000)) + "}",  # all of one hash
+        "{" + ",".join(hex(number * (2**61 - 1)) for number in range(1, 12_000)) + "}",
+        "1<" * 100_000 + "1",
+        "'' " * 90_000,
+        "{'a': 1is 2}",
+        "-" * 200_000 + "1",
+    ],
+    ids=["numbers as keys", "a set", "comparisons", "texts", "a remark of the parser", "signs"],
+)
+def test_literals_of_any_kind_are_refused_at_once_and_in_silence(
+    text: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.cameramodel").write_text(text)
+    begun = time.process_time()
+    with pytest.raises(InputError) as caught:
+        read_mrcal([tmp_path / "a.cameramodel"])
+    assert time.process_time() - begun < 1.0
+    assert "0x" not in str(caught.value)
+    assert capfd.readouterr().err == ""

@@ -164,3 +164,10 @@ def test_a_layout_with_a_large_covariance_is_read(tmp_path: Path) -> None:
     path = tmp_path / "layout.json"
     path.write_text(device().truth.text() + " " * 2_000_000)
     assert read_rig(path).format == "mirrorcam"
+
+
+def test_a_folder_of_large_files_is_refused_before_they_are_read(tmp_path: Path) -> None:
+    for number in range(2):
+        (tmp_path / f"{number}.yaml").write_text("a" * 3_000_000)
+    with pytest.raises(InputError, match="holds more than 5 MB of YAML"):
+        read_rig(tmp_path)

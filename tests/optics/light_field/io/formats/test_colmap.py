@@ -150,3 +150,13 @@ def test_numbers_that_are_none_and_pictures_of_another_size_are_refused(
         with pytest.raises(InputError, match=message):
             read_colmap(tmp_path)
         path.write_text(good, encoding="utf-8")
+
+
+def test_large_numbers_in_names_take_no_memory(tmp_path: Path) -> None:
+    (tmp_path / "sparse").mkdir()
+    (tmp_path / "sparse" / "cameras.txt").write_text("1 PINHOLE 480 270 400 400 240 135\n")
+    names = ("v_0_0", "v_999999999_999999999")
+    lines = [f"1 1 0 0 0 0 0 0 1 {name}/0000.png\n\n" for name in names]
+    (tmp_path / "sparse" / "images.txt").write_text("".join(lines))
+    with pytest.raises(InputError, match="not a model of a grid of views: 2 views of 1000000000x1000000000"):
+        read_colmap(tmp_path)

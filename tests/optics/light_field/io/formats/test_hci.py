@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from configparser import ConfigParser
 from dataclasses import fields
 from pathlib import Path
@@ -224,3 +225,20 @@ def test_numbers_that_no_scene_has_are_refused(
         (folder / picture.name).write_bytes(picture.read_bytes())
     with pytest.raises(InputError, match=message):
         read_hci(folder)
+
+
+def test_blanks_in_a_row_are_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "parameters.cfg").write_text("[intrinsics]\na" + " " * 60_000 + "b\n")
+    begun = time.process_time()
+    with pytest.raises(InputError, match="not the parameters of a light field: a hundred blanks in a row"):
+        read_hci(tmp_path)
+    assert time.process_time() - begun < 0.5
+
+
+def test_a_scene_of_more_pictures_than_any_is_refused_before_they_are_looked_for(
+    nine: tuple[Path, LightField, FloatArray], tmp_path: Path
+) -> None:
+    text = (nine[0] / "parameters.cfg").read_text().replace("= 9\n", "= 999\n")
+    (tmp_path / "parameters.cfg").write_text(text)
+    with pytest.raises(InputError, match="999x999 views, expected at most 100000"):
+        read_hci(tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -104,3 +105,28 @@ def test_frames_that_are_none_or_lead_out_are_refused(
         read_nerfstudio(tmp_path / "a")
     assert str(refused.value).startswith(str(tmp_path / "a"))
     assert "\n" not in str(refused.value)
+
+
+def test_names_that_mean_nothing_take_no_time_in_each_frame(tmp_path: Path) -> None:
+    same = {"file_path": "a_0_0.png", "transform_matrix": np.eye(4).tolist(), "w": 9.0, "h": 9.0}
+    focal = dict.fromkeys(("fl_x", "fl_y", "cx", "cy"), 9.0)
+    names = {f"name {number}": 0 for number in range(30_000)}
+    text = json.dumps({**same, **focal, **names, "frames": [{}] * 3000})
+    (tmp_path / "transforms.json").write_text(text)
+    begun = time.process_time()
+    with pytest.raises(InputError, match=r"a_0_0\.png: no such file"):
+        read_nerfstudio(tmp_path)
+    assert time.process_time() - begun < 1.0
+
+
+def test_large_numbers_in_names_take_no_memory(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_nerfstudio(tmp_path, scene[0])
+    path = tmp_path / "transforms.json"
+    stated = json.loads(path.read_text())
+    stated["frames"][-1]["file_path"] = "images/view_999999999_999999999.png"
+    path.write_text(json.dumps(stated))
+    with pytest.raises(InputError, match="9 views of 1000000000x1000000000"):
+        read_nerfstudio(tmp_path)
+    path.write_text(json.dumps({**stated["frames"][0], "frames": [{}] * 30_000}))
+    with pytest.raises(InputError, match="more than 20000 frames"):
+        read_nerfstudio(tmp_path)
