@@ -241,8 +241,9 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if np.isinf(near_mm):
         raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
     if not least < near_mm < far_mm:
+        asked = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(
-            f"near_mm {near_mm:g}, far_mm {far_mm:g}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
+            f"{asked}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
         )
 
 
