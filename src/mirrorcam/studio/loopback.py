@@ -52,7 +52,7 @@ def run_server(
 ) -> None:
     """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
     address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
+    config = uvicorn.Config(app, log_level="error", ws="none", timeout_graceful_shutdown=ENDING_S, server_header=False)
     tell(f"{address} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(address)
