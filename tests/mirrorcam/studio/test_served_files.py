@@ -51,7 +51,7 @@ def test_every_answer_ends_once(name: str, asked: dict[str, str], status: int, t
     (tmp_path / "a.txt").write_text(TEXT)
     (tmp_path / "empty").touch()
     headers = [(key.encode(), value.encode()) for key, value in asked.items()]
-    scope = {"type": "http", "method": "GET", "path": f"/{name}", "headers": headers, "extensions": {}}
+    scope = {"type": "http", "asgi": {"spec_version": "2.4"}, "method": "GET", "path": f"/{name}", "headers": headers}
     sent: list[Any] = []
 
     async def receive() -> Any:
