@@ -191,7 +191,7 @@ def read_lines(path: Path) -> list[bytes]:
 
 
 def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
-    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that is there twice."""
+    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that appears twice."""
     return json_of(path, read_bytes(path, most))
 
 

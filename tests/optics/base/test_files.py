@@ -135,7 +135,7 @@ def test_models_are_read_from_json_and_toml(tmp_path: Path) -> None:
         ("note.json", '{"text": 1}', "text: Input should be a valid string"),
         ("note.json", '{"text": "a", "point": [0, "1", 2]}', "point: not an array of numbers, expected shape (3)"),
         ("note.json", '{"text": "a", "point": [0, true, 2]}', "point: not an array of numbers, expected shape (3)"),
-        ("note.json", '{"text": "a", "text": "b"}', "not valid JSON: the key 'text' is there twice"),
+        ("note.json", '{"text": "a", "text": "b"}', "not valid JSON: the key 'text' appears twice"),
         ("note.json", '{"text": "a", "' + "x" * 5000 + '": 1}', " ... "),
         ("note.toml", "text = 1979-05-27", "expected numbers, texts and tables"),
         ("note.json", '{"size_mm": -1}', "text: Field required (and 1 more)"),
