@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
+from mirrorcam.optics.base.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.optics.base.bounds import WORKERS
 from mirrorcam.optics.base.progress import Progress, no_progress
 from mirrorcam.optics.base.values import InputError, Metric
 from mirrorcam.optics.base.worker_process import begin_loading
@@ -61,6 +62,7 @@ def build_parts(
     check_type("layout", layout, Layout)
     check_type("hardware", hardware, Hardware)
     out = path_of("out", out)
+    check_count("workers", workers, WORKERS)
     before = None if previous is None else path_of("previous", previous)
     if workers > 1:
         begin_loading(KERNEL)
@@ -80,7 +82,8 @@ def build_parts(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{out}: cannot be written: {error.strerror}") from None
+        reason = "is a file" if out.exists() else f"cannot be written: {error.strerror}"
+        raise InputError(f"{out}: {reason}, expected a new or empty folder") from None
     return write_device(device, out, before, workers, progress, elastic=elastic)
 
 

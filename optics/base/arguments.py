@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, cast
 
 from pydantic import BeforeValidator
+
+from mirrorcam.optics.base.bounds import Bounds
+from mirrorcam.optics.base.values import InputError
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 """A path as callers give it: a text, or anything with `__fspath__`."""
@@ -28,6 +31,13 @@ def _path_unless_one(value: Any) -> Any:
 
 GivenPath = Annotated[Path, BeforeValidator(_path_unless_one)]
 """The field of a value for a path of any kind."""
+
+
+def check_count(name: str, value: object, bounds: Bounds) -> None:
+    """Raise TypeError for an argument that is no integer, InputError for one out of bounds."""
+    check_type(name, value, int)
+    if not bounds.least <= cast(int, value) <= bounds.most:
+        raise InputError(f"{name}: {value}, expected {bounds}")
 
 
 def check_type(name: str, value: object, *expected: type) -> None:

@@ -38,8 +38,7 @@ _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, with its suffix, renamed to it when the block ends well and removed otherwise."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected a file to write")
+    _refuse_to_replace(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
@@ -60,6 +59,20 @@ def atomic(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _refuse_to_replace(path: Path) -> None:
+    """Raise InputError for a folder, a device or a pipe, which a file would replace, and for what is no path at all."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # nothing is there, or what writes there finds out why not
+    except ValueError as error:  # a name with a null character
+        raise InputError(f"{str(path)[:200]!r}: {error}") from None
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: is a folder, expected a file to write")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: is a device or a pipe, expected a file to write")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -117,7 +130,7 @@ def linked(folder: Path) -> Path | None:
 
 
 @contextmanager
-def _readable(path: Path) -> Iterator[None]:
+def readable(path: Path) -> Iterator[None]:
     """Turn what the system raises for a path in the block into an InputError of one line."""
     try:
         yield
@@ -134,7 +147,7 @@ def stored_bytes(path: Path) -> int:
 
     A Git LFS pointer, which stands in for a file until it is fetched, is refused as such.
     """
-    with _readable(path):
+    with readable(path):
         status = path.stat()
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a folder, expected a file")
@@ -153,14 +166,14 @@ def refuse_pointer(path: Path) -> None:
 
 def first_bytes(path: Path, count: int) -> bytes:
     """The first bytes of a regular file, or all of a shorter one."""
-    with _readable(path), path.open("rb") as stream:
+    with readable(path), path.open("rb") as stream:
         return stream.read(count)
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
     """The content of a regular file of at most `most` bytes, or InputError in one line."""
     if (stored := stored_bytes(path)) <= most:
-        with _readable(path), path.open("rb") as stream:
+        with readable(path), path.open("rb") as stream:
             content = stream.read(stored + 1)
             if len(content) > stored:  # it grows, or the system does not know its size
                 content += stream.read(most + 1 - len(content))
@@ -178,7 +191,7 @@ def read_lines(path: Path) -> list[bytes]:
 
 
 def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
-    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that is there twice."""
+    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that appears twice."""
     return json_of(path, read_bytes(path, most))
 
 

@@ -43,4 +43,5 @@ def one_line(error: ValidationError, model: type[BaseModel] | None = None) -> st
         given = first["ctx"]
         message = f"{given['discriminator']} is {given['tag']!r}, expected one of {given['expected_tags']}"
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return shortened(f"{where}: {message}{more}" if where else f"{message}{more}")
+    text = f"{where}: {message}{more}" if where else f"{message}{more}"
+    return shortened(" ".join(text.split()))

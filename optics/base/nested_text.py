@@ -40,7 +40,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def json_value(raw: bytes) -> Any:
-    """The value of a JSON text (UTF-8); raises InputError in one line: also for a key that is there twice.
+    """The value of a JSON text (UTF-8); raises InputError in one line: also for a key that appears twice.
 
     NaN and Infinity are read as numbers, so that who expects a finite one can say where it stands.
     """
@@ -91,11 +91,11 @@ def integer_of(digits: str) -> int:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The keys and values of a JSON object; raises ValueError for a key that is there twice."""
+    """The keys and values of a JSON object; raises ValueError for a key that appears twice."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise ValueError(f"the key {key[:80]!r} is there twice")
+            raise ValueError(f"the key {key[:80]!r} appears twice")
         found[key] = value
     return found
 

@@ -71,7 +71,7 @@ class Tiff:
                     break
                 page, following = _tags(raw, order, following, {_KIND})
                 if not page.get(_KIND, (0,))[0] & _REDUCED:
-                    raise InputError(f"{name}: holds several pictures, expected a TIFF of one")
+                    raise InputError(f"{name}: holds several pictures, expected a TIFF with one")
             return cls._of_tags(tags, order, name)
         except (struct.error, LookupError):
             raise DamagedPicture(f"{name}: damaged or truncated, its tags cannot be read") from None
@@ -99,7 +99,7 @@ class Tiff:
         rows = min(tags.get(_ROWS, (height,))[0], height)
         strips = -(-height // rows) if rows else 0
         if width and height and (not strips or not len(tags[_OFFSETS]) == len(tags[_BYTES]) == strips):
-            raise DamagedPicture(f"{name}: damaged, its tags do not fit each other")
+            raise DamagedPicture(f"{name}: damaged, its tags contradict each other")
         return cls(
             (width, height), depths.pop(), samples, order, photometric, one(_COMPRESSION), one(_PREDICTOR), rows,
             tags[_OFFSETS], tags[_BYTES], tags.get(_COLOURS, ()),

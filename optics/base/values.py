@@ -33,24 +33,23 @@ class InputError(ValueError):
 
 
 class InvalidValue(InputError):
-    """Fields that a value refuses; pydantic's findings are its cause."""
+    """Fields that a value refuses; pydantic's findings are its cause, which copies and pickles of it do not keep."""
 
     @property
-    def first(self) -> ErrorDetails:
-        """The first of pydantic's findings."""
-        assert isinstance(self.__cause__, ValidationError)
-        return self.__cause__.errors(include_url=False)[0]
+    def first(self) -> ErrorDetails | None:
+        """The first of pydantic's findings, where they are kept."""
+        cause = self.__cause__
+        return cause.errors(include_url=False)[0] if isinstance(cause, ValidationError) else None
 
     @property
     def title(self) -> str:
-        """The name of the class of the value."""
-        assert isinstance(self.__cause__, ValidationError)
-        return self.__cause__.title
+        """The name of the class of the value, empty where the findings are not kept."""
+        return self.__cause__.title if isinstance(self.__cause__, ValidationError) else ""
 
     @property
     def reason(self) -> str:
-        """The first finding without its place."""
-        return self.first["msg"].removeprefix("Value error, ")
+        """The first finding without its place; all of the message where the findings are not kept."""
+        return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
+from mirrorcam.optics.base.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.optics.base.bounds import WORKERS
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -103,6 +104,7 @@ def calibrate(
     """
     check_type("layout", layout, Layout)
     check_type("target", target, Checkerboard, Charuco, AprilGrid)
+    check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
     frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)

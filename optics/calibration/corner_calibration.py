@@ -113,7 +113,7 @@ def calibrate_corners(
     except UndeterminedError as error:
         raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
-        raise unknown.explained(f"the frames lead to mirrors that cannot be: {error}") from None
+        raise unknown.explained(f"the frames lead to impossible mirrors: {error}") from None
     except InputError as error:
         raise unknown.explained(str(error)) from None
 

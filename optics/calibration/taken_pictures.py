@@ -22,12 +22,21 @@ MOST_KEPT = 24  # arrays of an iterator, so that memory stays flat
 
 
 def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:
-    """Pictures with paths as `Path`; a sequence stays one. Raises TypeError for what is no iterable of them."""
+    """Pictures with paths as `Path`; a sequence stays one. Raises TypeError for what is no iterable of them.
+
+    Raises InputError for an array of anything but grey values.
+    """
     if isinstance(pictures, str | os.PathLike | np.ndarray) or not isinstance(pictures, Iterable):
         raise TypeError(f"{name}: {type(pictures).__name__}, expected an iterable of arrays or paths")
 
     def checked(picture: Grey | AnyPath) -> Grey | Path:
-        return picture if isinstance(picture, np.ndarray) else path_of(name, picture)
+        if not isinstance(picture, np.ndarray):
+            return path_of(name, picture)
+        if picture.dtype != np.uint8 or picture.ndim != 2:
+            raise InputError(
+                f"{name}: an array {picture.shape} of {picture.dtype}, expected (h, w) of uint8, grey values"
+            )
+        return picture
 
     return [checked(each) for each in pictures] if isinstance(pictures, Sequence) else map(checked, pictures)
 

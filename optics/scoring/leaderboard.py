@@ -136,7 +136,7 @@ def _checked(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]
     for attempt in tries:
         name = names[attempt.dataset_sha256]
         if name in found:
-            raise InputError(f"{calibrator}: the set {name} is there twice, expected each set once")
+            raise InputError(f"{calibrator}: the set {name} appears twice, expected each set once")
         found[name] = attempt
         if not attempt.failure and RANKED not in attempt.figures:
             raise InputError(f"{calibrator}: the score of {name} lacks {RANKED}, expected it in every score")

@@ -51,7 +51,7 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
         if camera not in cameras or parameter not in known:
             raise InputError(f"{path}: parameter {name[:60]!r}, expected CAMERA NAME, such as '{SHARED} fx_px'")
     if len(set(given.parameters)) < len(given.parameters):
-        raise InputError(f"{path}: a parameter is there twice")
+        raise InputError(f"{path}: a parameter appears twice")
     return replace(rig, uncertainty=Uncertainty(parameters=given.parameters, covariance=given.covariance))
 
 

@@ -60,7 +60,7 @@ class Suite(Value):
         names = [recipe.name for recipe in self.sets]
         if len(set(names)) < len(names):
             twice = next(name for number, name in enumerate(names) if name in names[:number])
-            raise ValueError(f"set: the name {twice} is there twice")
+            raise ValueError(f"set: the name {twice} appears twice")
         return self
 
     def times(self, copies: int) -> Self:

@@ -222,6 +222,35 @@ def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) ->
             mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["target"])  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("shape_dtype", [((270, 480), float), ((270, 480, 3), np.uint8), ((270, 480), np.uint16)])
+def test_arrays_of_a_calibration_hold_grey_values(shape_dtype: tuple[Any, Any], arguments: dict[str, Any]) -> None:
+    for given in ((wrong := [np.zeros(*shape_dtype)], []), ([], wrong), (iter(wrong), [])):
+        with pytest.raises(mirrorcam.InputError, match=r"^(base_)?frames: an array .*, expected \(h, w\) of uint8"):
+            mirrorcam.calibrate(*given, arguments["layout"], arguments["target"])
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a" * 5000])
+def test_names_that_no_file_can_have_are_refused(name: str, arguments: dict[str, Any]) -> None:
+    for call in (mirrorcam.open_light_field, mirrorcam.read_image, mirrorcam.Layout.load, arguments["layout"].save):
+        with pytest.raises(mirrorcam.InputError) as caught:
+            call(name)
+        assert "\n" not in str(caught.value)
+
+
+def test_numbers_of_another_type_or_size_are_refused_by_their_name(arguments: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=r"^near_mm: str, expected int or float"):
+        mirrorcam.estimate_depth(arguments["light_field"], near_mm="x")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"^depth_mm: str, expected ndarray"):
+        mirrorcam.write_light_field(tmp_path / "a", arguments["light_field"], "ply", "x")  # type: ignore[arg-type]
+    for function, wanted in (
+        (mirrorcam.build_parts, "layout out"),
+        (mirrorcam.calibrate, "frames base_frames layout target"),
+    ):
+        needed = {name: arguments[name] for name in wanted.split()}
+        with pytest.raises(mirrorcam.InputError, match=r"^workers: 0, expected 1 to 1024$"):
+            function(**needed, workers=0)
+
+
 def test_light_fields_and_formats_that_cannot_be_are_refused(arguments: dict[str, Any], tmp_path: Path) -> None:
     light_field: mirrorcam.LightField = arguments["light_field"]
     with pytest.raises(mirrorcam.InputError, match=r"^to: 'tiff', expected one of "):

@@ -88,7 +88,7 @@ def test_what_is_of_no_use_is_told_in_one_line(ros: Ros, capfd: pytest.CaptureFi
     for changes, message in (
         ({"layout": "nowhere.json"}, "mirrorcam_ros: nowhere.json: no such file\n"),
         ({"device": 99}, "mirrorcam_ros: camera 99 cannot be opened, expected one on this machine (/dev/video99)\n"),
-        ({"near_mm": 500.0, "far_mm": 400.0}, "mirrorcam_ros: depths 500 to 400 mm, expected two that grow"),
+        ({"near_mm": 500.0, "far_mm": 400.0}, "mirrorcam_ros: near_mm 500, far_mm 400: expected near_mm below far_mm"),
     ):
         given = ros.parameters
         ros.parameters = given | changes

@@ -175,7 +175,7 @@ def calibrate_with_direct_view(
     except InvalidValue as error:
         # What parts of another board are taken for leads to no possible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
-        raise InputError(other or f"the pictures lead to mirrors that cannot be: {error}") from None
+        raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
     return replace(found, notes=(*notes, *found.notes))
 
 

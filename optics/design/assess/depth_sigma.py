@@ -49,7 +49,7 @@ ANGLES, RADII, LARGEST_RADIUS = 16, 24, 3.5
 """Directions and lengths of frequencies; the largest length in standard deviations of the contrast of sharp pixels."""
 
 
-DEPTH_UNKNOWN = "it would exceed the depth: the views are too blurred or too close together to tell that"
+DEPTH_UNKNOWN = "it would exceed the depth itself: the views are too blurred, or too close together, to measure depth"
 
 
 def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:

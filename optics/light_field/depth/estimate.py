@@ -107,6 +107,8 @@ class DepthEstimator:
         workers: int | None = None,
     ) -> None:
         check_type("light_field", light_field, LightField)
+        for name, depth_mm in {"near_mm": near_mm, "far_mm": far_mm}.items():
+            check_type(name, depth_mm, int, float, np.integer, np.floating, type(None))
         geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
         self.views = Views(**geometry)
         self.weights = light_field.weights
@@ -239,7 +241,10 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if np.isinf(near_mm):
         raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
     if not least < near_mm < far_mm:
-        raise InputError(f"depths {near_mm:g} to {far_mm:g} mm, expected two that grow, beyond {least:.0f} mm")
+        asked = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
+        raise InputError(
+            f"{asked}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
+        )
 
 
 def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None) -> DepthMap:

@@ -142,7 +142,7 @@ def _addressed(address: str, width_px: int, height_px: int, tell: Callable[[str]
             if isinstance(error, av.error.ExitError):
                 reason = f"no answer within {OPENING_S:g} s"
             elif isinstance(error, av.error.ArgumentError) and not v4l2:
-                reason = "no format of a stream that is read, such as a playlist"
+                reason = "not a supported format of streams, such as a playlist"
             raise InputError(
                 shortened(
                     f"{name} cannot be opened: {reason}; expected the number of a camera, /dev/videoN, a file, or an "

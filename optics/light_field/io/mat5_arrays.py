@@ -56,7 +56,7 @@ def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
             name, value = _Matrix(order, path, stored).read(content, names)
             if name in names:
                 if name in found:
-                    raise ValueError(f"{name} is there twice")
+                    raise ValueError(f"{name} appears twice")
                 found[name] = value
     return found
 

@@ -60,7 +60,7 @@ def opened(path: Path) -> Iterator[Any]:
             container = av.open(file, options=options, metadata_errors="replace")
         except av.error.ArgumentError:
             raise InputError(
-                f"{path}: not a video of a format that is read, expected one such as MP4, MOV, MKV, AVI or MPEG; "
+                f"{path}: not a video in a supported format, expected one such as MP4, MOV, MKV, AVI or MPEG; "
                 "playlists and other lists of files are not read"
             ) from None
         except (av.FFmpegError, OSError) as error:

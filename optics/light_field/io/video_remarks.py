@@ -25,9 +25,9 @@ def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False)
     found = []
     if interlaced or any(frame.interlaced_frame for frame in frames):
         found.append(
-            f"{name} is interlaced: the odd and even rows of a frame are of different times, so that motion falsifies "
-            "what is measured; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or hold the "
-            "board and the scene still"
+            f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so that motion "
+            "distorts what is measured; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
+            "hold the board and the scene still"
         )
     turned = next(filter(None, map(_turned, frames)), None)
     if turned is not None:

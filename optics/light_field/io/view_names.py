@@ -109,7 +109,7 @@ def _grid(names: Sequence[_Named]) -> NamedViews | str:
     for name in names:
         index = name.row - first[0], name.col - first[1]
         if index in found:
-            return f"{found[index].file.name} and {name.file.name} are of one view, expected one picture each"
+            return f"{found[index].file.name} and {name.file.name} show the same view, expected one picture per view"
         found[index] = name
     rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
     if len(found) != rows * cols:

@@ -126,7 +126,7 @@ class _Composer:
         elif not isinstance(value, str):
             raise _refusal("a key that is no text, expected a name", event)
         elif value in into.value:
-            raise _refusal(f"the key {value[:40]!r} is there twice", event)
+            raise _refusal(f"the key {value[:40]!r} appears twice", event)
         elif value == "<<":
             raise _refusal("a merge key <<, expected plain names", event)
         else:

@@ -64,8 +64,9 @@ def tolerances_from_text(text: str) -> Tolerances:
     try:
         return Tolerances().replaced(**{name: value for name, _, value in parts})
     except InvalidValue as error:
-        found = error.first
-        raise InputError(f"--as-built {found['loc'][0]}={found['input']}: {found['msg']}") from None
+        name = str(error.first["loc"][0]) if error.first else ""
+        value = next((value for each, _, value in parts if each == name), "")
+        raise InputError(f"--as-built {name}={value}: {error.reason}") from None
 
 
 def sensor_from_text(text: str) -> SensorModel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import tyro
@@ -9,7 +10,7 @@ from pydantic import Field
 
 from mirrorcam.commands.option_texts import FORCE
 from mirrorcam.console.progress import long_work, print_metrics, say
-from mirrorcam.optics.base.values import Value
+from mirrorcam.optics.base.values import Metric, Value
 
 
 class ValidateOptions(Value):
@@ -36,5 +37,13 @@ def run(options: ValidateOptions) -> int:
         with output.staged(result="layout.json") as folder:
             write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
-    say("validate", "passed" if validation.passed else "failed: a figure exceeds its limit")
+    say("validate", _verdict(validation.metrics.values()))
     return 0 if validation.passed else 1
+
+
+def _verdict(metrics: Iterable[Metric]) -> str:
+    """Whether all figures are within their limits, and what the others are."""
+    failed = [metric for metric in metrics if not metric.passed]
+    reasons = ["a figure exceeds its limit"] if any(metric.known for metric in failed) else []
+    reasons += ["a figure that has a limit could not be computed"] if not all(metric.known for metric in failed) else []
+    return f"failed: {', and '.join(reasons)}" if failed else "passed"

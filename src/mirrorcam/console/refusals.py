@@ -69,7 +69,7 @@ def _metavar(name: str, field: FieldInfo) -> str:
 def _invalid(error: InvalidValue, commands: Commands) -> str:
     """What is wrong with the value of an option, by the first of pydantic's findings."""
     detail, reason = error.first, error.reason
-    if not detail["loc"]:
+    if detail is None or not detail["loc"]:
         return reason
     name = str(detail["loc"][0])
     fields = (each for model in commands.values() for each in option_fields(model))

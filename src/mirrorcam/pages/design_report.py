@@ -63,7 +63,8 @@ def _tiles(layout: Layout) -> list[Tile]:
     for name, metric in layout.metrics.items():
         for beginning, text in HEADLINES.items():
             if name.startswith(beginning):
-                depth = f" at {name.rpartition('_')[2].removesuffix('mm')} mm" if name.endswith("0mm") else ""
+                last = name.rpartition("_")[2]
+                depth = f" at {last.removesuffix('mm')} mm" if last[0].isdigit() else ""
                 if metric.known:
                     tiles.append(Tile(value_text(metric, digits=3), text + depth))
                 else:
@@ -74,13 +75,13 @@ def _tiles(layout: Layout) -> list[Tile]:
 def _figures(layout: Layout, parabola: Layout | None) -> Table:
     if parabola is None:
         rows = [(sentence_case(label_text(name)), value_text(metric)) for name, metric in layout.metrics.items()]
-        return Table(("Figure", "This design"), rows)
+        return Table(("Figure", "This design"), rows, "words")
     both = []
     for name, metric in layout.metrics.items():
         before = parabola.metrics.get(name)
         texts = values_text([metric, before]) if before else [value_text(metric), ""]
         both.append((sentence_case(label_text(name)), *texts))
-    return Table(("Figure", "This design", "Faceted parabola"), both)
+    return Table(("Figure", "This design", "Faceted parabola"), both, "words")
 
 
 def _request(layout: Layout) -> Table:

@@ -6,14 +6,32 @@ import socket
 import webbrowser
 from collections.abc import Callable
 
+import h11
 import uvicorn
 from starlette.applications import Starlette
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mirrorcam.optics.base.values import InputError
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
 """Time that answers which are under way have at the end."""
+
+
+class _Protocol(H11Protocol):
+    """HTTP of one connection. What is no HTTP ends it without a further answer; one that has begun breaks off.
+
+    Without this, uvicorn answers 400 in the middle of another answer, or the application answers after the 400.
+    """
+
+    def send_400_response(self, msg: str) -> None:
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            super().send_400_response(msg)
+        else:
+            self.transport.close()
 
 
 class _Server(uvicorn.Server):
@@ -52,7 +70,9 @@ def run_server(
 ) -> None:
     """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
     address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
-    config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=ENDING_S, server_header=False)
+    config = uvicorn.Config(
+        app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
+    )
     tell(f"{address} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(address)

@@ -51,21 +51,22 @@ class _SentFile(FileResponse):
     """A file as long as its answer has stated; where it is gone or shorter by now, the answer breaks off."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        left = 0
+        left, ended = 0, False
 
         async def as_stated(message: Message) -> None:
-            nonlocal left
+            nonlocal left, ended
             if message["type"] == "http.response.start":
                 left = int(Headers(raw=message["headers"]).get("content-length", "0"))
                 await send(message)
             elif scope["method"] == "HEAD":
                 await send(message)
-            elif left:
+            elif not ended:
                 body = message["body"][:left]
                 left -= len(body)
-                if left and not message["more_body"]:
+                if left and not message.get("more_body", False):
                     raise OSError("the file is shorter than it was")
-                await send({**message, "body": body, "more_body": left > 0})
+                ended = not left
+                await send({**message, "body": body, "more_body": not ended})
 
         try:
             await super().__call__(scope, receive, as_stated)

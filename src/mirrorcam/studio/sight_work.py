@@ -98,7 +98,7 @@ def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
     """The picture of all views in focus at a depth. Raises InputError unless this design was decoded lately."""
     seen = _seen.get(_name(layout, subject))
     if seen is None:
-        raise InputError("this design is not decoded now, expected one that was decoded lately")
+        raise InputError("this design is no longer decoded, expected one of the last few")
     return Frame(picture=_data_url(seen.refocused(depth_mm)))
 
 

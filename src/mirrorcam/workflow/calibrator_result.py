@@ -85,4 +85,4 @@ def _refuse(result: Path, name: str, mode: int) -> None:
     if not name.isprintable() or not is_inside(result, name):
         raise InputError(f"the command left a file named '{shown}', expected a name of printable characters")
     if name.count("/") >= DEEPEST:
-        raise InputError(f"${RESULT}/{shown}: nests too deep, expected the files of a calibration")
+        raise InputError(f"${RESULT}/{shown}: is nested too deeply, expected the files of a calibration")

@@ -62,7 +62,7 @@ def _pair(given: str, form: str) -> tuple[str, str]:
 
 
 def texts(board: Leaderboard, page: Path, markdown_file: Path | None, json_file: Path | None) -> Mapping[Path, str]:
-    """The files of a board by their paths; raises InputError where a path is there twice."""
+    """The files of a board by their paths; raises InputError where a path appears twice."""
     found = {page: leaderboard_page(board)}
     for path, content in ((markdown_file, markdown(board)), (json_file, board.text())):
         if path is not None:

@@ -48,9 +48,9 @@ def missing_library(text: str) -> str | None:
         return None
     name = found[1] or found[2]
     if name not in _PACKAGES:
-        return f"the library {name} is missing: install the package of the system that holds it"
+        return f"the system library {name} is missing: install the system package that contains it"
     debian, fedora = _PACKAGES[name]
-    return f"the library {name} of the system is missing: apt-get install {debian} (on Fedora, dnf install {fedora})"
+    return f"the system library {name} is missing: apt-get install {debian} (on Fedora, dnf install {fedora})"
 
 
 def missing_library_of(error: BaseException) -> str | None:

@@ -41,7 +41,7 @@ LIMITS = {
     "decoded_corner_rms_px": 0.25,
 }
 """Limits for a 1920 x 1080 set of 20 frames; figures in pixels depend little on the size of the sensor."""
-TOO_FEW_FRAMES = "too few frames to measure it, expected 6 at least"
+TOO_FEW_FRAMES = "too few frames to measure it, expected 6 or more"
 
 
 class _Poses(Value):

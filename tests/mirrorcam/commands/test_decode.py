@@ -291,7 +291,7 @@ def test_a_name_that_looks_like_an_address_is_a_file(here: Path, option: tuple[s
 def test_a_playlist_is_refused_whatever_its_name(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (here / "list.mp4").write_text("ffconcat version 1.0\nfile video.mp4\n")
     for arguments in ("list.mp4", "--device list.mp4", "video.mp4 --equalise list.mp4"):
-        assert "list.mp4: not a video of a format that is read" in refused(arguments, capfd)
+        assert "list.mp4: not a video in a supported format" in refused(arguments, capfd)
 
 
 def test_a_recording_by_its_address_is_decoded_like_a_camera(here: Path, capfd: pytest.CaptureFixture[str]) -> None:

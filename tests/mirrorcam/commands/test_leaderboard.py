@@ -30,5 +30,5 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Capture
     file = written(tmp_path / "1.json", {"a": 0.1})
     assert_refused_here(["leaderboard", str(file)], capsys, "expected NAME=FILE")
     twice = ["leaderboard", f"one={file}", f"one={file}", "--out", f"{tmp_path}/page.html"]
-    assert_refused_here(twice, capsys, "one: the set a is there twice")
+    assert_refused_here(twice, capsys, "one: the set a appears twice")
     assert not (tmp_path / "page.html").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,12 @@ def test_a_folder_without_a_set_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("error_deg", "code", "verdict"), [(0.02, 0, "passed"), (0.021, 1, "failed: a figure exceeds its limit")]
+    ("error_deg", "code", "verdict"),
+    [
+        (0.02, 0, "passed"),
+        (0.021, 1, "failed: a figure exceeds its limit"),
+        (float("nan"), 1, "failed: a figure that has a limit could not be computed"),
+    ],
 )
 def test_figures_are_printed_with_their_limits_and_decide_about_the_exit_code(
     error_deg: float,
@@ -45,7 +51,7 @@ def test_figures_are_printed_with_their_limits_and_decide_about_the_exit_code(
     )
     assert cli.main(["validate", "set", "--out", str(tmp_path)]) == code
     printed = capfd.readouterr().out
-    assert f"{error_deg:g}" in printed
+    assert ("none" if math.isnan(error_deg) else f"{error_deg:g}") in printed
     assert ("FAIL" in printed) == bool(code)
     assert printed.rstrip().endswith(verdict)
     ((made, folder),) = written

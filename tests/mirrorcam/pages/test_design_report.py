@@ -47,6 +47,13 @@ def test_a_figure_that_is_none_says_why(layout: Layout) -> None:
     assert "None: no device can be built." in design_report(layout, None, [], not_built="no device can be built")
 
 
+@pytest.mark.parametrize("depth", ["12", "300", "0.5", "1e+06"])
+def test_a_headline_names_its_depth(depth: str, layout: Layout) -> None:
+    usable = Metric(value=0.25, unit="of the sensor")
+    page = design_report(layout.replaced(metrics={f"usable_efficiency_{depth}mm": usable}), None, [])
+    assert f"is usable at {depth} mm" in page
+
+
 def test_names_are_escaped(layout: Layout) -> None:
     camera = layout.camera.replaced(name="<script>alert(1)</script>")
     named = layout.replaced(camera=camera, spec=SPEC.replaced(camera=camera))

@@ -7,6 +7,7 @@ import random
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,7 @@ BODIES = [
 HEADERS = [
     (b"Range", b"bytes=-"),
     (b"Range", b"bytes=5-2"),
+    (b"Range", b"bytes=999999-"),
     (b"Range", b"bytes=" + b"9" * LONG + b"-"),
     (b"Range", b"bytes=\xb2-\xb3"),
     (b"Range", b"bytes=" + b"0-1," * 3000),
@@ -120,6 +122,20 @@ def test_no_request_makes_a_server_fail(server: tuple[str, int, Path]) -> None:
             for part in (whole, whole[:-1], request(port, b"GET", b"/" + route, [], b"")):
                 with socket.create_connection(("127.0.0.1", port)) as connection:
                     connection.sendall(part)
+                gone += 1
+    chunked = [(b"Content-Type", b"application/json"), (b"Transfer-Encoding", b"chunked")]
+    for route in ROUTES[name]:  # what is no HTTP any more, at once or while the answer is made or sent
+        for method, headers, broken in ((b"POST", chunked, b"ZZ\r\n"), (b"GET", [], b"\x00\x01\r\n\r\n")):
+            begun = request(port, method, b"/" + route, headers, b"").replace(b"Connection: close\r\n", b"")
+            for delay_s in (None, 0.0, 0.01):
+                with socket.create_connection(("127.0.0.1", port)) as connection:
+                    connection.sendall(begun if delay_s is not None else begun + broken)
+                    if delay_s is not None:
+                        time.sleep(delay_s)
+                        connection.sendall(broken)
+                    connection.settimeout(0.05)
+                    with suppress(TimeoutError):
+                        connection.recv(12)
                 gone += 1
     time.sleep(1.0)
     assert status(port, request(port, b"GET", b"/", [], b"")) == 200

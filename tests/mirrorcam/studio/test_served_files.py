@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +34,35 @@ def test_files_and_parts_of_them_are_sent(client: TestClient) -> None:
     assert head.headers["content-length"] == str(len(TEXT)) and head.content == b""
     etag = head.headers["etag"]
     assert client.get("/files/a.txt", headers={"if-none-match": etag}).status_code == 304
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "status"),
+    [
+        ("empty", {}, 200),
+        ("empty", {"range": "bytes=0-"}, 416),
+        ("a.txt", {}, 200),
+        ("a.txt", {"range": "bytes=999999-"}, 416),
+        ("a.txt", {"range": "bytes=b-a"}, 400),
+        ("a.txt", {"range": "bytes=0-1,5-6"}, 206),
+    ],
+)
+def test_every_answer_ends_once(name: str, asked: dict[str, str], status: int, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(TEXT)
+    (tmp_path / "empty").touch()
+    headers = [(key.encode(), value.encode()) for key, value in asked.items()]
+    scope = {"type": "http", "asgi": {"spec_version": "2.4"}, "method": "GET", "path": f"/{name}", "headers": headers}
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        raise AssertionError("no body is expected")
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(ServedFiles(tmp_path)(scope, receive, send))
+    assert sent[0]["status"] == status
+    assert [each.get("more_body", False) for each in sent[1:]] == [True] * (len(sent) - 2) + [False]
 
 
 @pytest.mark.parametrize(

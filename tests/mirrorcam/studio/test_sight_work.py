@@ -44,12 +44,12 @@ def test_what_was_decoded_lately_is_focused_though_another_was_decoded_since(
     monkeypatch.setattr(sight_work, "_seen", OrderedDict())
     layout = default_layout.replaced(spec=DesignSpec())
     sight_work.decoded(layout, "board")
-    with pytest.raises(InputError, match="not decoded now"):
+    with pytest.raises(InputError, match="no longer decoded"):
         sight_work.refocused(layout, "tabletop", 400.0)
     first = sight_work.refocused(layout, "board", 400.0)
     sight_work.decoded(layout, "tabletop")
     assert sight_work.refocused(layout, "board", 400.0) == first
     monkeypatch.setattr(sight_work, "MOST_SEEN", 1)
     sight_work.decoded(layout, "tabletop")
-    with pytest.raises(InputError, match="not decoded now"):
+    with pytest.raises(InputError, match="no longer decoded"):
         sight_work.refocused(layout, "board", 400.0)

@@ -131,7 +131,7 @@ def test_what_cannot_become_a_bag_is_refused_before_anything_is_written(here: Pa
         (asked("there.mcap"), r"there\.mcap: exists, and recordings are never replaced: expected a new name"),
         (asked(frames=(Path("a.png"),)), r"expected one video or --device; pictures have no times"),
         (asked(frames=(Path("video.avi"), Path("other.mp4"))), r"expected one video or --device"),
-        (asked(near_mm=500.0, far_mm=400.0), r"depths 500 to 400 mm, expected two that grow"),
+        (asked(near_mm=500.0, far_mm=400.0), "near_mm 500, far_mm 400: expected near_mm below far_mm"),
     ):
         with pytest.raises(InputError, match=message):
             decoded(request)

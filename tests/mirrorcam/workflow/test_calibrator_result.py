@@ -80,7 +80,7 @@ HOSTILE: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "out on Windows": ("..\\b", Path.touch, "expected a name"),
     "many": ("b", _many, "more than 20 files"),
     "huge": ("b", _huge, "or 1 GB"),
-    "deep": ("b", _deep, "nests too deep"),
+    "deep": ("b", _deep, "is nested too deeply"),
 }
 
 

@@ -14,7 +14,7 @@ from mirrorcam.workflow.system_libraries import missing_library, missing_library
 
 GLIBC = "libGL.so.1: cannot open shared object file: No such file or directory"
 MUSL = "Error loading shared library libGL.so.1: No such file or directory (needed by /usr/lib/OCP.so)"
-PACKAGE = "the library libGL.so.1 of the system is missing: apt-get install libgl1 (on Fedora, dnf install mesa-libGL)"
+PACKAGE = "the system library libGL.so.1 is missing: apt-get install libgl1 (on Fedora, dnf install mesa-libGL)"
 
 
 @pytest.mark.parametrize("text", [GLIBC, MUSL, f"Traceback\nImportError: {GLIBC}"])
@@ -25,7 +25,7 @@ def test_the_package_of_a_library_is_named(text: str) -> None:
 def test_other_libraries_are_named_themselves_and_other_errors_are_none() -> None:
     found = missing_library("libfoo-2.so.5: cannot open shared object file: No such file or directory")
     assert found is not None
-    assert "the library libfoo-2.so.5 is missing" in found
+    assert "the system library libfoo-2.so.5 is missing" in found
     assert missing_library("No module named 'libGL'") is None
     assert missing_library_of(ValueError(GLIBC)) is None
 
@@ -37,7 +37,7 @@ def test_the_loader_of_this_system_words_it_so() -> None:
         ctypes.CDLL("libnone-of-mirrorcam.so.1")
     found = missing_library_of(error.value)
     assert found is not None
-    assert "the library libnone-of-mirrorcam.so.1 is missing" in found
+    assert "the system library libnone-of-mirrorcam.so.1 is missing" in found
 
 
 def test_a_command_ends_with_the_package(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,9 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from mirrorcam.optics.base.arguments import check_type, path_of
+from mirrorcam.optics.base.arguments import check_count, check_type, path_of
+from mirrorcam.optics.base.bounds import WORKERS
+from mirrorcam.optics.base.values import InputError
 
 
 class OwnPath:
@@ -34,3 +36,15 @@ def test_other_types_are_refused_by_their_name() -> None:
     check_type("size", 3, int, float)
     with pytest.raises(TypeError, match=r"^size: str, expected int or float$"):
         check_type("size", "3", int, float)
+
+
+@pytest.mark.parametrize("given", [0, -1, 1025])
+def test_counts_out_of_bounds_are_refused_by_their_name(given: int) -> None:
+    check_count("workers", 1, WORKERS)
+    with pytest.raises(InputError, match=rf"^workers: {given}, expected 1 to 1024$"):
+        check_count("workers", given, WORKERS)
+
+
+def test_a_count_is_an_integer() -> None:
+    with pytest.raises(TypeError, match=r"^workers: str, expected int$"):
+        check_count("workers", "2", WORKERS)

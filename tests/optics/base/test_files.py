@@ -87,6 +87,19 @@ def test_places_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert "is a device or a pipe, expected a file to write" in refusal(files.write_text, pipe, "x")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+@pytest.mark.parametrize("write", [files.write_text, files.write_json])
+def test_a_name_with_a_null_character_is_refused(write: Any) -> None:
+    assert "null" in refusal(write, Path("a\0b"), "x")
+
+
 def test_json_and_metrics_are_written_flat_and_without_nan(tmp_path: Path) -> None:
     path = tmp_path / "metrics.json"
     files.write_metrics(
@@ -122,7 +135,7 @@ def test_models_are_read_from_json_and_toml(tmp_path: Path) -> None:
         ("note.json", '{"text": 1}', "text: Input should be a valid string"),
         ("note.json", '{"text": "a", "point": [0, "1", 2]}', "point: not an array of numbers, expected shape (3)"),
         ("note.json", '{"text": "a", "point": [0, true, 2]}', "point: not an array of numbers, expected shape (3)"),
-        ("note.json", '{"text": "a", "text": "b"}', "not valid JSON: the key 'text' is there twice"),
+        ("note.json", '{"text": "a", "text": "b"}', "not valid JSON: the key 'text' appears twice"),
         ("note.json", '{"text": "a", "' + "x" * 5000 + '": 1}', " ... "),
         ("note.toml", "text = 1979-05-27", "expected numbers, texts and tables"),
         ("note.json", '{"size_mm": -1}', "text: Field required (and 1 more)"),

@@ -74,7 +74,7 @@ def test_the_bounds_of_toml_refuse_nothing_that_is_small(text: str) -> None:
         (b"[" + b"[]," * (MOST_TABLES + 1) + b"0]", "lists, tables and keys"),
         (b"1" * 1_000_000, "an integer of 1000000 digits"),
         (b'"\\ud800"', "surrogate"),
-        (b'{"a": 1, "a": 2}', "'a' is there twice"),
+        (b'{"a": 1, "a": 2}', "'a' appears twice"),
         ("{}".encode("utf-16"), "no text in UTF-8"),
         (b"", "Expecting value"),
     ],

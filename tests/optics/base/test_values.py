@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import pickle
@@ -256,3 +257,21 @@ def test_a_metric_in_a_value_is_none_as_well() -> None:
         **{"value": None, "unit": "px", "lower_is_better": True, "reason": NOT_FINITE}
     }
     assert Holder.model_validate_json(text, strict=True) == holder
+
+
+@pytest.mark.parametrize(
+    "copied", [lambda error: pickle.loads(pickle.dumps(error)), copy.copy, copy.deepcopy, lambda error: error]
+)
+def test_a_refusal_may_be_copied_and_sent_to_another_process(copied: Callable[[InvalidValue], InvalidValue]) -> None:
+    with pytest.raises(InvalidValue) as caught:
+        Thing(point=[1, 2, 3], size_mm="x")
+    found = copied(caught.value)
+    assert type(found) is InvalidValue
+    assert str(found) == str(caught.value)
+    assert found.reason in str(found)
+    assert found.title in ("Thing", "")
+
+
+def test_a_refusal_is_one_line_whatever_the_names_of_fields() -> None:
+    with pytest.raises(InvalidValue, match=r"^a b: not known$"):
+        Thing(point=[1, 2, 3], **{"a\nb": 1})

@@ -77,7 +77,7 @@ def test_a_figure_that_a_score_lacks_has_no_mean() -> None:
 
 
 def test_results_that_do_not_fit_together_are_refused() -> None:
-    with pytest.raises(InputError, match="one: the set a is there twice"):
+    with pytest.raises(InputError, match="one: the set a appears twice"):
         board(one=[attempt("a", 0.1), attempt("a", 0.2)])
     with pytest.raises(InputError, match="one: rms_px of a is 1e\\+12"):
         board(one=[attempt("a", 1e12)])

@@ -63,7 +63,7 @@ def test_derivatives_are_what_changes_do(tmp_path: Path) -> None:
     [
         (["all fz"], [[1.0]], "mirrorcam.covariance/1", "parameter 'all fz', expected CAMERA NAME"),
         (["cam9 fx_px"], [[1.0]], "mirrorcam.covariance/1", "parameter 'cam9 fx_px', expected CAMERA NAME"),
-        (["all fx_px"] * 2, np.eye(2).tolist(), "mirrorcam.covariance/1", "a parameter is there twice"),
+        (["all fx_px"] * 2, np.eye(2).tolist(), "mirrorcam.covariance/1", "a parameter appears twice"),
         (["all fx_px"], np.eye(2).tolist(), "mirrorcam.covariance/1", "covariance has shape (2, 2), expected (1, 1)"),
         (["all fx_px"], [[1.0]], "mirrorcam.layout/1", "schema"),
     ],

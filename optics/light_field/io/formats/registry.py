@@ -14,8 +14,11 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.figure_texts import count_text
+from mirrorcam.optics.base.files import readable
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
@@ -42,7 +45,8 @@ def format_of(path: Path) -> Format:
     InputError
         If no format detects it.
     """
-    found = next((each for each in formats().values() if each.detect(path)), None)
+    with readable(path):
+        found = next((each for each in formats().values() if each.detect(path)), None)
     if found is not None:
         return found
     if path.is_dir():
@@ -156,6 +160,7 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
     """
     path = path_of("path", path)
     check_type("light_field", light_field, LightField)
+    check_type("depth_mm", depth_mm, np.ndarray, type(None))
     if to not in NAMES:
         raise InputError(f"to: {to!r}, expected one of {', '.join(NAMES)}")
     form = formats()[to]

@@ -39,7 +39,7 @@
   };
 
   // The text of a figure; one that is none says why.
-  const textOf = (figure) => (figure.reason ? `${figure.text}: ${figure.reason}` : figure.text);
+  const textOf = (figure) => (figure.reason ? [`${figure.text}: `, element("span", { class: "why" }, figure.reason)] : [figure.text]);
 
   // A table of figures: rows by name, a column for each drawing; changes are against the last column.
   Studio.drawFigures = (host, columns, { title = true } = {}) => {
@@ -53,7 +53,7 @@
         const cells = columns.map(([, drawing]) => {
           const own = Studio.figureOf(drawing, figure.name);
           const mark = own && reference && drawing !== reference ? change(own, Studio.figureOf(reference, figure.name)) : null;
-          return element("td", { class: own && !own.passed ? "failed" : undefined }, own ? textOf(own) : "", ...(mark ? [" ", mark] : []));
+          return element("td", { class: own && !own.passed ? "failed" : undefined }, ...(own ? textOf(own) : []), ...(mark ? [" ", mark] : []));
         });
         body.push(element("tr", {}, element("th", { scope: "row" }, figure.label), ...cells));
       }
@@ -63,7 +63,7 @@
 
   Studio.drawVerdict = (host, drawing) => {
     const rows = drawing.verdict.map((figure) =>
-      element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, textOf(figure)), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
+      element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, ...textOf(figure)), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
     );
     const heads = element("tr", {}, ...["Check", "Found", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
     host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...rows)));

@@ -150,7 +150,7 @@ def test_what_cannot_tell_depth_is_refused(scene: Any) -> None:
     with pytest.raises(InputError, match="views are 12x90 px, expected 16 or more"):
         DepthEstimator(part(everything, everything, width_px=12))
     for near, far in ((500.0, 300.0), (-79.0, 300.0), (np.nan, 400.0)):
-        with pytest.raises(InputError, match=r"expected two that grow, beyond -?\d+ mm"):
+        with pytest.raises(InputError, match=r"near_mm below far_mm, and both beyond the foremost view, at -?\d+ mm"):
             DepthEstimator(light_field, near_mm=near, far_mm=far)
     with pytest.raises(InputError, match=r"take \d+ planes between which no view moves by over 1 px, expected 2048"):
         DepthEstimator(light_field, near_mm=-76.0)

@@ -69,7 +69,7 @@ def variable(shape: tuple[int, ...], kind: int = 9, data: bytes = bytes(8), flag
         (variable((3, 3)), "8 numbers, expected 9"),
         (variable((-3, 3)), "an array of shape"),
         (variable((2, 4), flags=8), "complex numbers"),
-        (variable((2, 4)) * 2, "LF is there twice"),
+        (variable((2, 4)) * 2, "LF appears twice"),
         (variable((2, 4))[:-9], "an element is cut short"),
         (struct.pack("<II", 14, 0xFFFFFFF8), "an element is cut short"),
         (struct.pack("<II", 99, 0), "an element of type 99, expected a variable"),

@@ -66,7 +66,7 @@ def test_any_text_is_values_or_refused(text: str) -> None:
         ("[&a x," + "*a," * 1_000_000 + "]", f"more than {MOST_VALUES} values"),
         ("&a [*a]", "an alias 'a' of nothing"),
         ("a: &x {b: 1}\nc: {<<: *x}", "line 2: a merge key"),
-        ("a: 1\na: 2", "line 2: the key 'a' is there twice"),
+        ("a: 1\na: 2", "line 2: the key 'a' appears twice"),
         ("? [a]\n: b", "a key that is no text"),
         ('a: !!int ""', "a tag 'tag:yaml.org,2002:int'"),
         ("a: !!set {b}", "a tag 'tag:yaml.org,2002:set'"),
