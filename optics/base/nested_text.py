@@ -15,6 +15,8 @@ DEEPEST = 32
 """Lists and tables in each other, and parts of a dotted key of TOML."""
 MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
 """Values, and lists, tables and keys, of one text: more take seconds and gigabytes."""
+MOST_KEYS = 10_000
+"""Keys of one table of JSON: for each that is not known, a model notes an error, which takes a kilobyte and more."""
 LARGEST_TOML_BYTES = 1_000_000
 """TOML is written by hand; its parser takes up to a second for this much."""
 LONGEST_INTEGER = 300
@@ -91,7 +93,9 @@ def integer_of(digits: str) -> int:
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The keys and values of a JSON object; raises ValueError for a key that appears twice."""
+    """The keys and values of a JSON object; raises ValueError for a key that appears twice, and for too many."""
+    if len(pairs) > MOST_KEYS:
+        raise ValueError(f"{len(pairs)} keys in one table, expected {MOST_KEYS} or fewer")
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:

@@ -1,7 +1,8 @@
 """Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others.
 
 FFmpeg may read each kind of address by the protocols and as the formats that it needs; no playlist is among them, so
-that a server cannot lead to files of this machine or to other servers. An existing file goes before an address.
+that what a server sends cannot lead to files of this machine or to other servers. A web server may redirect to another
+page by HTTP or HTTPS, which may be of another server. An existing file goes before an address.
 """
 
 from __future__ import annotations

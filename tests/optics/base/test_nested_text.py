@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.robustness.damage import damaged_bytes
-from mirrorcam.optics.base.nested_text import DEEPEST, MOST_TABLES, json_value, toml_value
+from mirrorcam.optics.base.nested_text import DEEPEST, MOST_KEYS, MOST_TABLES, json_value, toml_value
 from mirrorcam.optics.base.values import InputError
 
 JSON = b'{"a": [1, -2.5e3, true, null, "\\u00e9 \\"[{,"], "b": {"c": {}}}'
@@ -118,3 +118,8 @@ def test_brackets_and_dots_in_texts_and_comments_are_none() -> None:
 def test_a_number_that_is_none_is_left_to_who_expects_one() -> None:
     assert np.isnan(json_value(b"[NaN]")[0])
     assert np.isnan(toml_value(b"a = nan")["a"])
+
+
+def test_a_table_of_very_many_keys_is_refused() -> None:
+    raw = json.dumps({f"a{number}": 1 for number in range(MOST_KEYS + 1)}).encode()
+    assert "10001 keys in one table, expected 10000 or fewer" in refusal(json_value, raw)
