@@ -23,7 +23,8 @@ from mirrorcam.optics.scoring.camera_rig import CameraRig, Pictures, RigCamera, 
 FORMAT, SUFFIX = "anipose", ".toml"
 FLIPS: dict[str, Pictures] = {"hflip": "left-right", "vflip": "top-bottom"}
 _MADE = re.compile(
-    rf"^# pictures of this camera: {re.escape(FFMPEG)} -vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{{1,5}}):(\d{{1,5}}) "
+    rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # the latter in files of 0.2.0
+    r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
 )
 _CAMERA = re.compile(r"^\[(cam_\d+)\]\s*$")
 
