@@ -90,7 +90,7 @@ def read_npz(
 class _Archive(FileIO):
     """An open archive, of which nothing large is read at once: `zipfile` does so with the list of its files alone."""
 
-    def read(self, size: int | None = -1, /) -> bytes:
+    def read(self, size: int | None = -1) -> bytes:
         """Some bytes; raises ValueError for a list that is too long."""
         if size is not None and size > _DIRECTORY_BYTES:
             raise ValueError("too many files in one archive")

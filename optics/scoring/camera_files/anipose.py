@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.optics.base.files import tables_of
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.exports.pose_cameras import DIRECT
+from mirrorcam.optics.exports.pose_cameras import DIRECT, FFMPEG
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.scoring.camera_files.file_text import entry, read_text, table
 from mirrorcam.optics.scoring.camera_files.opencv import lens_of
@@ -23,7 +23,8 @@ from mirrorcam.optics.scoring.camera_rig import CameraRig, Pictures, RigCamera, 
 FORMAT, SUFFIX = "anipose", ".toml"
 FLIPS: dict[str, Pictures] = {"hflip": "left-right", "vflip": "top-bottom"}
 _MADE = re.compile(
-    r"^# pictures of this camera: ffmpeg -i FRAMES -vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
+    rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # the latter in files of 0.2.0
+    r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
 )
 _CAMERA = re.compile(r"^\[(cam_\d+)\]\s*$")
 

@@ -11,6 +11,7 @@ import pytest
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.exports import write_exports
+from mirrorcam.optics.exports.pose_cameras import FFMPEG
 from mirrorcam.optics.scoring.camera_files.anipose import is_anipose, read_anipose, read_value
 from tests.optics.exports.conftest import sideways_layout
 from tests.optics.scoring.rigs import EXACT, device
@@ -38,6 +39,12 @@ def test_our_own_scores_zero(exported: Path) -> None:
     assert len(score.views) == 6 and not score.notes
     assert score.figures["max_px"].value < EXACT
     assert score.figures["baseline_error_max_mm"].value < EXACT
+
+
+def test_files_of_an_older_version_score_zero(exported: Path, tmp_path: Path) -> None:
+    text = (exported / "anipose" / "calibration.toml").read_text()
+    (tmp_path / "calibration.toml").write_text(text.replace(FFMPEG, "ffmpeg -i FRAMES"))
+    assert device().score(read_anipose(tmp_path / "calibration.toml")).figures["max_px"].value < EXACT
 
 
 def test_a_direct_view_is_left_out_and_a_frame_flipped_left_right_is_so(tmp_path: Path) -> None:
