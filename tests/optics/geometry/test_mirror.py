@@ -177,6 +177,7 @@ DENT = [*QUAD[:2], (0.0, 0.0), *QUAD[2:]]
 def test_outlines_that_cannot_be_cut_are_refused(normalized: Any, message: str) -> None:
     with pytest.raises(InvalidValue) as caught:
         mirror(normalized=normalized)
+    assert caught.value.first is not None
     assert message in caught.value.first["msg"]
 
 
