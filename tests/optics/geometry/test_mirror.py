@@ -28,6 +28,7 @@ def mirror(normalized: Any = QUAD, centre: Any = (3.0, -80.0, 82.0), **fields: A
 def refusal(**changes: Any) -> str:
     with pytest.raises(InvalidValue) as caught:
         mirror().replaced(**changes)
+    assert caught.value.first is not None
     return str(caught.value.first["msg"])
 
 
