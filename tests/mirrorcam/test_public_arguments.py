@@ -224,9 +224,11 @@ def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) ->
 
 @pytest.mark.parametrize("shape_dtype", [((270, 480), float), ((270, 480, 3), np.uint8), ((270, 480), np.uint16)])
 def test_arrays_of_a_calibration_hold_grey_values(shape_dtype: tuple[Any, Any], arguments: dict[str, Any]) -> None:
-    for given in ((wrong := [np.zeros(*shape_dtype)], []), ([], wrong), (iter(wrong), [])):
+    wrong = [np.zeros(*shape_dtype)]
+    tried: list[tuple[Any, Any]] = [(wrong, []), ([], wrong), (iter(wrong), [])]
+    for frames, base_frames in tried:
         with pytest.raises(mirrorcam.InputError, match=r"^(base_)?frames: an array .*, expected \(h, w\) of uint8"):
-            mirrorcam.calibrate(*given, arguments["layout"], arguments["target"])
+            mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["target"])
 
 
 @pytest.mark.parametrize("name", ["a\0b", "a" * 5000])

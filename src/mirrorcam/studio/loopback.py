@@ -6,7 +6,6 @@ import socket
 import webbrowser
 from collections.abc import Callable
 
-import h11
 import uvicorn
 from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -25,13 +24,14 @@ class _Protocol(H11Protocol):
     """
 
     def send_400_response(self, msg: str) -> None:
+        begun = self.cycle is not None and self.cycle.response_started
         if self.cycle is not None:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
-            super().send_400_response(msg)
-        else:
+        if begun:
             self.transport.close()
+        else:
+            super().send_400_response(msg)
 
 
 class _Server(uvicorn.Server):

@@ -90,6 +90,7 @@ def test_any_length_stands_where_none_is_given() -> None:
 def test_values_refuse_by_name(fields: dict[str, Any], where: str) -> None:
     with pytest.raises(InvalidValue) as caught:
         Thing(**fields)
+    assert caught.value.first is not None
     assert caught.value.first["loc"][0] == where
 
 

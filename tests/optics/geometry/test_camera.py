@@ -185,6 +185,7 @@ def test_intrinsics_are_taken_apart_and_put_together(camera: Camera) -> None:
 def test_cameras_refuse_by_name(changes: dict[str, Any], where: str) -> None:
     with pytest.raises(InvalidValue) as caught:
         Camera.c920().replaced(**changes)
+    assert caught.value.first is not None
     assert caught.value.first["loc"] == (where,)
 
 

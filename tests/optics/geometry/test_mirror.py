@@ -28,6 +28,7 @@ def mirror(normalized: Any = QUAD, centre: Any = (3.0, -80.0, 82.0), **fields: A
 def refusal(**changes: Any) -> str:
     with pytest.raises(InvalidValue) as caught:
         mirror().replaced(**changes)
+    assert caught.value.first is not None
     return str(caught.value.first["msg"])
 
 
@@ -177,6 +178,7 @@ DENT = [*QUAD[:2], (0.0, 0.0), *QUAD[2:]]
 def test_outlines_that_cannot_be_cut_are_refused(normalized: Any, message: str) -> None:
     with pytest.raises(InvalidValue) as caught:
         mirror(normalized=normalized)
+    assert caught.value.first is not None
     assert message in caught.value.first["msg"]
 
 
