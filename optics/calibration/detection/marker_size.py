@@ -22,6 +22,7 @@ ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # sides of markers, in squar
 FINE, REACH = 0.01, 0.09  # step of the sides that are compared, and how far they are from the best rough one
 BLURS = (0.015, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.155)  # sigma in squares
 LIKELY = 0.85  # correlation of what is read with the stated side, for it to be about right
+MOST_MOVES = 4  # of the sides that are compared, where the best one is the first or last of them
 ROUNDS = 2  # of the likeliest blur and side, each with the other
 MOST_SQUARES = 16  # compared in each grid
 MIN_SQUARES = 8  # in all grids
@@ -54,9 +55,15 @@ def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
     count = sum(len(some.ids) for some in squares)
     if count < MIN_SQUARES:
         return None
-    tried = np.clip(np.arange(-REACH, REACH + FINE / 2.0, FINE) + side, 0.1, 0.99)
-    alike = np.sum([_alike(some, target, tried) for some in squares], axis=0) / count
-    best = int(np.clip(alike.argmax(), 1, len(tried) - 2))
+    for _ in range(MOST_MOVES):
+        tried = np.arange(-REACH, REACH + FINE / 2.0, FINE) + np.clip(side, 0.1 + REACH, 0.99 - REACH)
+        alike = np.sum([_alike(some, target, tried) for some in squares], axis=0) / count
+        best = int(alike.argmax())
+        if 0 < best < len(tried) - 1:
+            break
+        side = float(tried[best])
+    else:
+        return None
     if alike[best] < MIN_ALIKE:
         return None
     before, at, after = alike[best - 1 : best + 2]

@@ -88,7 +88,7 @@ class MarkerPairs:
         """How many of the pairs on a slant are as on a ChArUco board of so many columns.
 
         `first` is the number of its first marker, and `white_first` whether its top-left square is white. Numbers go on
-        above and below the board.
+        above and below the board. Markers among inner corners do not lie in the first or last column.
         """
         # Of two rows, the first holds fewer where the number of columns is odd and its first square is black.
         of_first = (cols + white_first) // 2
@@ -99,8 +99,11 @@ class MarkerPairs:
             along = 2 * np.where(second, rest - of_first, rest) + (second == white_first)
             return np.stack([along, 2 * two_rows + second], axis=1)
 
+        upper, lower = place(self.upper), place(self.lower)
+        along = np.stack([upper[:, 0], lower[:, 0]])
+        possible = ~self.inner | ((along > 0) & (along < cols - 1)).all(axis=0)
         slanted = self.by[:, 0] != 0
-        return int((slanted & (place(self.lower) - place(self.upper) == self.by).all(axis=1)).sum())
+        return int((slanted & possible & (lower - upper == self.by).all(axis=1)).sum())
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ they cannot be read, they are tried flipped, of another size, inverted, and of a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
-from mirrorcam.optics.calibration.detection.charuco import families_seen
+from mirrorcam.optics.calibration.detection.charuco import families_seen, find_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_size import marker_side
 from mirrorcam.optics.calibration.detection.marker_steps import GriddedPicture, MarkerPairs, Steps, marker_pairs
@@ -35,7 +36,9 @@ def other_markers(
     pairs = _pairs(shown, target, mirrored=bool(mirrored))
     columns, steps = pairs.steps(target).likely
     if len(steps.highest) < least:
-        return None if found else _unreadable(shown, target, mirrored=mirrored)
+        if not found:
+            return _unreadable(shown, target, mirrored=mirrored)
+        return _pattern_with_more_corners(pictures, target, mirrored=mirrored) if isinstance(target, Charuco) else None
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     size = f"{target.cols} x {target.rows}"
@@ -49,7 +52,12 @@ def other_markers(
         return other
     if (rows > target.rows).sum() >= MIN_BEYOND * len(shown):
         return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
-    return _other_side(shown, target, mirrored=mirrored) if isinstance(target, Charuco) else None
+    if not isinstance(target, Charuco):
+        return None
+    white = not target.black[0, 0]
+    own, others = (pairs.explained(columns, target.first_marker, white_first=bool(way)) for way in (white, not white))
+    other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if own - others < least else None
+    return other or _other_side(shown, target, mirrored=mirrored)
 
 
 def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: int) -> str | None:
@@ -59,7 +67,7 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
     votes = [pairs.explained(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)]
     lowest, highest = int(steps.highest.min()) - target.cols, int(steps.highest.max())
     beyond = int(((steps.highest >= first + count) | (steps.highest - target.cols < first)).sum())
-    # With an odd number of columns, a wrong numbering fails only where it goes on in the next row.
+    # With an odd number of columns, a wrong numbering fails only at the sides of the board.
     close = max(votes) - max(MIN_STEPS * pictures, UNEXPLAINED * max(votes))
     if close < 0:
         return None
@@ -82,6 +90,26 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
         f"board.toml has {first} to {first + count - 1}: set "
         f"first_marker = {known} there, unless the board has more rows"
     )
+
+
+def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
+    """Whether more corners are found where the board is of the other pattern: a wrong one lacks a side of it.
+
+    With an odd number of columns, the patterns differ by a shift: only the corners at the sides tell.
+    """
+    if target.rows % 2:
+        return None
+    other = target.replaced(legacy=not target.legacy)
+    more = []
+    for picture, way in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
+        own, others = (
+            max(map(len, find_boards(picture, one, mirrored=way, most=1)), default=0) for one in (target, other)
+        )
+        if own and others:
+            more.append(others - own)
+    if not more or min(more) < 0 or sum(more) < max(MIN_STEPS, target.rows // 2) * len(pictures):
+        return None
+    return _other_pattern(target)
 
 
 def _other_pattern(target: Charuco) -> str:

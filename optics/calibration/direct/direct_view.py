@@ -36,6 +36,7 @@ from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, 
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
+    SeenBoard,
     boards_in,
     confirmed,
     fits_flipped,
@@ -116,7 +117,9 @@ def calibrate_with_direct_view(
     if level is not None:
         additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
-    if other := other_board(pictures, target, mirrored=None, found=True):
+    # The first pictures may show no board yet.
+    telling = [pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_shown(boards[number]))]
+    if other := other_board(telling, target, mirrored=None, found=True):
         raise InputError(other)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
@@ -132,7 +135,7 @@ def calibrate_with_direct_view(
         start, inverted = start_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
         # Parts of a larger checkerboard are taken for the stated one here and there.
-        other = other_board(pictures, target, mirrored=None, found=True, fits=False)
+        other = other_board(telling, target, mirrored=None, found=True, fits=False)
         if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
             other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
@@ -177,6 +180,11 @@ def calibrate_with_direct_view(
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
     return replace(found, notes=(*notes, *found.notes))
+
+
+def _shown(boards: Sequence[SeenBoard]) -> int:
+    """Corners of all boards in a picture."""
+    return sum(len(board.any) for board in boards if board.any is not None)
 
 
 def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:

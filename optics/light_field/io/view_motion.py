@@ -26,6 +26,10 @@ _LEAST_AGREEMENT, _SURE = 0.8, 0.98
 _FEW_PAIRS = 3
 _LEAST_PAIR_PX = 0.3
 """Motion of few pairs, at least: cameras of a pair may be out of line by less."""
+_REPEATED = 0.8
+"""Correlation of a view with itself, moved, above which its texture repeats: motion is known but for a period."""
+_NOT_MOVED_PX, _COARSE_PX = 3.5, 4.0
+"""Motion that is none to such a texture, and the sigma of brightness that is no texture."""
 Pairs = NDArray[np.intp]
 
 
@@ -48,14 +52,27 @@ class Motion:
 def small_views(samples: Samples) -> NDArray[np.uint8]:
     """Views (t, s, v, u, c) row by row in grey (n, v, u), of `MOST_SIDE_PX` at most, from dark to bright."""
     rows, cols, height, width = samples.shape[:4]
-    shrink = int(np.ceil(max(height, width) / MOST_SIDE_PX))
-    size = max(1, width // shrink), max(1, height // shrink)
+    shrink = max(1.0, max(height, width) / MOST_SIDE_PX)
+    size = max(1, round(width / shrink)), max(1, round(height / shrink))
     found = np.empty((rows * cols, size[1], size[0]), np.uint8)
     for number, (t, s) in enumerate(np.ndindex(rows, cols)):
         grey = cv2.resize(samples[t, s].astype(np.float32).mean(axis=-1), size, interpolation=cv2.INTER_AREA)
         dark, bright = np.percentile(grey, [1.0, 99.0])
         found[number] = np.clip((grey - dark) * (255.0 / max(float(bright - dark), 1e-6)), 0.0, 255.0)
     return found
+
+
+def repeats(light_field: LightField) -> bool:
+    """Whether the texture of the central view repeats, as that of stripes and checkerboards does."""
+    t, s = light_field.rows // 2, light_field.cols // 2
+    grey = small_views(light_field.samples[t : t + 1, s : s + 1])[0].astype(np.float32)
+    fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_PX)
+    down, across = (side // 4 for side in fine.shape)
+    middle = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]
+    alike = cv2.matchTemplate(fine, middle, cv2.TM_CCOEFF_NORMED)
+    row, col = np.ogrid[: alike.shape[0], : alike.shape[1]]
+    moved = np.hypot(row - down, col - across) > _NOT_MOVED_PX
+    return bool(alike[moved].max(initial=0.0) > _REPEATED)
 
 
 def measured_motion(light_field: LightField) -> Motion | None:

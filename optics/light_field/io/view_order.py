@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.view_motion import Motion, measured_motion
+from mirrorcam.optics.light_field.io.view_motion import Motion, measured_motion, repeats
 from mirrorcam.optics.light_field.light_field import LightField
 
 _FITS, _MISFITS = 0.35, 0.6
 """Errors of a motion, in steps, that an order explains, and that contradict it."""
+_LONGER = 0.2
+"""Share of a step by which errors may be larger for each further step between two views: small steps are biased."""
 _LEAST_SHARE = 0.75
 """Share of the pairs of views that an order must explain."""
 _RIVAL = 0.1
@@ -41,7 +43,10 @@ class _Order:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """How an order explains the motion: px per step along x and y, displacements (n, 2), and errors (n,) in steps."""
+    """How an order explains the motion: px per step along x and y, displacements (n, 2), and errors (n,) in steps.
+
+    Errors of views several steps apart are relative to more than one step.
+    """
 
     steps_px: FloatArray
     displacement_px: FloatArray
@@ -60,7 +65,9 @@ class _Fit:
         steps = np.where(np.isnan(steps), steps[::-1], steps)
         expected = moved * steps
         size = max(float(np.sqrt(np.mean(steps**2))), 1e-9)
-        return cls(steps, expected, np.linalg.norm(motion.displacement_px - expected, axis=1) / size)
+        further = np.maximum(np.linalg.norm(expected, axis=1) / size - 1.0, 0.0)
+        apart = np.linalg.norm(motion.displacement_px - expected, axis=1) / size
+        return cls(steps, expected, apart / (1.0 + _LONGER * further))
 
     @property
     def holds(self) -> bool:
@@ -89,7 +96,7 @@ class _Fit:
 
 
 def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[LightField, str | None]:
-    """A light field with its views as their pictures show them, and a line about what was changed, or None.
+    """A light field with its views as their pictures show them, and a line about what is changed or doubtful, or None.
 
     Views are exchanged where one other order, and no second one, explains how the picture moves. Pictures that do not
     tell, such as those without texture, stay as they are. Both orders in which the picture moves the same way along
@@ -117,6 +124,8 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
     if upright:
         raise InputError(f"the pictures show that views are {upright[0].name}, {wanted}")
     if given.holds and given.is_mirrored:
+        if repeats(light_field):
+            return light_field, "rows may run upwards, or columns leftwards: the texture repeats and does not tell"
         raise InputError(f"the pictures show that rows run upwards, or columns leftwards, {wanted}")
     if fits:
         raise InputError(

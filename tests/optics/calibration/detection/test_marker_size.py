@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.optics.calibration.detection import marker_size as module
 from mirrorcam.optics.calibration.detection.marker_size import marker_side
 from mirrorcam.optics.calibration.detection.marker_steps import GriddedPicture
 from mirrorcam.optics.geometry.targets import Charuco
@@ -32,6 +33,15 @@ def test_the_side_is_measured(cols: int, side: float, blur_px: float, *, mirrore
         found = marker_side(shown, target, mirrored=None if stated == side else mirrored)
         assert found is not None
         assert abs(found - side) < 0.015
+
+
+def test_the_side_is_measured_from_a_rough_one_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "ROUGH", (0.6,))
+    pose = posed(BOARD, np.array([0.0, 0.0, 320.0]), np.array([10.0, 12.0, 20.0]), direct=True)
+    picture = render(CAMERA, None, BOARD, pose, noise_grey=2.0)
+    stated = BOARD.replaced(marker_mm=0.55 * BOARD.square_mm)
+    found = marker_side([GriddedPicture.of(picture, stated)], stated, mirrored=False)
+    assert found == pytest.approx(0.75, abs=0.015)
 
 
 def test_a_blank_picture_shows_no_markers() -> None:

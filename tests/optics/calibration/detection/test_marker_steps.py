@@ -58,7 +58,7 @@ def test_only_the_right_numbering_explains_all_neighbours(cols: int, rows: int, 
     at = {(int(col), int(row)): 11 + number for number, (row, col) in enumerate(board.marker_squares)}
     pairs = MarkerPairs.of(
         [(n, at[x + dx, y + dy], (dx, dy)) for (x, y), n in at.items() for dx, dy in BELOW if (x + dx, y + dy) in at],
-        inner=True,
+        inner=False,
     )
     slanted = int((pairs.by[:, 0] != 0).sum())
     white = not board.black[0, 0]

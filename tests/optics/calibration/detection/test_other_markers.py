@@ -38,7 +38,7 @@ def sized(cols: int, rows: int) -> Charuco:
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 6)])
+@pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 6), (9, 6), (11, 8)])
 def test_the_pattern_is_named_where_it_is_the_other_one(cols: int, rows: int, *, mirrored: bool) -> None:
     new = sized(cols, rows)
     old = new.replaced(legacy=True)

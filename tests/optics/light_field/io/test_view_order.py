@@ -117,6 +117,35 @@ def test_another_number_of_rows_is_refused(true: tuple[int, int], given: tuple[i
         in_order(with_samples(stored(samples, numbers(samples), given)))
 
 
+def moved(rows: int, cols: int, picture: Any, step_px: tuple[float, float]) -> Any:
+    """Samples of views, each of which shows a picture moved by a step further than its neighbours."""
+    height, width = picture.shape
+    flat = [
+        cv2.warpAffine(picture, np.array([[1.0, 0.0, -s * step_px[0]], [0.0, 1.0, -t * step_px[1]]]), (width, height))
+        for t, s in np.ndindex(rows, cols)
+    ]
+    return np.stack(flat)[:, 30:-30, 30:-30, None].repeat(3, axis=-1).reshape(rows, cols, height - 60, width - 60, 3)
+
+
+def test_rows_of_many_views_with_small_steps_are_told_from_a_single_row() -> None:
+    rng = np.random.default_rng(2)
+    texture = cv2.GaussianBlur(rng.normal(0.0, 1.0, (260, 260)), (0, 0), 2.0)
+    views = 120.0 + 20.0 * moved(7, 7, texture / texture.std(), (0.35, 0.35))
+    noisy_views = (views + rng.normal(0.0, 3.0, views.shape)).clip(0, 255).astype(np.uint8)
+    with pytest.raises(InputError, match="row by row in 7 rows of 7"):
+        in_order(with_samples(noisy_views.reshape(1, 49, *views.shape[2:])))
+
+
+def test_a_texture_that_repeats_does_not_tell_the_direction() -> None:
+    row, col = np.indices((200, 220)) // 16
+    board = np.where((row + col) % 2, 230, 20).astype(np.uint8)
+    light_field = with_samples(moved(3, 3, board, (4.0, 21.0)))
+    found, note = in_order(light_field)
+    assert found is light_field
+    assert note is not None
+    assert "repeats" in note
+
+
 def test_a_column_that_is_given_as_a_row_becomes_a_column() -> None:
     true = with_samples(scene(4, 1).samples)
     found, note = in_order(with_samples(true.samples.swapaxes(0, 1)))
