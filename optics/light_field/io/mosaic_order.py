@@ -109,11 +109,13 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     if np.isnan(alike):
         return
     has_seams = picture.seams(grid) > _NO_SEAM
-    if alike > _UNLIKE and has_seams:
+    right = alike > _UNLIKE and has_seams
+    if right:
         _check_single(picture, grid)
-        return
     unlike = f"tiles of {rows} rows and {cols} columns are not views of one scene"
-    lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
+    lenses = not right and all(
+        picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1
+    )
     if alike < _UNLIKE and lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
         raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
     others = [each for each in picture.others() if _likeness(picture.views(each, "tiles")) > _ALIKE]

@@ -20,8 +20,9 @@ _COUNT = r"([0-9]{1,9})"
 # The shortest beginning counts: where numbers follow that could be a place, they are one.
 PLACED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
 UNPLACED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
-# Neither parts of longer numbers nor negative ones, whose minus sign stands after an underscore.
-_WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])")
+# No parts of longer numbers; the minus sign of a negative one stands after an underscore.
+_WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
+_NO_WORD = -(10**10)
 _MOST_WORDS = 8
 """Numbers of a name, counted from its end, that are looked at."""
 
@@ -76,7 +77,14 @@ def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
     found += _grids(files)
     if not found:
         raise InputError(f"{folder}: {complaints[0] if complaints else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
-    return next((views for views in found if _is_plane(views)), found[0])
+    planes = [views for views in found if _is_plane(views)]
+    views = max(planes, key=lambda views: len(views.files)) if planes else found[0]
+    if 2 * len(views.files) < len(files):
+        raise InputError(
+            f"{folder}: only {len(views.files)} of {len(files)} pictures make a grid by the numbers in their names, as "
+            f"{views.files[0].name} does, expected NAME_ROW_COLUMN pictures of all views"
+        )
+    return views
 
 
 def _is_plane(views: NamedViews) -> bool:
@@ -87,10 +95,10 @@ def _is_plane(views: NamedViews) -> bool:
 def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
     """Grids of several rows and columns that two numbers of the names make, those nearest to the end first."""
     words = [[int(word) for word in reversed(_WORD.findall(file.stem))][:_MOST_WORDS] for file in files]
-    numbers = np.array([each + [-1] * (_MOST_WORDS - len(each)) for each in words]).reshape(-1, _MOST_WORDS)
+    numbers = np.array([each + [_NO_WORD] * (_MOST_WORDS - len(each)) for each in words]).reshape(-1, _MOST_WORDS)
     for col in range(_MOST_WORDS):
         for row in range(col + 1, _MOST_WORDS):
-            having = np.flatnonzero(numbers[:, row] >= 0)
+            having = np.flatnonzero(numbers[:, row] > _NO_WORD)
             pairs = numbers[having][:, [row, col]]
             # Cheap for folders of many pictures: a grid has as many as its numbers span.
             if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
@@ -101,9 +109,11 @@ def _grids(files: Sequence[Path]) -> Iterator[NamedViews]:
 
 
 def _grid(names: Sequence[_Named]) -> NamedViews | str:
-    """Views at all rows and columns from the first, 0 or 1, or why they are no grid."""
-    first = min(name.row for name in names), min(name.col for name in names)
-    if max(first) > 1:
+    """Views at all rows and columns from the first, 0, 1 or a negative one, or why they are no grid."""
+    numbers = np.array([(name.row, name.col) for name in names])
+    first, last = (tuple(ends.tolist()) for ends in (numbers.min(axis=0), numbers.max(axis=0)))
+    # Of numbers about a middle view, some are negative; where all are, the minus sign is a hyphen.
+    if max(first) > 1 or any(begin < 0 and end <= 0 for begin, end in zip(first, last, strict=True)):
         return f"its first view is {first}, expected rows and columns from 0 or from 1"
     found: dict[tuple[int, int], _Named] = {}
     for name in names:

@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.optics.base.array_files import refusing
+from mirrorcam.optics.base.figure_texts import count_text
 from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
 from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.view_names import has_named_views, named_views
 from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, parallel_views, read_views, write_views
@@ -46,8 +47,8 @@ def is_stanford(folder: Path) -> bool:
     return folder.is_dir() and has_named_views([file for file in folder.iterdir() if is_picture(file)])
 
 
-def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
-    """The light field of such a folder.
+def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
+    """The light field of such a folder, with a note where pictures of it are no views of the grid.
 
     Without `views.json`, places are those of the names in mm, or, with a step, scaled so that columns (of one column,
     rows) have it: the archive's own unit is unknown. Names without places are of an even grid, whose step must be
@@ -56,7 +57,8 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
     Raises InputError in one line where a view is missing or of another size, or the geometry is not known.
     """
     with refusing(folder, "pictures of a grid of views"):
-        named = named_views(folder, [file for file in sorted(folder.iterdir()) if is_picture(file)])
+        found = [file for file in sorted(folder.iterdir()) if is_picture(file)]
+        named = named_views(folder, found)
     files, places, (rows, cols) = named.files, named.places, named.grid
     size, stated = common_size(files), read_views(folder / VIEWS)
     if stated is not None:
@@ -86,7 +88,12 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> LightField:
             check_size(mask, grey, size)
             opacity[index] = grey
     samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)
-    return light_field_of(views, samples, opacity, channels)
+    left_out = sorted(set(found) - set(files))
+    notes: tuple[str, ...] = ()
+    if left_out:
+        pictures_left = count_text(len(left_out), "picture")
+        notes = (f"{pictures_left} left out, by name none of the {cols}x{rows} views, such as {left_out[0].name}",)
+    return Contents((light_field_of(views, samples, opacity, channels),), notes=notes)
 
 
 def _mean_step(folder: Path, places: FloatArray) -> float:
@@ -105,7 +112,7 @@ FORMAT = Format(
     name="stanford",
     ending="_stanford",
     detect=is_stanford,
-    read=single(read_stanford),
+    read=read_stanford,
     write=without_depth(write_stanford),
     needs_grid=True,
 )

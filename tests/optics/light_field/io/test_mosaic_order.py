@@ -55,6 +55,13 @@ def test_tiles_of_other_numbers_are_refused(given: tuple[int, int]) -> None:
         check_division(picture, given, "tiles")
 
 
+def test_tiles_cut_where_the_scene_has_an_edge_are_refused() -> None:
+    samples = scene(3, 3).samples.copy()
+    samples[:, :, : samples.shape[2] // 2] //= 2
+    with pytest.raises(InputError, match="the picture looks like --rows 3 --cols 3"):
+        check_division(mosaic(samples, "tiles"), (2, 3), "tiles")
+
+
 @pytest.mark.parametrize(
     ("given", "message"), [((2, 4), "--rows 2: it looks like --rows 4"), ((4, 8), "--cols 8: it looks like --cols 4")]
 )

@@ -51,6 +51,20 @@ def test_row_and_column_are_the_numbers_that_take_all_combinations(text: str, ha
         assert found.places[2, 1].tolist() == [4.25, 0.5]
 
 
+@pytest.mark.parametrize("text", ["v_{t}_{s}.png", "{n:02d}_v_{t:+d}_{s:+d}.png", "row_{t}_col_{s}.png"])
+def test_rows_and_columns_may_count_from_the_middle(text: str) -> None:
+    expected = names(text, first=-1)
+    found = named_views(Path("a"), sorted(expected))
+    assert found.files == tuple(expected)
+    assert found.grid == (ROWS, COLS)
+
+
+def test_a_grid_of_a_few_of_the_pictures_is_refused() -> None:
+    files = [Path(f"v_{t}_{s}.png") for t, s in np.ndindex(2, 2)] + [Path(f"photo {n}.png") for n in range(5)]
+    with pytest.raises(InputError, match="only 4 of 9 pictures make a grid"):
+        named_views(Path("a"), files)
+
+
 @pytest.mark.parametrize(
     "text",
     ["frame_{n:04d}.png", "2024-05-01 ({n}).png", "{n}{n}.png", "a{n:0300d}-{t}.png", "x.png", "a_-{t}_-{s}.png"],

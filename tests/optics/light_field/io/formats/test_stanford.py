@@ -48,9 +48,9 @@ def test_stanfords_own_unit_is_scaled_to_a_step(tmp_path: Path) -> None:
         # The archive's unit, and names without the last underscore.
         file.rename(tmp_path / f"out_{row}_{col}_{5 * float(y) - 70:.6f}_{5 * float(x) + 900:.6f}.png")
     given = Assumed(focal_px=400.0, reference_depth_mm=455.0)
-    found = read_stanford(tmp_path, replace(given, step_mm=light_field.step_mm()))
+    (found,) = read_stanford(tmp_path, replace(given, step_mm=light_field.step_mm())).frames
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-5)
-    assert read_stanford(tmp_path, given).step_mm() == pytest.approx(5 * light_field.step_mm(), rel=1e-6)
+    assert read_stanford(tmp_path, given).frames[0].step_mm() == pytest.approx(5 * light_field.step_mm(), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,9 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     (tmp_path / "cover.png").write_bytes(b"no view")
     given = Assumed(focal_px=400.0, reference_depth_mm=455.0, step_mm=None if places else 10.0)
     assert format_of(tmp_path).name == "stanford"
-    found = read_stanford(tmp_path, given)
+    contents = read_stanford(tmp_path, given)
+    (found,) = contents.frames
+    assert contents.notes == ("1 picture left out, by name none of the 3x2 views, such as cover.png",)
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
     assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JP" in name.upper() else 1e-9)
     if not places:
