@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic, read_bytes
 from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.x264 import X264, require_x264
-from mirrorcam.optics.light_field.io.media_files import file_address
+from mirrorcam.optics.base.video_output import X264, file_address, require_x264
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import atomic
 from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.x264 import X264, require_x264
-from mirrorcam.optics.light_field.io.media_files import file_address
+from mirrorcam.optics.base.video_output import X264, file_address, require_x264
 
 # Frames that lean on later ones come out differently from run to run.
 _X264 = {"crf": "18", "preset": "medium", "tune": "zerolatency", "flags": "+bitexact"}

@@ -69,8 +69,3 @@ def opened(path: Path) -> Iterator[Any]:
             ) from None
         with container:
             yield container
-
-
-def file_address(path: Path) -> str:
-    """The address by which FFmpeg writes a file, whatever its name looks like."""
-    return f"file:{path}"

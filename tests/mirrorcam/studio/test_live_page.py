@@ -184,7 +184,7 @@ def test_a_page_rests_after_the_end_until_something_is_ordered(browser: Any, sho
             later.page.wait_for_selector(f"#{kind}[data-serial]", timeout=LONG_MS)
         later.page.wait_for_selector("#ended:has-text('video.avi has ended')", timeout=LONG_MS)
         end = time.monotonic() + LONG_MS / 1e3
-        while set(requests_in(later.page, 1000)) - {"status"}:
+        while set(requests_in(later.page, 4000)) - {"status"}:
             assert time.monotonic() < end
         asked = requests_in(later.page, 3000)
         assert set(asked) <= {"status"} and asked.total() <= 3

@@ -46,7 +46,7 @@ def test_vectors_of_matlab_have_two_dimensions() -> None:
     ("change", "message"),
     [
         ({"focal_px": "long"}, "a.json: does not describe views: focal_px is 'long', expected numbers"),
-        ({"positions_mm": [[1.0]]}, r"does not describe views: shape \(1, 1\)"),
+        ({"positions_mm": [[1.0]]}, r"does not describe views: positions_mm: shape \(1, 1\)"),
         ({"width_px": [3, 4]}, "a.json: does not describe views"),
         ({"reference_depth_mm": "nan"}, "expected numbers"),
     ],

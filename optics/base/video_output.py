@@ -1,7 +1,8 @@
-"""Whether H.264 can be written: by x264, which is under the GPL, and which a PyAV of one's own may lack."""
+"""Writing videos with FFmpeg: the address of a file, and x264, which is under the GPL and which a PyAV may lack."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Final
 
 from mirrorcam.optics.base.values import InputError
@@ -18,3 +19,8 @@ def require_x264() -> None:
             "this PyAV (av) is built without x264, expected its wheel from PyPI to write H.264; AVI, GIF and pictures "
             "need none"
         )
+
+
+def file_address(path: Path) -> str:
+    """The address by which FFmpeg writes a file, whatever its name looks like."""
+    return f"file:{path}"

@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.x264 import require_x264
+from mirrorcam.optics.base.video_output import require_x264
 from mirrorcam.optics.light_field.io.animation import write_loop
 from mirrorcam.render_scenes.sets.video import as_key_frame, write_h264
 from tests.optics.base.test_files import refusal
