@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.view_images import Bytes
+from mirrorcam.optics.light_field.io.view_motion import texture_repeats
 
 Order = Literal["eslf", "tiles"]
 Grid = tuple[int, int]
@@ -32,14 +33,20 @@ _ALIKE, _UNLIKE = 0.85, 0.75
 """Correlations above which neighbours are views of one scene, and below which they are not."""
 _SEAM, _NO_SEAM = 2.0, 1.5
 """Contrasts at cuts, relative to elsewhere, above which a picture ends there, and below which it goes on."""
+_WEAKER_SEAM = 0.5
+"""Contrast at cuts that are no seams, relative to those that are, at most."""
 _LENS, _CERTAIN = 1.15, 1.5
 """Contrasts at edges, relative to inside, above which they are of lenses, and not of JPEG's blocks."""
 _LESS_LENS = 0.9
 """Contrast of a wrong size of lenses relative to the right one, at most."""
+_NOISE = 0.5
+"""Difference of neighbouring pixels relative to the standard deviation of all, above which a picture is noise."""
 _BLOCK_PX = 8
 _STRUCTURE = 0.7
 """Correlation of neighbouring pixels of a small view above which it shows more than noise."""
 _MOST_VIEWS, _LEAST_VIEW_PX = 32, 8
+_LIKELY_VIEW_PX = 24
+"""Sides of views of a grid that is suggested, at least: smaller parts alike are of a texture."""
 
 
 def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
@@ -69,9 +76,9 @@ class _Picture:
         return np.asarray(down, np.float32), np.asarray(across, np.float32)
 
     def divides_into(self, grid: Grid) -> bool:
-        """Whether all views of a grid have one size, and not too small a one."""
+        """Whether all views of a grid have one size, and a likely one."""
         sides = zip(self.grey.shape, grid, strict=True)
-        return all(side % count == 0 and side // count >= _LEAST_VIEW_PX for side, count in sides)
+        return all(side % count == 0 and side // count >= _LIKELY_VIEW_PX for side, count in sides)
 
     def views(self, grid: Grid, order: Order) -> Grey:
         """The views (t, s, v, u) of the picture where it is divided so."""
@@ -90,9 +97,30 @@ class _Picture:
 
     def lens_contrast(self, count: int, axis: int) -> float:
         """Contrast between lenses of `count` px along an axis relative to the strongest inside of them."""
-        contrast = self.contrasts[axis]
-        folded = np.median(contrast[: len(contrast) // count * count].reshape(-1, count), axis=0)
+        folded = self._folded(count, axis)
         return float(folded[-1] / max(float(folded[:-1].max()), 1e-6))
+
+    def holds_lenses(self, count: int, size: int, axis: int) -> bool:
+        """Whether all edges of lenses of `size` px stand out alike in each `count` px along an axis."""
+        folded = self._folded(count, axis)
+        inside = np.arange(1, count + 1) % size > 0
+        edges = folded[~inside]
+        return bool(edges.min() > max(float(folded[inside].max()), _LESS_LENS * float(edges.max())))
+
+    def _folded(self, count: int, axis: int) -> Grey:
+        contrast = self.contrasts[axis]
+        return np.asarray(np.median(contrast[: len(contrast) // count * count].reshape(-1, count), axis=0))
+
+    @cached_property
+    def is_noisy(self) -> bool:
+        """Whether neighbouring pixels differ about as much as any: noise hides seams."""
+        return bool(min(float(np.median(each)) for each in self.contrasts) > _NOISE * float(self.grey.std()))
+
+    def repeats(self, grid: Grid, order: Order) -> bool:
+        """Whether the texture of one view of a grid repeats, so that parts of it look like views."""
+        rows, cols = grid
+        grey = self.views(grid, order)[rows // 2, cols // 2]
+        return texture_repeats(np.ascontiguousarray(grey))
 
     def others(self) -> Iterator[Grid]:
         """Grids that have seams, of at most `_MOST_VIEWS` rows and columns."""
@@ -109,22 +137,36 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     if np.isnan(alike):
         return
     has_seams = picture.seams(grid) > _NO_SEAM
-    right = alike > _UNLIKE and has_seams
-    if right:
+    if alike > _UNLIKE and has_seams:
         _check_single(picture, grid)
     unlike = f"tiles of {rows} rows and {cols} columns are not views of one scene"
-    lenses = not right and all(
-        picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1
-    )
+    lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
     if alike < _UNLIKE and lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
         raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
-    others = [each for each in picture.others() if _likeness(picture.views(each, "tiles")) > _ALIKE]
+    if picture.is_noisy:
+        return
+    others = [each for each in picture.others() if _fits_better(picture, each, grid, alike)]
     # Tiles of several views each are alike, too: the finest grid counts.
     down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
-    if (down, across) != grid and (alike < _UNLIKE or rows % down or cols % across):
+    if (down, across) != grid:
         raise InputError(f"{unlike}: the picture looks like --rows {down} --cols {across}")
     if alike < _UNLIKE and not has_seams and _structure(views) > _STRUCTURE:
         raise InputError(f"{unlike}, expected --rows and --cols of the views in the picture")
+
+
+def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bool:
+    """Whether another grid than the given one divides a picture into views that are alike, and the given one does not.
+
+    `alike` is how much the tiles of the given one are. Where it only divides further, or its tiles are alike, too, its
+    cuts must be no seams.
+    """
+    divides_further = not any(count % each for count, each in zip(grid, other, strict=True))
+    if alike > _UNLIKE and divides_further:
+        return False
+    if _likeness(picture.views(other, "tiles")) < _ALIKE or picture.repeats(other, "tiles"):
+        return False
+    no_seam = max(_NO_SEAM, _WEAKER_SEAM * picture.seams(other))
+    return (alike < _UNLIKE and not divides_further) or picture.seams(grid, besides=other) < no_seam
 
 
 def _check_single(picture: _Picture, grid: Grid) -> None:
@@ -137,6 +179,7 @@ def _check_single(picture: _Picture, grid: Grid) -> None:
         if picture.divides_into(each)
         and picture.seams(each, besides=grid) > _SEAM
         and _likeness(picture.views(each, "tiles")) > _ALIKE
+        and not picture.repeats(each, "tiles")
     ]
     if finer:
         down, across = max(finer, key=lambda each: each[0] * each[1])
@@ -153,13 +196,15 @@ def _check_lenses(picture: _Picture, grid: Grid) -> None:
         if not 1 < count <= _MOST_VIEWS:
             continue
         side = picture.grey.shape[axis]
-        counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LEAST_VIEW_PX]
+        counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
         found = {each: picture.lens_contrast(each, axis) for each in sorted({*counts, count})}
         most = max(found.values())
         # Several lenses together have the contrast of one at their edges.
         size = next(each for each, contrast in found.items() if contrast >= _LESS_LENS * most)
-        is_block = size % _BLOCK_PX == 0 and most < _CERTAIN
-        if size != count and most > _LENS and found[count] < _LESS_LENS * most and not is_block:
+        is_block = 0 in (size % _BLOCK_PX, _BLOCK_PX % size) and most < _CERTAIN
+        certain = picture.holds_lenses(count, size, axis) if count % size == 0 else not is_block
+        certain = certain and not picture.repeats(grid, "eslf")
+        if size != count and most > _LENS and found[count] < _LESS_LENS * most and certain:
             raise InputError(f"the picture does not show lenslets with {option} {count}: it looks like {option} {size}")
 
 

@@ -63,9 +63,13 @@ def small_views(samples: Samples) -> NDArray[np.uint8]:
 
 
 def repeats(light_field: LightField) -> bool:
-    """Whether the texture of the central view repeats, as that of stripes and checkerboards does."""
+    """Whether the texture of the central view repeats."""
     t, s = light_field.rows // 2, light_field.cols // 2
-    grey = small_views(light_field.samples[t : t + 1, s : s + 1])[0].astype(np.float32)
+    return texture_repeats(small_views(light_field.samples[t : t + 1, s : s + 1])[0].astype(np.float32))
+
+
+def texture_repeats(grey: NDArray[np.float32]) -> bool:
+    """Whether the texture of a picture (h, w) repeats, as that of stripes and checkerboards does."""
     fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_PX)
     down, across = (side // 4 for side in fine.shape)
     middle = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]

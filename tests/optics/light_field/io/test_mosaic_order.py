@@ -55,9 +55,31 @@ def test_tiles_of_other_numbers_are_refused(given: tuple[int, int]) -> None:
         check_division(picture, given, "tiles")
 
 
+def board(size_px: int) -> Any:
+    """Views (3, 3, 90, 120, 3) of a scene with a checkerboard in the plane of zero disparity."""
+    views = scene(3, 3).samples.copy()
+    row, col = np.indices((60, 80)) // size_px
+    views[:, :, 15:75, 20:100] = np.where((row + col) % 2, 220, 20)[..., None]
+    return views
+
+
+@pytest.mark.parametrize("order", ["eslf", "tiles"])
+@pytest.mark.parametrize("size_px", [4, 6, 8, 12, 16])
+def test_textures_that_repeat_are_no_views(size_px: int, order: Order) -> None:
+    check_division(mosaic(board(size_px), order), (3, 3), order)
+
+
+@pytest.mark.parametrize("cols", [3, 5, 9])
+def test_lenslets_of_views_of_unequal_brightness_pass(cols: int) -> None:
+    samples = scene(1, cols).samples
+    for seed in range(6):
+        gains = np.random.default_rng(seed).uniform(0.7, 1.0, (1, cols, 1, 1, 1))
+        check_division(mosaic((samples * gains).astype(np.uint8), "eslf"), (1, cols), "eslf")
+
+
 def test_tiles_cut_where_the_scene_has_an_edge_are_refused() -> None:
     samples = scene(3, 3).samples.copy()
-    samples[:, :, : samples.shape[2] // 2] //= 2
+    samples[:, :, : samples.shape[2] // 2] = 0.9 * samples[:, :, : samples.shape[2] // 2]
     with pytest.raises(InputError, match="the picture looks like --rows 3 --cols 3"):
         check_division(mosaic(samples, "tiles"), (2, 3), "tiles")
 
