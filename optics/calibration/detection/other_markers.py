@@ -38,7 +38,11 @@ def other_markers(
     if len(steps.highest) < least:
         if not found:
             return _unreadable(shown, target, mirrored=mirrored)
-        return _pattern_with_more_corners(pictures, target, mirrored=mirrored) if isinstance(target, Charuco) else None
+        if not isinstance(target, Charuco):
+            return None
+        # Markers of a wrong side are hardly read.
+        other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
+        return other or _other_side(shown, target, mirrored=mirrored)
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     size = f"{target.cols} x {target.rows}"
