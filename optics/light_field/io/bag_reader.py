@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import json_of, model_from
+from mirrorcam.optics.base.files import json_of, model_from, refuse_pointer
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import Chunk, checked_chunks, zstd
@@ -62,6 +62,8 @@ class StoredBag(StoredFrames):
         files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
         chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
+        for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
+            refuse_pointer(file)
         whole_files = path.is_dir() and any(path.glob("*.zstd"))
         with _reading(path):
             self._reader = Reader(path)

@@ -164,3 +164,10 @@ def test_a_layout_with_a_large_covariance_is_read(tmp_path: Path) -> None:
     path = tmp_path / "layout.json"
     path.write_text(device().truth.text() + " " * 2_000_000)
     assert read_rig(path).format == "mirrorcam"
+
+
+@pytest.mark.parametrize("name", ["ost.txt", "ost.ini", "head_camera.ini"])
+def test_other_files_of_a_ros_calibrator_are_named(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("# oST version 5.0 parameters\n")
+    with pytest.raises(InputError, match="what camera_calibration writes as"):
+        read_rig(tmp_path / name)
