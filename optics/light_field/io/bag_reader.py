@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import inside, json_of, model_from, read_bytes
+from mirrorcam.optics.base.files import inside, json_of, model_from, read_bytes, refuse_pointer
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import LARGEST_TOPICS_BYTES, Chunk, checked_chunks, zstd
@@ -66,6 +66,8 @@ class StoredBag(StoredFrames):
             read_bytes(inside(path, METADATA), LARGEST_TOPICS_BYTES)
         chunks = {file.name: checked_chunks(file) for file in files}
         self._stored = sum(file.stat().st_size for file in files)
+        for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
+            refuse_pointer(file)
         whole_files = path.is_dir() and any(path.glob("*.zstd"))
         with _reading(path):
             self._reader = Reader(path)

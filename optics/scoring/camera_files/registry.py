@@ -28,6 +28,8 @@ MOST_FILES = 1000
 UNREAD = {
     ".pickle": "a pickle, such as DeepLabCut's, is never opened",
     ".urdf": "a URDF has poses alone, which are read with the camera_info files beside it (ros/)",
+    ".ini": "what camera_calibration writes as .ini it writes as .yaml, too, which is read",
+    "ost.txt": "what camera_calibration writes as ost.txt it writes as ost.yaml, too, which is read",
     "transforms.json": "nerfstudio's cameras do not say where their pictures lie in the frame",
     "rig_config.json": "COLMAP's rig_config.json has no lenses of its own, its model has (colmap/sparse)",
     **dict.fromkeys(

@@ -17,7 +17,7 @@ from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, 
 from mirrorcam.optics.calibration.mrcal_corners import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.light_field.io.frames import Frame
-from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.optics.light_field.io.video import MISSING, Video
 
 SEARCHED = 60
 """Frames of a video in which boards are searched."""
@@ -105,7 +105,7 @@ def calibration_pictures(
 
 def _sharp_frames(path: Path, camera: Camera | None, tell: Callable[[str], None]) -> list[SharpFrame]:
     started = time.monotonic()
-    video, kept, count, lost = Video(path, tell), SharpestFrames(SEARCHED), 0, 0
+    video, kept, count, damaged, missing = Video(path, tell), SharpestFrames(SEARCHED), 0, 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
     if video.sample_bits.largest:
@@ -113,15 +113,17 @@ def _sharp_frames(path: Path, camera: Camera | None, tell: Callable[[str], None]
     for frame in video.frames():
         count += 1
         if not isinstance(frame, Frame):
-            lost += 1
+            missing += frame.reason == MISSING
+            damaged += frame.reason != MISSING
             continue
         kept.add(SharpFrame.of(frame.number, _grey(frame)))
     chosen = kept.chosen()
     if not chosen:
         raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
-    damaged = f", {lost} of them damaged" if lost else ""
+    lost = f", {damaged} of them damaged" if damaged else ""
+    lost += f", {missing} more missing by its times" if missing else ""
     tell(
-        f"{path.name}: the {len(chosen)} sharpest of {count} frames, from all of the video{damaged}, "
+        f"{path.name}: the {len(chosen)} sharpest of {count - missing} frames, from all of the video{lost}, "
         f"read in {time.monotonic() - started:.1f} s"
     )
     return chosen

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -48,6 +50,22 @@ def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
         assert abs(grey.mean() - 60.0 - number) < 2.0
     assert taken.most == 30
     assert said[0].startswith(f"clip.avi: the {len(numbers)} sharpest of 150 frames, from all of the video, read in ")
+
+
+def test_frames_that_a_variable_rate_leaves_out_are_not_called_damaged(tmp_path: Path) -> None:
+    path, said = tmp_path / "slow.mkv", list[str]()
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for moment in (0, 1, 2, 6, 7, 8):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 * moment, np.uint8)).reformat(format="yuv420p")
+            frame.pts, frame.time_base = moment, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    calibration_pictures([path], 30, tell=said.append)
+    assert said[0].startswith(
+        "slow.mkv: the 6 sharpest of 6 frames, from all of the video, 3 more missing by its times"
+    )
 
 
 def test_pictures_alone_are_all_used(clip: Path) -> None:

@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 NAMES = tuple(sorted(module.name for module in iter_modules([str(Path(__file__).parent)]) if module.name != "registry"))
 """Names of all formats."""
+BAGS = {
+    ".bag": "a ROS 1 bag; rosbags-convert makes a ROS 2 bag of it",
+    ".db3": "a file of a ROS 2 bag, which is given as its folder, with metadata.yaml",
+}
+"""What bags are that are not read as such, by their endings."""
 
 
 @cache
@@ -51,8 +56,11 @@ def format_of(path: Path) -> Format:
         return found
     if path.is_dir():
         raise InputError(f"{path}: a folder of no known format, expected one of {', '.join(NAMES)}")
-    endings = sorted({each.ending[each.ending.index(".") :] for each in formats().values() if not each.is_folder})
-    raise InputError(f"{path}: no light field by its name, expected {', '.join(endings)} or a folder")
+    endings = sorted(
+        {each.ending[each.ending.index(".") :] for each in formats().values() if not each.is_folder and each.read}
+    )
+    what = BAGS.get(path.suffix.lower(), "no light field by its name")
+    raise InputError(f"{path}: {what}, expected {', '.join(endings)} or a folder")
 
 
 def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decoder | None = None) -> Contents:

@@ -237,6 +237,17 @@ def test_light_fields_larger_than_memory_are_refused(bag: Path, monkeypatch: pyt
         StoredBag(bag)
 
 
+def test_a_pointer_of_git_lfs_in_a_bag_is_named(tmp_path: Path) -> None:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    with Writer(tmp_path / "a", version=8, storage_plugin=StoragePlugin.SQLITE3):
+        pass
+    (stored,) = (tmp_path / "a").glob("*.db3")
+    stored.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1000000\n")
+    with pytest.raises(InputError, match=r"a\.db3: is a Git LFS pointer"):
+        StoredBag(tmp_path / "a")
+
+
 def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_path: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore

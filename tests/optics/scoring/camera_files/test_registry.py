@@ -171,3 +171,10 @@ def test_a_folder_of_large_files_is_refused_before_they_are_read(tmp_path: Path)
         (tmp_path / f"{number}.yaml").write_text("a" * 3_000_000)
     with pytest.raises(InputError, match="holds more than 5 MB of YAML"):
         read_rig(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["ost.txt", "ost.ini", "head_camera.ini"])
+def test_other_files_of_a_ros_calibrator_are_named(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("# oST version 5.0 parameters\n")
+    with pytest.raises(InputError, match="what camera_calibration writes as"):
+        read_rig(tmp_path / name)

@@ -132,6 +132,8 @@ def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
         (tmp_path / "empty", "a folder of no known format"),
         (tmp_path / "missing.mat", "no such file"),
         (tmp_path / "a.txt", "no light field by its name"),
+        (tmp_path / "a.bag", "a ROS 1 bag; rosbags-convert makes a ROS 2 bag of it"),
+        (tmp_path / "a.db3", "a file of a ROS 2 bag, which is given as its folder"),
     ):
         with pytest.raises(InputError, match=message) as refused:
             open_light_field(path)
