@@ -95,7 +95,7 @@ def test_folders_of_pictures_that_are_no_grid_are_refused(tmp_path: Path) -> Non
     for folder, message in (
         ("gap", r"lacks view \(1, 1\), expected NAME_ROW_COLUMN pictures of all 2x2"),
         ("late", r"its first view is \(6, 6\), expected rows and columns from 0 or from 1"),
-        ("twice", "a_0_0.png and b_0_0.jpg are of one view"),
+        ("twice", "a_0_0.png and b_0_0.jpg show the same view"),
         ("other", "has no pictures NAME_ROW_COLUMN_Y_X"),
     ):
         with pytest.raises(InputError, match=message):
