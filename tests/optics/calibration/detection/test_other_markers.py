@@ -92,10 +92,11 @@ def test_the_numbers_of_the_second_board_of_a_series_are_not_taken_for_the_old_p
 
 
 @DIRECT_OR_MIRRORED
+@pytest.mark.parametrize("found", [False, True])
 @pytest.mark.parametrize("stated", [0.5, 0.68, 0.81, 0.9])
-def test_another_side_of_the_markers_is_measured(stated: float, *, mirrored: bool) -> None:
+def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, mirrored: bool) -> None:
     shown = pictures(BOARD, mirrored=mirrored)
-    said = other_markers(shown, BOARD.replaced(marker_mm=32.0 * stated), mirrored=mirrored, found=False)
+    said = other_markers(shown, BOARD.replaced(marker_mm=32.0 * stated), mirrored=mirrored, found=found)
     assert said == (
         "the markers in the pictures look like 24 mm on squares of 32 mm, "
         f"board.toml says marker_mm = {32.0 * stated:g}"
