@@ -65,7 +65,7 @@ def board(size_px: int) -> Any:
 
 @pytest.mark.parametrize("order", ["eslf", "tiles"])
 @pytest.mark.parametrize("size_px", [4, 6, 8, 12, 16])
-def test_textures_that_repeat_are_no_views(size_px: int, order: Order) -> None:
+def test_textures_that_repeat_are_not_refused(size_px: int, order: Order) -> None:
     check_division(mosaic(board(size_px), order), (3, 3), order)
 
 
