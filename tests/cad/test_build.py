@@ -127,7 +127,7 @@ def test_what_cannot_be_built_is_refused_before_any_file(make_parabola: Callable
 
 def test_a_folder_that_is_a_file_is_refused(small_layout: Layout, tmp_path: Path) -> None:
     (tmp_path / "parts").write_text("")
-    with pytest.raises(InputError, match="parts: cannot be written: File exists"):
+    with pytest.raises(InputError, match="parts: is a file, expected a new or empty folder"):
         build_parts(small_layout, tmp_path / "parts")
 
 

@@ -17,8 +17,8 @@ from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost
 
 RETRY_S = 1.0
 """Time between two attempts to open a camera that has gone."""
-MOST_LATE_S = 1.0
-"""By how much times of a camera's own clock may be off those of arrival: by more, they have started anew."""
+MOST_AHEAD_S = 1.0
+"""By how much a camera's own clock may go on further, from one frame to the next, than that of arrival."""
 ENDING_S = 1.0
 """Time that a camera which gives nothing has to let go; afterwards it is left to do that alone."""
 LEAST_STEP_S = 1e-6
@@ -196,22 +196,32 @@ class LiveCamera:
 class _Times:
     """Times of frames, which increase always: as far apart as the camera's clock says.
 
-    Those of a camera follow the times of arrival where its clock starts anew; those of a recording begin at 0.
+    A camera's clock starts anew where it goes back, or jumps ahead of the times of arrival: these are followed there.
+    Frames that wait on their way arrive late, and then many at once, which changes nothing. Times of a recording begin
+    at 0.
     """
 
     def __init__(self, follows: bool) -> None:
         self._follows = follows
-        self._offset: float | None = None
+        self._before: tuple[float, float] | None = None
+        """When the last frame with a time arrived, and that time."""
+        self._offset = 0.0
         self._last = -LEAST_STEP_S
 
     def moment(self, arrived: float, stated: float | None) -> float:
         """The time of a frame that arrived at a time, and is of another by the camera's clock, if that has one."""
         moment = arrived
         if stated is not None:
-            if self._offset is None:
+            if self._before is None:
                 self._offset = arrived - stated if self._follows else -stated
-            elif self._follows and abs(stated + self._offset - arrived) > MOST_LATE_S:
+            elif self._follows and self._is_anew(arrived, stated, *self._before):
                 self._offset = arrived - stated
+            self._before = arrived, stated
             moment = stated + self._offset
         self._last = max(moment, self._last + LEAST_STEP_S)
         return self._last
+
+    @staticmethod
+    def _is_anew(arrived: float, stated: float, arrived_before: float, stated_before: float) -> bool:
+        step = stated - stated_before
+        return step < 0 or step > arrived - arrived_before + MOST_AHEAD_S

@@ -136,7 +136,8 @@ class DesignAnswers:
 
     async def _solved(self, request: Request, work: Callable[[DesignSpec, Asker], Result]) -> Result:
         """The result of work on the design of a request."""
-        spec, asker = await asked(DesignSpec, request), _asker(request)
+        asker = _asker(request)  # first, as a later request may be parsed sooner
+        spec = await asked(DesignSpec, request)
         async with self._attended(request, asker):
             return await run_in_threadpool(work, spec, asker)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
+from itertools import count
+
+_ARRIVALS = count()
 
 
 class Superseded(Exception):
@@ -12,7 +15,7 @@ class Superseded(Exception):
 
 
 class Asker:
-    """One request of a page.
+    """One request of a page, later than those made before it.
 
     Parameters
     ----------
@@ -22,6 +25,7 @@ class Asker:
 
     def __init__(self, page: Hashable = "") -> None:
         self.page, self.gone = page, False
+        self.arrival = next(_ARRIVALS)
         self.subject: Hashable = None
 
 
@@ -52,6 +56,7 @@ class Turns:
         with self._changed:
             asker.subject = subject
             self._give_up_earlier(asker)
+            asker.gone |= any(each.page == asker.page and each.arrival > asker.arrival for each in self._queue)
             self._queue.append(asker)
             self._changed.wait_for(lambda: asker.gone or self._queue[0] is asker)
             if asker.gone:
@@ -87,7 +92,7 @@ class Turns:
     def _give_up_earlier(self, asker: Asker) -> None:
         for other in list(self._queue):
             same_work = other is self._at_work and other.subject == asker.subject
-            if other.page == asker.page and not same_work:
+            if other.page == asker.page and other.arrival < asker.arrival and not same_work:
                 self._give_up(other)
 
     def _give_up(self, asker: Asker) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from anyio.from_thread import start_blocking_portal
 from starlette.applications import Starlette
 from starlette.routing import Mount
 from starlette.testclient import TestClient
@@ -60,7 +60,9 @@ def test_every_answer_ends_once(name: str, asked: dict[str, str], status: int, t
     async def send(message: Any) -> None:
         sent.append(message)
 
-    asyncio.run(ServedFiles(tmp_path)(scope, receive, send))
+    # In a thread of its own: a browser that other tests keep open has an event loop in this one.
+    with start_blocking_portal() as portal:
+        portal.call(ServedFiles(tmp_path), scope, receive, send)
     assert sent[0]["status"] == status
     assert [each.get("more_body", False) for each in sent[1:]] == [True] * (len(sent) - 2) + [False]
 

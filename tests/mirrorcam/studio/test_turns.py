@@ -86,6 +86,17 @@ def test_the_newest_request_of_a_page_replaces_the_earlier_and_no_other_page_s()
     assert works.done == ["c1", "b2", "a2"]
 
 
+def test_the_newest_request_is_the_one_made_last_whichever_asks_for_its_turn_first() -> None:
+    works, earlier, later = Works(), Asker("a"), Asker("a")
+    works.ask(later, "later")
+    until(lambda: works.turns.working == "later")
+    works.ask(earlier, "earlier")
+    until(lambda: works.given_up == ["earlier"])
+    works.turns.give_up_earlier(earlier, "other")
+    works.finish(1)
+    assert works.done == ["later"]
+
+
 def test_work_on_the_same_subject_is_not_ended() -> None:
     works = Works()
     works.ask(Asker("a"), "same")

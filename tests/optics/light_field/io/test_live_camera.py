@@ -79,6 +79,31 @@ def test_times_are_as_far_apart_as_the_cameras_clock_says_and_never_go_back() ->
     assert (np.diff(times) > 0).all()
 
 
+def times_of(stated: list[float], arrived: list[float]) -> list[float]:
+    """The times of frames by the camera's clock and by ours; a camera is opened at 0 s."""
+    clock, over = iter([0.0, *arrived]), threading.Event()
+    seen = [Seen(GREY, each) for each in stated]
+    camera = LiveCamera("camera 0", shows(forever(seen, over)), 4, 3, clock=lambda: next(clock))
+    frames = camera.frames()
+    found = [next(frames) for _ in stated]
+    over.set()
+    frames.close()
+    return [frame.time_s for frame in found if isinstance(frame, Frame)]
+
+
+def test_frames_that_arrive_at_once_or_late_keep_the_times_between_them() -> None:
+    stated = np.arange(100) / 25
+    at_once, late = np.full(100, 0.01), 1.5 * stated
+    held_up = np.where(stated < 2, stated, np.maximum(stated, 3.5))
+    for arrived in (at_once, late, held_up):
+        np.testing.assert_allclose(np.diff(times_of(stated.tolist(), arrived.tolist())), 1 / 25, atol=1e-9)
+
+
+def test_a_clock_that_jumps_is_followed_by_times_of_arrival() -> None:
+    assert times_of([5.0, 5.04, 3600.0, 3600.04], [0.1, 0.14, 0.18, 0.22]) == pytest.approx([0.1, 0.14, 0.18, 0.22])
+    assert times_of([5.0, 5.04, 0.0, 0.04], [0.1, 0.14, 7.0, 7.1]) == pytest.approx([0.1, 0.14, 7.0, 7.04])
+
+
 def test_the_oldest_frames_are_left_out_and_counted_where_they_come_too_fast() -> None:
     used, shown = threading.Event(), threading.Event()
 
