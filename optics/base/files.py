@@ -8,6 +8,7 @@ import stat
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path, PureWindowsPath
 from typing import Any, TypeVar
 
@@ -30,6 +31,8 @@ MOST_LINES = 1_000_000
 """Lines of a record that is written line by line."""
 TEMPORARY = ".mirrorcam-"
 """What the names of files begin with that are not finished."""
+_MOST_KNOWN = 1000
+"""No value has as many fields: larger tables are of names, or of keys that are not known."""
 _LONGEST_NAME, _LONGEST_PATH = 255, 1000
 _POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
 """How the text begins that Git keeps in place of a file of its LFS, and the bytes of the longest."""
@@ -247,6 +250,8 @@ def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
 def validated(model: type[Model], data: Any) -> Model:
     """The pydantic model in plain values; raises InputError in one line where they are not valid."""
     try:
+        if any(len(table) > _MOST_KNOWN for table in _tables(data)):
+            _check_keys(model, data)
         return model.model_validate_json(json.dumps(data), strict=True)
     except InvalidValue as error:
         raise InputError(str(error)) from None
@@ -254,6 +259,39 @@ def validated(model: type[Model], data: Any) -> Model:
         raise InputError(one_line(error, model)) from None
     except TypeError as error:  # a date or a time of TOML
         raise InputError(f"{error}, expected numbers, texts and tables") from None
+
+
+def _check_keys(model: type[Model], data: Any) -> None:
+    """Raise InvalidValue for large tables of unknown keys, by a part of each table: all findings take gigabytes."""
+    part = json.dumps(_shortened_tables(data))
+    try:
+        model.model_validate_json(part, strict=True)
+    except InvalidValue as error:
+        if error.is_of_keys:
+            raise
+    except ValidationError:
+        return  # of a model that is no value; what is wrong with it as a whole is found next
+
+
+def _tables(data: Any) -> Iterator[dict[str, Any]]:
+    """All tables in plain values; lists of numbers, which may be long, hold none."""
+    left = [data]
+    while left:
+        each = left.pop()
+        if isinstance(each, dict):
+            yield each
+            left += each.values()
+        elif isinstance(each, list) and each and isinstance(each[0], dict | list):
+            left += each
+
+
+def _shortened_tables(data: Any) -> Any:
+    """Plain values with the first keys of each table."""
+    if isinstance(data, dict):
+        return {key: _shortened_tables(each) for key, each in islice(data.items(), _MOST_KNOWN)}
+    if isinstance(data, list) and data and isinstance(data[0], dict | list):
+        return [_shortened_tables(each) for each in data]
+    return data
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -18,7 +18,7 @@ MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
 MOST_KEYS = 500_000
 """Keys of one table of JSON: several files for each of the most pictures of a set. For each key that is not known, a
 model notes an error, which takes a kilobyte and more."""
-LARGEST_TOML_BYTES = 1_000_000
+LARGEST_TOML_BYTES = 250_000
 """TOML is written by hand; its parser takes up to a second for this much."""
 LONGEST_INTEGER = 300
 """Digits of an integer, so that each is a finite number."""
@@ -66,7 +66,7 @@ def json_value(raw: bytes) -> Any:
 def toml_value(raw: bytes) -> dict[str, Any]:
     """The tables of a TOML text; raises InputError in one line."""
     if len(raw) > LARGEST_TOML_BYTES:
-        raise InputError(f"is larger than {LARGEST_TOML_BYTES // 1_000_000} MB, expected a smaller file of TOML")
+        raise InputError(f"is larger than {LARGEST_TOML_BYTES / 1e6:g} MB, expected a smaller file of TOML")
     text, outline = _decoded(raw, "TOML"), _TOML_STRING.sub(b"s", raw)
     _check_outline(outline, "TOML")
     words = _TOML_KEY.findall(outline.translate(None, b" \t"))

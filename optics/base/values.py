@@ -42,6 +42,12 @@ class InvalidValue(InputError):
         return cause.errors(include_url=False)[0] if isinstance(cause, ValidationError) else None
 
     @property
+    def is_of_keys(self) -> bool:
+        """Whether a key is not known, where the findings are kept."""
+        cause = self.__cause__
+        return isinstance(cause, ValidationError) and any(each["type"] == "extra_forbidden" for each in cause.errors())
+
+    @property
     def title(self) -> str:
         """The name of the class of the value, empty where the findings are not kept."""
         return self.__cause__.title if isinstance(self.__cause__, ValidationError) else ""
@@ -129,6 +135,26 @@ def _hashable(data: Any) -> Any:
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
 
 
+_STOPPING = ("list", "tuple", "set", "frozenset", "dict")
+"""Types of pydantic's schemas that can stop at the first item that is not valid."""
+
+
+def _stop_at_first(schema: Any) -> None:
+    """Make all lists and tables in a schema of pydantic stop at their first item that is not valid.
+
+    Of a long one, all findings would take gigabytes.
+    """
+    left = [schema]
+    while left:
+        each = left.pop()
+        if isinstance(each, dict):
+            if each.get("type") in _STOPPING:
+                each["fail_fast"] = True
+            left += (inner for name, inner in each.items() if name not in ("default", "metadata"))
+        elif isinstance(each, list | tuple):
+            left += each
+
+
 class Value(BaseModel):
     """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal.
 
@@ -138,6 +164,12 @@ class Value(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
     )
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        schema = handler(source)
+        _stop_at_first(schema)
+        return schema
 
     def __init__(self, **fields: Any) -> None:
         try:

@@ -16,13 +16,16 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.optics.base.files import stored_bytes
 from mirrorcam.optics.base.messages import shortened
+from mirrorcam.optics.base.sample_bits import SampleBits
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import AHEAD
 from mirrorcam.optics.light_field.io.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.optics.light_field.io.media_files import FORMATS, MediaFile, opened
+from mirrorcam.optics.light_field.io.video_pictures import has_16_bits, rgb_of, rgb_of_samples, samples_of_16_bits
 from mirrorcam.optics.light_field.io.video_remarks import frame_remarks
 
 PATIENCE = 30
@@ -212,7 +215,19 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
     # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # threads for frames would give each some frames late
-    begun = whole = False
+    begun, whole, bits = False, False, SampleBits()
+
+    def pixels(frame: Any) -> NDArray[np.uint8]:
+        nonlocal bits
+        if not has_16_bits(frame):
+            return rgb_of(frame)
+        # Of those seen so far: how many bits a camera uses shows in its first bright picture.
+        samples = samples_of_16_bits(frame)
+        before, bits = bits, SampleBits.together((bits, SampleBits.of(samples)))
+        if bits.used != before.used:
+            tell(f"{name}: {bits}")
+        return rgb_of_samples(samples, bits.used)
+
     try:
         for packet in container.demux(stream):
             try:
@@ -229,7 +244,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
                     for line in frame_remarks(name, [frame]):
                         tell(line)
                 if begun:
-                    yield Seen(frame.to_ndarray(format="rgb24") if whole else None, frame.time)
+                    yield Seen(pixels(frame) if whole else None, frame.time)
     except (av.FFmpegError, OSError):
         return  # gone, as a camera that is unplugged
     finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from mirrorcam.optics.light_field.io.video_pictures import (
     has_16_bits,
     have_ends,
     jpeg_pictures,
-    rgb_of_bits,
+    rgb_of_samples,
     samples_of_16_bits,
 )
 from mirrorcam.optics.light_field.io.video_remarks import remarks
@@ -118,7 +118,10 @@ class Video:
             if are_plain_jpegs(first, self.height_px):
                 return jpeg_pictures(packets, size, have_ends(first))
         if has_16_bits(stream.codec_context):
-            return decoded_pictures(stream.codec_context, packets, size, partial(rgb_of_bits, self.sample_bits.used))
+            used = self.sample_bits.used
+            return decoded_pictures(
+                stream.codec_context, packets, size, lambda frame: rgb_of_samples(samples_of_16_bits(frame), used)
+            )
         return decoded_pictures(stream.codec_context, packets, size)
 
     @cached_property

@@ -190,13 +190,12 @@ class _Order:
         self._damaged = {each for each in self._damaged if each >= self._key}
 
 
-def has_16_bits(decoder: Any) -> bool:
-    """Return whether a decoder gives grey values or RGB of 16 bits, of which cameras may use the lowest alone.
+def has_16_bits(shown: Any) -> bool:
+    """Return whether a frame, or what a decoder gives, is grey or RGB of 16 bits, of which cameras may use the lowest.
 
     Samples of 10, 12 or 14 bits are stored as such, and need no guess.
     """
-    shown = decoder.format
-    return shown is not None and shown.name.startswith(
+    return shown.format is not None and shown.format.name.startswith(
         ("gray16", "ya16", "rgb48", "rgba64", "bgr48", "bgra64", "gbrp16", "gbrap16")
     )
 
@@ -212,9 +211,9 @@ def rgb_of(frame: Any) -> NDArray[np.uint8]:
     return np.asarray(frame.reformat(format="rgb24", threads=1).to_ndarray(), dtype=np.uint8)
 
 
-def rgb_of_bits(bits: int, frame: Any) -> NDArray[np.uint8]:
-    """A frame of 16 bits, of which the lowest `bits` are used, as `rgb_of`."""
-    image = to_8_bits(samples_of_16_bits(frame), bits)
+def rgb_of_samples(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
+    """What `rgb_of` gives, by samples of 16 bits of which the lowest `bits` are used."""
+    image = to_8_bits(samples, bits)
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 

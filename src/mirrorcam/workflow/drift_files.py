@@ -19,19 +19,19 @@ FILES = (DRIFT, "layout.json")
 
 
 def find_drift_files(
-    paths: Sequence[Path], layout: Layout, layout_path: Path, on_video: Callable[[str], None] | None = None
+    paths: Sequence[Path], layout: Layout, layout_path: Path, tell: Callable[[str], None] = lambda line: None
 ) -> Drift:
     """What pictures and videos of one recording tell of the mirrors of a calibrated layout.
 
-    `on_video` is called with what the user should know of a video. Raises InputError for a layout that states no
-    measured mirrors, and for files that are not of its camera.
+    `tell` is called with what the user should know of a video, and of pictures of 16 bits. Raises InputError for a
+    layout that states no measured mirrors, and for files that are not of its camera.
     """
     if not tells_drift(layout):
         nominal = layout.kind == "nominal"
         what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
         raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")
-    check_frames(paths, layout, layout_path)
-    return drift_of_files(layout, paths, on_video)
+    check_frames(paths, layout, layout_path, tell)
+    return drift_of_files(layout, paths, tell)
 
 
 def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:

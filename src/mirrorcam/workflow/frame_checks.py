@@ -41,14 +41,17 @@ def check_frames(
     A damaged picture is none of those: it is found when its turn comes. Pictures of 16 bits are taken for one set, of
     which `tell` takes a line.
     """
+    identities: dict[Path, str | None] = {}
     for path in paths:
         try:
             size = picture_size(path) if is_picture(path) else video_size(path)
         except DamagedPicture:
             continue
         check_size(path, size, (layout.camera.width_px, layout.camera.height_px), f"{layout_path}'s camera")
-        identity = layout_identity_of(path)
-        if identity is not None:
+        folder = path.resolve().parent
+        if folder not in identities:
+            identities[folder] = layout_identity_of(path)
+        if (identity := identities[folder]) is not None:
             check_belongs(layout, identity, str(path))
     agree_on_bits(paths, tell)
 

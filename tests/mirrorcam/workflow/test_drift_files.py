@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -40,6 +41,10 @@ def test_what_to_know_of_a_video_is_said(tmp_path: Path, monkeypatch: pytest.Mon
     path = write_h264(tmp_path / "a.mp4", pictures(2, layout.camera.width_px, layout.camera.height_px), interlaced=True)
     find_drift_files([path], layout, tmp_path / "layout.json", said.append)
     assert [line.startswith("a.mp4 is interlaced: ") for line in said] == [True]
+    dark = np.full((layout.camera.height_px, layout.camera.width_px), 4000, np.uint16)
+    assert cv2.imwrite(str(tmp_path / "a.png"), dark)
+    find_drift_files([tmp_path / "a.png"], layout, tmp_path / "layout.json", said.append)
+    assert "the lowest 12 of these bits" in said[1]
 
 
 def test_a_nominal_layout_is_refused(default_layout: Layout) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import stat
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,37 @@ def test_models_are_refused_in_one_line(tmp_path: Path, name: str, content: str 
     assert line.startswith(f"{path}: ")
     assert message in line
     assert len(line) <= len(str(path)) + 302
+
+
+class Notes(Value):
+    """A file of many notes."""
+
+    listed: tuple[Note, ...] = ()
+    named: dict[str, Note] = Field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"listed": [0] * 200_000}, "listed.0: Input should be an object"),
+        ({"listed": [{"text": "a"}] * 20_000 + [0] * 200_000}, "listed.20000: Input should be an object"),
+        ({"named": {f"k{number}": 0 for number in range(200_000)}}, "named.k0: Input should be an object"),
+        ({f"k{number}": 0 for number in range(200_000)}, "k0: not known (and 999 more)"),
+        ({"listed": [{f"k{number}": 0 for number in range(200_000)}]}, "listed.0.k0: not known (and 1000 more)"),
+    ],
+)
+def test_long_lists_and_tables_are_refused_by_their_first_items(data: Any, message: str) -> None:
+    tracemalloc.start()
+    try:
+        assert refusal(files.model_from, Notes, "notes.json", data) == f"notes.json: {message}"
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_tables_of_many_names_are_read() -> None:
+    data = {"named": {f"k{number}": {"text": "a"} for number in range(20_000)}}
+    assert len(files.model_from(Notes, "notes.json", data).named) == 20_000
 
 
 @pytest.mark.parametrize("read", [files.read_bytes, files.read_json, lambda path: files.read_model(Note, path)])

@@ -102,7 +102,7 @@ LONG_KEY = ".".join(["a"] * 100_000).encode()
         (b'a = """\n' + b'\\"""\n' * 100_000 + b"\\", "not valid TOML"),
         (b"a = 1\n" * 2, "Cannot overwrite"),
         (b"\xff", "no text in UTF-8"),
-        (b"#" * 1_000_001, "is larger than 1 MB"),
+        (b"#" * 250_001, "is larger than 0.25 MB"),
     ],
 )
 def test_hostile_toml_is_refused_at_once(raw: bytes, message: str) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
 from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import readable
+from mirrorcam.optics.base.files import readable, refuse_pointer
 from mirrorcam.optics.base.messages import shortened
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
@@ -51,6 +51,7 @@ def format_of(path: Path) -> Format:
         If no format detects it.
     """
     with readable(path):
+        refuse_pointer(path)
         found = next((each for each in formats().values() if each.detect(path)), None)
     if found is not None:
         return found

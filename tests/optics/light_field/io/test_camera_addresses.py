@@ -28,7 +28,7 @@ from mirrorcam.optics.light_field.io.camera_addresses import PATIENCE, camera, s
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.live_camera import LiveCamera
 from tests.optics.light_field.io.rtsp_server import PAYLOAD, rtp_packets, rtsp_served
-from tests.optics.light_field.io.videos import RATE, damage, number_in, pictures, write_h264, write_mjpeg
+from tests.optics.light_field.io.videos import RATE, damage, number_in, pictures, write_h264, write_mjpeg, write_ramps
 
 COUNT = 20
 
@@ -95,6 +95,15 @@ def test_what_to_know_of_a_recording_is_said_once(tmp_path: Path) -> None:
     path, lines = write_h264(tmp_path / "a.mp4", pictures(3), interlaced=True, matrix=(0, 1, -1, 0)), list[str]()
     assert len(list(camera(str(path), 160, 96, lines.append).frames())) == 3
     assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "to"]
+
+
+def test_pictures_of_many_bits_are_scaled_by_those_in_use(tmp_path: Path) -> None:
+    lines = list[str]()
+    path = write_ramps(tmp_path / "a.mkv", "gray16le", 12, (200, 100, 255))
+    found = list(camera(str(path), 64, 48, lines.append).frames())
+    largest = [int(frame.pixels.max()) for frame in found if isinstance(frame, Frame)]
+    assert largest == pytest.approx([200, 100, 255], abs=1)
+    assert len(lines) == 1 and "the lowest 12 of these bits" in lines[0]
 
 
 def assert_in_time(found: list[Frame | Lost]) -> None:

@@ -16,7 +16,16 @@ from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.video import Video, with_missing
 from mirrorcam.optics.light_field.io.video_pictures import Picture
-from tests.optics.light_field.io.videos import RATE, cut, damage, number_in, pictures, write_h264, write_mjpeg
+from tests.optics.light_field.io.videos import (
+    RATE,
+    cut,
+    damage,
+    number_in,
+    pictures,
+    write_h264,
+    write_mjpeg,
+    write_ramps,
+)
 
 
 def split(items: list[Frame | Lost]) -> tuple[list[Frame], list[Lost]]:
@@ -159,18 +168,7 @@ def test_what_is_no_video_is_refused_in_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("stored", "bits"), [("gray16le", 12), ("gray16le", 16), ("rgb48le", 10), ("gray12le", 12)])
 def test_frames_of_many_bits_are_scaled_alike_by_those_in_use(stored: str, bits: int, tmp_path: Path) -> None:
-    channels = 3 if stored.startswith("rgb") else 1
-    with av.open(str(tmp_path / "a.mkv"), "w") as container:
-        stream: Any = container.add_stream("ffv1", rate=10)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, stored
-        for largest in (100, 255):
-            ramp = np.linspace(0, largest, 48 * 64 * channels).astype("<u2").reshape(48, -1) << (bits - 8)
-            frame = av.VideoFrame(64, 48, stored)
-            lines = np.zeros((48, frame.planes[0].line_size // 2), "<u2")
-            lines[:, : ramp.shape[1]] = ramp
-            frame.planes[0].update(lines.tobytes())
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+    write_ramps(tmp_path / "a.mkv", stored, bits, (100, 255))
     video = Video(tmp_path / "a.mkv")
     frames, lost = split(list(video.frames()))
     assert lost == []

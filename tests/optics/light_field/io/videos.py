@@ -100,3 +100,20 @@ def cut(path: Path, part: float) -> None:
     """Keep only the first part of a file."""
     raw = path.read_bytes()
     path.write_bytes(raw[: int(len(raw) * part)])
+
+
+def write_ramps(path: Path, stored: str, bits: int, largest: tuple[int, ...]) -> Path:
+    """Write frames of 64 x 48 samples of 16 bits, of which the lowest are used: ramps up to given values of 8 bits."""
+    channels = 3 if stored.startswith("rgb") else 1
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("ffv1", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, stored
+        for each in largest:
+            ramp = np.linspace(0, each, 48 * 64 * channels).astype("<u2").reshape(48, -1) << (bits - 8)
+            frame = av.VideoFrame(64, 48, stored)
+            lines = np.zeros((48, frame.planes[0].line_size // 2), "<u2")
+            lines[:, : ramp.shape[1]] = ramp
+            frame.planes[0].update(lines.tobytes())
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
