@@ -83,7 +83,7 @@ def test_hostile_json_is_refused_at_once(raw: bytes, message: str) -> None:
     assert message in refusal(json_value, raw)
 
 
-LONG_KEY = ".".join(["a"] * 100_000).encode()
+LONG_KEY = ".".join(["a"] * 50_000).encode()
 
 
 @pytest.mark.parametrize(
@@ -95,11 +95,11 @@ LONG_KEY = ".".join(["a"] * 100_000).encode()
         (b"a = [1, {" + LONG_KEY + b" = 1}]", "a key of more than"),
         (b'a = {b = """x"""", ' + LONG_KEY + b" = 1}", "a key of more than"),
         (b"'a'." * 1000 + b"b = 1", "a key of more than"),
-        (b"a = " + b"[" * 900_000, "nested deeper"),
+        (b"a = " + b"[" * 200_000, "nested deeper"),
         (b"a = " + b"{a = " * 1000, "nested deeper"),
-        (b"a = 0x" + b"f" * 900_000, "an integer of more than"),
-        (b"a = " + b"1" * 900_000, "an integer of more than"),
-        (b'a = """\n' + b'\\"""\n' * 100_000 + b"\\", "not valid TOML"),
+        (b"a = 0x" + b"f" * 200_000, "an integer of more than"),
+        (b"a = " + b"1" * 200_000, "an integer of more than"),
+        (b'a = """\n' + b'\\"""\n' * 40_000 + b"\\", "not valid TOML"),
         (b"a = 1\n" * 2, "Cannot overwrite"),
         (b"\xff", "no text in UTF-8"),
         (b"#" * 250_001, "is larger than 0.25 MB"),
