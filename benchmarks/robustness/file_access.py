@@ -70,21 +70,23 @@ def _note(found: list[str], path: Any, writes: bool, start: int = -1) -> None:
 
 
 def _is_temporary(path: Path) -> bool:
-    """Whether a path lies in a folder that `tempfile` has made, in Matplotlib's cache, or is a device for nothing."""
+    """Whether a path lies in a folder that `tempfile` has made, is what Python or a library keeps, or is no file."""
     folder = Path(tempfile.gettempdir()).resolve()
     own = (tempfile.gettempprefix(), "mirrorcam-")
     inside = path.is_relative_to(folder) and str(path.relative_to(folder)).startswith(own)
     return (
         inside
         or path in (Path(os.devnull), Path("/dev/full"))
-        or any(path.is_relative_to(place) for place in _matplotlib())
+        or ("__pycache__" in path.parts and any(path.is_relative_to(place) for place in _libraries()))
+        or any(path.is_relative_to(place) for place in _settings())
     )
 
 
 @cache
-def _matplotlib() -> tuple[Path, ...]:
+def _settings() -> tuple[Path, ...]:
+    """Folders of settings and caches of libraries."""
     home = Path.home().resolve()
-    return home / ".config" / "matplotlib", home / ".cache" / "matplotlib"
+    return home / ".config" / "matplotlib", home / ".cache" / "matplotlib", home / ".config" / "ezdxf"
 
 
 @cache

@@ -17,6 +17,8 @@ from types import FrameType
 from benchmarks.robustness.file_access import watched_files
 
 LONGEST_S = 20.0
+LONG_S = 2.0
+"""Processor time within which nearly all attempts are to end."""
 LARGEST_BYTES = 1 << 30
 LONGEST_MESSAGE = 300
 
@@ -45,11 +47,15 @@ class Category:
 
 @dataclass
 class Tally:
-    """Outcome of the attempts of a category: how many were made, and what was wrong, by seed."""
+    """Outcome of the attempts of a category: how many were made, what was wrong and which took long, by seed.
+
+    `slow` has the processor time of those that took more than `LONG_S`.
+    """
 
     category: str
     tried: int = 0
     wrong: dict[int, str] = field(default_factory=dict)
+    slow: dict[int, float] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property
@@ -61,13 +67,16 @@ def tally(category: Category, seeds: Sequence[int], workers: int) -> Tally:
     """Make the attempts of a category with these seeds, in worker processes."""
     begun, found = time.monotonic(), Tally(category.name)
     # A new process for each worker: a crash or memory of one attempt is not that of another.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for seed, wrong in zip(
+    # It makes one attempt beforehand, in which it loads what all attempts need.
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _watched, ((category, seeds[0]),)) as pool:
+        for seed, (wrong, taken_s) in zip(
             seeds, pool.map(_watched, [(category, seed) for seed in seeds], chunksize=16), strict=True
         ):
             found.tried += 1
             if wrong:
                 found.wrong[seed] = wrong
+            if taken_s > LONG_S:
+                found.slow[seed] = taken_s
     found.seconds = time.monotonic() - begun
     return found
 
@@ -80,9 +89,11 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise _TookTooLong
 
 
-def _watched(task: tuple[Category, int]) -> str:
+def _watched(task: tuple[Category, int]) -> tuple[str, float]:
     category, seed = task
-    return watched(category.attempt, seed, category.longest_s)
+    begun = time.process_time()
+    wrong = watched(category.attempt, seed, category.longest_s)
+    return wrong, time.process_time() - begun
 
 
 def watched(attempt: Attempt, seed: int, longest_s: float = LONGEST_S) -> str:
@@ -114,9 +125,13 @@ def refused_well(message: str) -> str:
 
 def lines(tallies: Sequence[Tally], shown: int = 5) -> Iterator[str]:
     """The table of the tallies, and the first wrong outcomes of each."""
-    yield f"{'category':<28}{'tried':>8}{'right':>8}{'wrong':>8}{'s':>8}"
+    past = f"past {LONG_S:g} s"
+    yield f"{'category':<28}{'tried':>8}{'right':>8}{'wrong':>8}{past:>10}{'s':>8}"
     for each in tallies:
-        yield f"{each.category:<28}{each.tried:>8}{each.right:>8}{len(each.wrong):>8}{each.seconds:>8.0f}"
+        counts = f"{each.tried:>8}{each.right:>8}{len(each.wrong):>8}{len(each.slow):>10}"
+        yield f"{each.category:<28}{counts}{each.seconds:>8.0f}"
     for each in tallies:
         for seed, wrong in list(each.wrong.items())[:shown]:
             yield f"{each.category}, seed {seed}: {wrong[:200]}"
+        for seed, taken_s in list(each.slow.items())[:shown]:
+            yield f"{each.category}, seed {seed}: {taken_s:.1f} s of processor time"

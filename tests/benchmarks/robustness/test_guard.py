@@ -59,9 +59,9 @@ def test_messages_are_one_short_line() -> None:
 
 
 def test_the_table_counts_and_shows_what_is_wrong() -> None:
-    table = list(lines([Tally("layouts", 10, {3: "traceback: KeyError"}, 2.0)]))
-    assert table[1].split() == ["layouts", "10", "9", "1", "2"]
-    assert table[2] == "layouts, seed 3: traceback: KeyError"
+    table = list(lines([Tally("layouts", 10, {3: "traceback: KeyError"}, {5: 2.5}, 4.0)]))
+    assert table[1].split() == ["layouts", "10", "9", "1", "1", "4"]
+    assert table[2:] == ["layouts, seed 3: traceback: KeyError", "layouts, seed 5: 2.5 s of processor time"]
 
 
 def faulty(seed: int, folder: Path) -> str:
