@@ -116,7 +116,8 @@ def runs_along_cut(
     """Return whether a groove runs along a cut across one of two axes (3,) so near that a thin wall would be left."""
     volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
     for axis, places in zip(axes[:2], cuts_mm, strict=True):
-        if np.degrees(np.arcsin(abs(axis @ mirror.rig_from_plane[:3, 1]))) > ALONG_DEG:
+        across = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # by rounding, it may be a little more
+        if np.degrees(np.arcsin(across)) > ALONG_DEG:
             continue
         reach = np.vstack([volume.base, volume.top]) @ axis
         if any(reach.min() - wall < place < reach.max() + wall for place in places):
