@@ -14,7 +14,7 @@ from mirrorcam.optics.base.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.pages.run_report import Report, highlights, index_html
 
-VOID = {"meta", "img", "link", "br"}
+VOID = {"meta", "img", "input", "link", "br"}
 
 
 class Outline(HTMLParser):
