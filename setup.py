@@ -1,8 +1,6 @@
-"""Which folder holds which package: one import package, `mirrorcam`, from four folders.
+"""One import package, `mirrorcam`, from four folders; everything else about the distribution is in `pyproject.toml`."""
 
-Everything else about the distribution is in `pyproject.toml`.
-"""
-
+import os
 import shutil
 from pathlib import Path
 
@@ -10,12 +8,22 @@ from setuptools import find_packages, setup
 from setuptools.command.build_py import build_py
 from setuptools.command.editable_wheel import editable_wheel
 
-FOLDERS = {
-    "mirrorcam": "src/mirrorcam",
-    "mirrorcam.optics": "optics",
-    "mirrorcam.cad": "cad",
-    "mirrorcam.render_scenes": "render_scenes",
-}
+LINKED = ("optics", "cad", "render_scenes")
+FOLDERS = {"mirrorcam": "src/mirrorcam"} | {f"mirrorcam.{name}": name for name in LINKED}
+
+
+def link(name: str) -> None:
+    """Link a folder of the checkout into the package: a junction on Windows, where symbolic links need privileges."""
+    place, folder = Path("src/mirrorcam", name), Path(name)
+    if os.path.lexists(place):
+        if not (place.exists() and place.samefile(folder)):
+            raise SystemExit(f"{place}: expected a link to {folder.absolute()}; move away what is there")
+    elif os.name == "nt":
+        import _winapi
+
+        _winapi.CreateJunction(str(folder.absolute()), str(place.absolute()))
+    else:
+        place.symlink_to(Path("../..", name))
 
 
 class BuildAnew(build_py):
@@ -25,32 +33,32 @@ class BuildAnew(build_py):
     """
 
     def run(self) -> None:
-        if not self.editable_mode:
-            shutil.rmtree(self.build_lib, ignore_errors=True)
+        if self.editable_mode:
+            return
+        shutil.rmtree(self.build_lib, ignore_errors=True)
         super().run()
-        if not self.editable_mode:
-            self.copy_file("constraints.txt", str(Path(self.build_lib, "mirrorcam", "constraints.txt")))
+        self.copy_file("constraints.txt", str(Path(self.build_lib, "mirrorcam", "constraints.txt")))
 
 
 class EditableFromSrc(editable_wheel):
-    """Puts `src` on the path, where `mirrorcam` finds its other packages by itself.
-
-    The import hook that setuptools would install for four folders is asked only after the whole path was searched: a
-    folder named `mirrorcam` in the working directory, such as a checkout, would hide the package.
-    """
+    """Puts `src` on the path, in which links complete the package: tools that read files see what Python imports."""
 
     def finalize_options(self) -> None:
+        for name in LINKED:
+            link(name)
         self.distribution.package_dir = {"": "src"}
-        self.distribution.packages = find_packages("src")
         super().finalize_options()
 
 
 setup(
     package_dir=FOLDERS,
-    packages=[
-        package
-        for root, folder in FOLDERS.items()
-        for package in (root, *(f"{root}.{inside}" for inside in find_packages(folder)))
-    ],
+    # A set: where the links are, `find_packages` sees the linked packages in `src/mirrorcam` too.
+    packages=sorted(
+        {
+            package
+            for root, folder in FOLDERS.items()
+            for package in (root, *(f"{root}.{inside}" for inside in find_packages(folder)))
+        }
+    ),
     cmdclass={"build_py": BuildAnew, "editable_wheel": EditableFromSrc},
 )

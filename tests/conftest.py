@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+if find_spec("mirrorcam.optics") is None:
+    sys.exit('The checkout is not installed. Run: pip install -e ".[all,dev]"')
 
 from mirrorcam.optics.geometry.layout import Layout
 

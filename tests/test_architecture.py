@@ -201,20 +201,6 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 
 @pytest.mark.parametrize(
-    "path",
-    sorted(path for name in ("tests", "benchmarks", "docs", "examples") for path in (ROOT / name).rglob("*.py")),
-    ids=lambda path: path.relative_to(ROOT).as_posix(),
-)
-def test_nothing_imports_the_folders_by_their_bare_names(path: Path) -> None:
-    bare = [
-        name
-        for _, name in imported(path.read_text(encoding="utf-8"), "tests", is_package=True)
-        if name.partition(".")[0] in {"optics", "cad", "render_scenes"}
-    ]
-    assert bare == []
-
-
-@pytest.mark.parametrize(
     ("source", "module", "complaint"),
     [
         ("import mirrorcam.cad", "mirrorcam.optics.geometry.layout", "1 imports mirrorcam.cad"),

@@ -7,14 +7,9 @@ Importing it is cheap: a name is looked up in its module when it is first used. 
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 __version__ = "0.2.0"
-
-if not Path(__path__[0], "optics").is_dir():
-    # A checkout: optics, cad and render_scenes are folders beside `src`; an installed wheel has them in here.
-    __path__.append(str(Path(__file__).resolve().parents[2]))
 
 __all__ = [
     "AprilGrid",

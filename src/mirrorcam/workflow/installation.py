@@ -90,7 +90,8 @@ def installation() -> Installation:
 
 def versions_tested() -> dict[str, str]:
     """Version by normalised name of every distribution that was there when the tests passed: `constraints.txt`."""
-    places = (Path(folder, CONSTRAINTS) for folder in mirrorcam.__path__)  # in a checkout, the second is its root
+    folder = Path(mirrorcam.__file__).parent
+    places = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # of a wheel, of a checkout
     text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
     return {normalised(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)}
 

@@ -51,5 +51,5 @@ def test_what_is_missing_is_named_and_stops_nothing(monkeypatch: pytest.MonkeyPa
 
 def test_an_installed_wheel_reads_the_constraints_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "constraints.txt").write_text("# Comment\nSome_Thing==1.2.3\nother==4\n")
-    monkeypatch.setattr(mirrorcam, "__path__", [str(tmp_path)])
+    monkeypatch.setattr(mirrorcam, "__file__", str(tmp_path / "__init__.py"))
     assert versions_tested() == {"some-thing": "1.2.3", "other": "4"}
