@@ -86,7 +86,7 @@ def _is_temporary(path: Path) -> bool:
 def _settings() -> tuple[Path, ...]:
     """Folders of settings and caches of libraries."""
     home = Path.home().resolve()
-    return home / ".config" / "matplotlib", home / ".cache" / "matplotlib", home / ".config" / "ezdxf"
+    return tuple(home / kept / name for kept in (".config", ".cache") for name in ("matplotlib", "ezdxf"))
 
 
 @cache

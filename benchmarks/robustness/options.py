@@ -49,8 +49,8 @@ OUTPUTS = (
     *("out", ".", "..", "new\nline", "\N{SNOWMAN}", "a" * 300, "a/b/c", "layout.json", "", "x\x00y"),
     *("page.pdf", "page.svg", "a.png"),
 )
-SLOW = ("run", "design", "sweep", "cad", "render", "scene", "picture", "calibrate", "validate")
-"""Commands whose work is left out: their options are read, no more."""
+SLOW = ("run", "design", "studio", "sweep", "cad", "render", "scene", "picture", "calibrate", "validate")
+"""Commands whose work, which takes long or does not end, is left out: their options are read, no more."""
 
 
 @cache

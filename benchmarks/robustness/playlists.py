@@ -14,6 +14,7 @@ from contextlib import chdir, contextmanager
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from threading import Timer
 from unittest.mock import patch
 
 import numpy as np
@@ -32,6 +33,8 @@ from mirrorcam.workflow.live_source import open_source
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
 ANSWER_S = 0.2
 """Time for which a stream is waited for."""
+GIVEN_UP_S = 1.0
+"""Time after which a camera that was opened is left."""
 TARGETS = ("other.mkv", "frame_01.png", "other.sub", "other.M00")
 """Names of videos that lie beside the file that is read, and in the folder above it."""
 PREFIXES = (
@@ -200,9 +203,13 @@ def _live(name: str) -> None:
 
 
 def _device(name: str) -> None:
-    """Open a camera as `decode --device` does."""
-    for _ in islice(camera_addresses.camera(name, WIDTH, HEIGHT).frames(), 3):
+    """Open a camera as `decode --device` does; one that gives nothing, such as a stream that nobody sends, is left."""
+    source = camera_addresses.camera(name, WIDTH, HEIGHT)
+    given_up = Timer(GIVEN_UP_S, source.stop)
+    given_up.start()
+    for _ in islice(source.frames(), 3):
         pass
+    given_up.cancel()
 
 
 def attempt(seed: int, folder: Path) -> str:
