@@ -64,10 +64,7 @@ LAYERS = {
         *("plan", "splitting", "mirrors", "holder", "parts", "backs", "assembly"),
         *("write", "checks", "elasticity", "documents", ""),
     ),
-    "mirrorcam.render_scenes": (
-        *("", "boards", "truth", "reference", "fast", "sets", "suites", "tabletop", "preview"),
-        *("depth_scenes",),
-    ),
+    "mirrorcam.render_scenes": ("", "boards", "truth", "reference", "fast", "sets", "suites", "tabletop", "preview"),
     "mirrorcam": ("console", "pages", "pages.calibration", "figures", "workflow", "studio", "commands", ""),
 }
 # Neighbours that do without each other, whatever their order above.

@@ -17,7 +17,7 @@ from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
 # Packages and modules that no set depends on.
 UNRELATED_OPTICS = ("alignment", "calibration", "drift", "exports", "light_field", "scoring")
-UNRELATED_SCENES = ("depth_scenes", "preview", "suites", "tabletop")
+UNRELATED_SCENES = ("preview", "suites", "tabletop")
 RECIPE = "mirrorcam.render_scenes.suites.recipe"
 
 

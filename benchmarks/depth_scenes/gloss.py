@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
-from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, tube, turned
+from benchmarks.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
+from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
+from benchmarks.depth_scenes.surfaces import ball, block, sheet, tube, turned
 from mirrorcam.render_scenes.tabletop.textures import texture
 
 # Radii and heights of what is turned.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.patterns import plaster
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
-from mirrorcam.render_scenes.depth_scenes.surfaces import ball, block, sheet, turned
+from benchmarks.depth_scenes.patterns import plaster
+from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
+from benchmarks.depth_scenes.surfaces import ball, block, sheet, turned
 
 _COLUMN = ((0.0, 0.0), (150.0, 0.0), (150.0, 60.0), (110.0, 90.0), (100.0, 700.0), (150.0, 760.0), (0.0, 760.0))
 

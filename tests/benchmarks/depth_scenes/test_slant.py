@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, depth_views
+from benchmarks.depth_scenes.rendered_scene import RenderedScene, depth_views
 
 
 def test_most_of_it_is_slanted_and_weak(rendered: Callable[[str], RenderedScene]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, Scene, depth_views
+from benchmarks.depth_scenes.rendered_scene import RenderedScene, Scene, depth_views
 
 
 def test_hundreds_of_leaves_with_the_wall_between_them(

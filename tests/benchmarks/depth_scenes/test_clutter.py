@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, depth_views
+from benchmarks.depth_scenes.rendered_scene import RenderedScene, depth_views
 
 
 def test_narrow_things_and_dark_corners(rendered: Callable[[str], RenderedScene]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mirrorcam.render_scenes.depth_scenes.patterns import (
+from benchmarks.depth_scenes.patterns import (
     SIDE_PX,
     Pattern,
     bricks,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import get_args
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import Kind, Scene
+from benchmarks.depth_scenes.rendered_scene import Kind, Scene
 
 
 def test_every_kind_of_finish_is_there(scene: Callable[[str], Scene]) -> None:

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.depth_scenes.patterns import Pattern
+from benchmarks.depth_scenes.surfaces import Surface
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import Views
-from mirrorcam.render_scenes.depth_scenes.patterns import Pattern
-from mirrorcam.render_scenes.depth_scenes.surfaces import Surface
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.tabletop.lit_integrator import RayThrough, render_lit
 from mirrorcam.render_scenes.tabletop.tabletop_scene import pinhole, pinhole_rays

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from benchmarks.depth_scenes.rendered_scene import VIEWS, RenderedScene, Scene, depth_views
+from benchmarks.depth_scenes.scenes import SCENES
 from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import VIEWS, RenderedScene, Scene, depth_views
-from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
 
 SIZE_PX = 40
 

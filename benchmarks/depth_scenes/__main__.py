@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.depth_scenes.rendered_scene import STEP_MM, RenderedScene, depth_views
+from benchmarks.depth_scenes.scenes import SCENES
 from benchmarks.records import add_json_option, table, write_record
 from mirrorcam.optics.base.pictures import read_image, write_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import STEP_MM, RenderedScene, depth_views
-from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
 
 SPP = 256  # noise of half a grey level in most scenes
 SEED = 1

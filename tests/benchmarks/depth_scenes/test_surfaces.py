@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.depth_scenes.surfaces import Surface, ball, block, joined, leaf, sheet, tube, turned
 from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.render_scenes.depth_scenes.surfaces import Surface, ball, block, joined, leaf, sheet, tube, turned
 
 
 def corners(surface: Surface) -> FloatArray:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.render_scenes.depth_scenes.patterns import stone
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import (
+from benchmarks.depth_scenes.patterns import stone
+from benchmarks.depth_scenes.rendered_scene import (
     FOCUS_MM,
     STEP_MM,
     Finish,
@@ -18,7 +17,8 @@ from mirrorcam.render_scenes.depth_scenes.rendered_scene import (
     depth_views,
     srgb,
 )
-from mirrorcam.render_scenes.depth_scenes.surfaces import block, sheet
+from benchmarks.depth_scenes.surfaces import block, sheet
+from mirrorcam.optics.base.values import InputError
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 SIZE_PX = 48

@@ -7,8 +7,8 @@ from functools import cache
 
 import pytest
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import RenderedScene, Scene
-from mirrorcam.render_scenes.depth_scenes.scenes import SCENES
+from benchmarks.depth_scenes.rendered_scene import RenderedScene, Scene
+from benchmarks.depth_scenes.scenes import SCENES
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
-from mirrorcam.render_scenes.depth_scenes.surfaces import Surface, ball, block, joined, sheet, tube, turned
+from benchmarks.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
+from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
+from benchmarks.depth_scenes.surfaces import Surface, ball, block, joined, sheet, tube, turned
 from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
 
 _FRONT_MM, _DEPTH_MM, _BOARD_MM = 3000.0, 320.0, 16.0

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mirrorcam.render_scenes.depth_scenes.rendered_scene import FOCUS_MM, RenderedScene, depth_views
+from benchmarks.depth_scenes.rendered_scene import FOCUS_MM, RenderedScene, depth_views
 
 
 def test_every_side_cuts_something_near_and_something_else(rendered: Callable[[str], RenderedScene]) -> None:
