@@ -41,13 +41,13 @@ SMOOTH = 300.0
 """Inverse variance of second differences of a surface, 1/px^2 of the farthest view's motion."""
 EDGE_PX = 0.15
 """Second difference, px of the farthest view's motion, from which on there is probably a depth edge."""
-HELD = 1.0
-"""Inverse variance with which a value is held where it was, 1/px^2."""
+ANCHOR = 1.0
+"""Inverse variance with which a value is drawn to where it was, 1/px^2."""
 LEAST_AGREEING = np.float32(1e-6)
 SHARED_POWER = 0.8
 """Views share errors, those of the reference view's slopes: of many, the information counts for less than its sum."""
-LONGEST_PX, LONGEST_BESIDE_PX = 1.0, 0.15
-"""Longest way of a value from where it was, px of the farthest view's motion: elsewhere, and beside a depth edge."""
+LONGEST_PX, LONGEST_AT_EDGE_PX = 1.0, 0.15
+"""Largest change of a value, px of the farthest view's motion: away from depth edges, and at them."""
 JUMP_PX = 0.6
 """Difference within 3x3 pixels, px of the farthest view's motion, that is a depth edge."""
 
@@ -84,41 +84,46 @@ class Match:
         return replace(self, residual=np.maximum(self.residual + fewer, np.float32(0.0)))
 
 
-def _solved(held: Float32, across: Float32, down: Float32, target: Float32, start: Float32, rounds: int) -> Float32:
-    """Values (v, u) near `target` / `held` whose second differences are small (conjugate gradients, Jacobi scaling)."""
+def _solved(
+    anchors: Float32, across: Float32, down: Float32, target: Float32, start: Float32, iterations: int
+) -> Float32:
+    """Solve A x = target for a map x (v, u), from `start`, by conjugate gradients with a Jacobi preconditioner.
+
+    A is the diagonal `anchors` plus the second differences across and down, with their weights.
+    """
     work: Any = np.empty_like(start), np.empty_like(start)
-    out = np.empty_like(start)
+    product = np.empty_like(start)
 
-    def matrix(values: Float32) -> Float32:
+    def times_a(values: Float32) -> Float32:
         bends(values, across, down, *work)
-        applied(held, values, *work, out)
-        return out
+        applied(anchors, values, *work, product)
+        return product
 
-    def beside(weights: Float32, axis: int) -> Float32:
+    def neighbours(weights: Float32, axis: int) -> Float32:
         return np.roll(weights, 1, axis) + np.roll(weights, -1, axis)
 
     four = np.float32(4.0)
-    scaling = 1.0 / (held + four * (across + down) + beside(across, 1) + beside(down, 0))
-    values = start.copy()
-    left = target - matrix(values)
-    scaled = scaling * left
-    way = scaled.copy()
-    size = float(np.vdot(left, scaled))
-    for _ in range(rounds):
-        moved = matrix(way)
-        length = np.float32(size / max(float(np.vdot(way, moved)), 1e-30))
-        values += length * way
-        left -= length * moved
-        np.multiply(scaling, left, out=scaled)
-        before, size = size, float(np.vdot(left, scaled))
-        way *= np.float32(size / max(before, 1e-30))
-        way += scaled
-    return values
+    inverse_diagonal = 1.0 / (anchors + four * (across + down) + neighbours(across, 1) + neighbours(down, 0))
+    x = start.copy()
+    r = target - times_a(x)
+    z = inverse_diagonal * r
+    p = z.copy()
+    rz = float(np.vdot(r, z))
+    for _ in range(iterations):
+        ap = times_a(p)
+        alpha = np.float32(rz / max(float(np.vdot(p, ap)), 1e-30))
+        x += alpha * p
+        r -= alpha * ap
+        np.multiply(inverse_diagonal, r, out=z)
+        rz_before, rz = rz, float(np.vdot(r, z))
+        p *= np.float32(rz / max(rz_before, 1e-30))
+        p += z
+    return x
 
 
 def slopes_of(picture: Float32) -> Float32:
     """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
-    return np.stack([cv2.Scharr(picture, cv2.CV_32F, *way, scale=1.0 / 32.0) for way in ((1, 0), (0, 1))])
+    return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
 
 
 def unshared(views: int) -> float:
@@ -154,7 +159,7 @@ class SlopePicture:
     @cached_property
     def derivatives(self) -> Float32:
         """Slopes (2, 2, v, u) of each slope, across and down."""
-        return np.stack([slopes_of(self.slopes[..., way]) for way in range(2)])
+        return np.stack([slopes_of(self.slopes[..., axis]) for axis in range(2)])
 
     @cached_property
     def variance(self) -> Float32:
@@ -191,23 +196,25 @@ class Refiner:
         return found, terms.gradient / reach
 
     def refined(
-        self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, rounds: int
+        self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture], steps: int, iterations: int
     ) -> tuple[Float32, Match, Float32]:
-        """The map (v, u) after some steps, each solved in a number of rounds, the match there, and the weight (v, u),
-        0 to 1, of its being smooth."""
+        """Refine a map (v, u) by Gauss-Newton steps, each solved in a number of iterations of conjugate gradients.
+
+        Returns the map, the match at it, and the weight of its smoothness (v, u), 0 to 1.
+        """
         reach = np.float32(self.sweep.reach_px)
         moved = planes * reach
         first = moved.copy()
-        beside = jumps(moved)
-        longest = np.where(beside, np.float32(LONGEST_BESIDE_PX), np.float32(LONGEST_PX))
-        inside = np.float32(1.0) - beside
-        fewer = np.float32(unshared(len(others)))
+        at_edge = jumps(moved)
+        longest = np.where(at_edge, np.float32(LONGEST_AT_EDGE_PX), np.float32(LONGEST_PX))
+        off_edge = np.float32(1.0) - at_edge
+        share = np.float32(unshared(len(others)))
         for _ in range(steps):
             match, gradient = self.match(moved / reach, reference, others)
             across, down = self._smoothness(moved)
-            say = inside * fewer / self._noise(match)
-            held = match.information * say + np.float32(HELD)
-            solved = _solved(held, across, down, held * moved - gradient * say, moved, rounds)
+            weight = off_edge * share / self._noise(match)
+            anchors = match.information * weight + np.float32(ANCHOR)
+            solved = _solved(anchors, across, down, anchors * moved - gradient * weight, moved, iterations)
             before, moved = moved, np.clip(solved, first - longest, first + longest)
         across, down = self._smoothness(moved)
         return moved / reach, match.after(gradient, moved - before), np.minimum(across, down) * np.float32(1.0 / SMOOTH)
