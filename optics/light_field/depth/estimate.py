@@ -51,15 +51,28 @@ SMALLEST_PX = 16
 
 @dataclass(frozen=True)
 class _Effort:
-    """Of a quality: how often pictures are halved for the first search and for the last, rounds along leaning surfaces
-    in the first, whether it is done again with what hides what, steps of refinement, and rounds of their solver."""
+    """How much work a quality takes.
 
-    first: int
-    last: int
-    rounds: int
-    again: bool
+    Attributes
+    ----------
+    first_halvings, last_halvings
+        How often pictures are halved for the first search and for the last.
+    slanted_rounds
+        Rounds of the first search along slanted surfaces.
+    with_occlusion
+        Whether each search is repeated with what the first result hides from each view.
+    steps
+        Gauss-Newton steps of the refinement.
+    iterations
+        Iterations of conjugate gradients in each step.
+    """
+
+    first_halvings: int
+    last_halvings: int
+    slanted_rounds: int
+    with_occlusion: bool
     steps: int
-    solver: int
+    iterations: int
 
 
 EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
@@ -131,10 +144,10 @@ class DepthEstimator:
             return Size.of(self.views, self.near_mm, self.far_mm, halvings, most)
 
         most = max(int(np.log2(min(self.views.width_px, self.views.height_px) / SMALLEST_SEARCHED_PX)), 0)
-        first = size(min(self._effort.first, most), MOST_SEARCHED)
+        first = size(min(self._effort.first_halvings, most), MOST_SEARCHED)
         while first.cells > MOST_CELLS and first.halvings < most:
             first = size(first.halvings + 1, MOST_SEARCHED)
-        return [first, *(size(halvings) for halvings in range(first.halvings - 1, self._effort.last - 1, -1))]
+        return [first, *(size(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
 
     @property
     def planes(self) -> int:
@@ -162,21 +175,22 @@ class DepthEstimator:
         found, others = self._searched(reference, others)
         planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
         own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
-        planes, match, smooth = self._refiner.refined(planes, own, slopes, self._effort.steps, self._effort.solver)
+        steps, iterations = self._effort.steps, self._effort.iterations
+        planes, match, smooth = self._refiner.refined(planes, own, slopes, steps, iterations)
         return self._depth_map(planes, match, smooth, found, reference.known)
 
     def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:
         """What is found, and the other views made as bright as the reference view."""
         size, *larger = self._sizes
-        found = search(size, reference, others, self._run, rounds=self._effort.rounds)
+        found = search(size, reference, others, self._run, rounds=self._effort.slanted_rounds)
         gains = self._gains(reference, others, self._full.enlarged(found, size).planes)
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
-        if self._effort.again:
+        if self._effort.with_occlusion:
             found = search(size, reference, others, self._run, known=found)
         everywhere = self._full.enlarged(found, size).rivals
         for each in larger:
             known = each.enlarged(found, size)
-            for _ in range(1 + self._effort.again):
+            for _ in range(1 + self._effort.with_occlusion):
                 ranges = range_around(known.planes, each.sweep.planes)
                 if ranges.cells > MOST_NEAR_CELLS:
                     return _Found(self._full.enlarged(found, size), everywhere, size.halvings > 0), others

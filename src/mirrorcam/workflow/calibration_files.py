@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -99,8 +98,8 @@ def calibrate_files(
         return _calibrate_directly(request, target, progress, on_hint, tell)
     layout = Layout.load(request.layout)
     if request.corners:
-        given = _from_corners(request, layout, target)
-        return _with_surface(request, layout, given, given)
+        fit_corners = _fit_to_corners(request, layout, target)
+        return fit_corners(_model(request, layout, fit_corners))
     seen, base = (
         calibration_pictures(paths, most, camera=layout.camera, tell=tell)
         for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
@@ -114,42 +113,48 @@ def calibrate_files(
                 planner.add(pose, found[-1])
             on_hint(seen.names[len(found) - 1], planner.next())
 
-    calibrated = partial(
-        calibrate,
-        seen.pictures,
-        base.pictures,
-        target=target,
-        lens=request.lens,
-        detections=request.detections,
-        workers=cores(),
-        most=(seen.most, base.most),
-        names=(seen.labels, base.labels),
-        on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
-    )
-    return _with_surface(request, layout, calibrated, partial(calibrated, on_seen=hint))
+    def fit(model: _Model, on_seen: Callable[[Sequence[Observations]], None] = lambda found: None) -> Calibration:
+        return calibrate(
+            seen.pictures,
+            base.pictures,
+            model.layout,
+            target,
+            level=model.level,
+            extend=model.extend,
+            lens=request.lens,
+            detections=request.detections,
+            workers=cores(),
+            most=(seen.most, base.most),
+            names=(seen.labels, base.labels),
+            on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
+            on_seen=on_seen,
+        )
+
+    return fit(_model(request, layout, fit), on_seen=hint)
 
 
-def _with_surface(
-    request: CalibrationRequest,
-    layout: Layout,
-    calibrated: Callable[..., Calibration],
-    finally_calibrated: Callable[..., Calibration],
-) -> Calibration:
-    """Calibrate with mirrors of the requested surface, twice where the thickness of their plates is to be found."""
-    level, extend = request.level, False
+@dataclass(frozen=True)
+class _Model:
+    """What is fitted: mirrors as of a layout, a level (None: chosen by evidence), and whether levels above it count."""
+
+    layout: Layout
+    level: str | None
+    extend: bool = False
+
+
+def _model(request: CalibrationRequest, layout: Layout, fit: Callable[[_Model], Calibration]) -> _Model:
+    """The model for mirrors of the requested surface; `fit` is called where the thickness of plates is to be found."""
     if request.surface == "second" and not layout.mirrors[0].is_second_surface:
-        # Where ghost images are depends on the thickness, which the pictures tell better than a plate's drawing does.
-        first = calibrated(layout=layout, level="joint")
-        seen_through = first.diagnostics.other_surface if first.diagnostics is not None else None
-        layout = layout.with_surface("second", None if seen_through is None else seen_through.thickness_mm)
-        level, extend = ("joint+sheet", True) if level is None else (level, False)
-    elif request.surface == "first":
-        layout = layout.with_surface("first")
-    return finally_calibrated(layout=layout, level=level, extend=extend)
+        # The thickness decides where ghost images are; the pictures tell it better than the drawing of a plate.
+        first = fit(_Model(layout, "joint"))
+        other_surface = first.diagnostics.other_surface if first.diagnostics is not None else None
+        layout = layout.with_surface("second", None if other_surface is None else other_surface.thickness_mm)
+        return _Model(layout, "joint+sheet", extend=True) if request.level is None else _Model(layout, request.level)
+    return _Model(layout.with_surface("first") if request.surface == "first" else layout, request.level)
 
 
-def _from_corners(request: CalibrationRequest, layout: Layout, target: Target) -> Callable[..., Calibration]:
-    """The calibration, of layout, level and extend, from the tables of corners."""
+def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target) -> Callable[[_Model], Calibration]:
+    """A function that fits a model to the corners in the tables of a request."""
     corners_mm = target.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
     seen = [picture for table in tables for picture in table.seen.items()]
@@ -159,20 +164,20 @@ def _from_corners(request: CalibrationRequest, layout: Layout, target: Target) -
     if request.level is not None:
         additions_of(request.level)
 
-    def calibrated(layout: Layout, level: str | None, *, extend: bool = False) -> Calibration:
+    def fit(model: _Model) -> Calibration:
         found = calibrate_corners(
             [corners for _, corners in seen],
             [corners for _, corners in base],
-            layout,
+            model.layout,
             corners_mm,
-            level=level,
-            extend=extend,
+            level=model.level,
+            extend=model.extend,
             lens=request.lens,
             names=[name for name, _ in (*seen, *base)],
         )
         return replace(found, notes=(*(note for table in tables for note in table.notes), *found.notes))
 
-    return calibrated
+    return fit
 
 
 def _calibrate_directly(
