@@ -73,19 +73,14 @@ def _line(cells: Sequence[str]) -> str:
 
 
 class Record(Value):
-    """What one command measured.
-
-    A transcribed record was typed into the document before there were records: its date and commit are those with
-    which the document took these figures, and its machine is what the document says of it.
-    """
+    """What one command measured."""
 
     command: str
     date: datetime.date
     commit: str
     changed: bool = False
     """Whether tracked files differed from the commit."""
-    machine: Machine | str
-    transcribed: bool = False
+    machine: Machine
     values: dict[str, Figure] = Field(default_factory=dict)
     table: Table | None = None
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.camera_cells import ADAPTERS, CAMERAS, Cell, built
+from benchmarks.camera_cells import CAMERAS, Cell, built
 from benchmarks.cameras import (
     CHECKS,
     CLIP_HEAD,
@@ -19,8 +19,6 @@ from benchmarks.cameras import (
     print_table,
     row_of,
 )
-from benchmarks.records import Records
-from docs.make_measured import MEASURED
 from mirrorcam.optics.base.values import Metric
 
 FAILED = {"mount.tilt_deg": Metric(value=0.06, unit="deg", limit=0.05)}
@@ -124,13 +122,3 @@ def test_a_file_that_is_none_of_cells_is_bad_input(tmp_path: Path, capsys: pytes
         main([str(path), "--tables"])
     assert ended.value.code == 2
     assert "cells.jsonl:1" in capsys.readouterr().err
-
-
-def test_the_table_of_the_documentation_has_the_form_of_the_script() -> None:
-    documented = Records.load(MEASURED).records["cameras_clips"].table
-    assert documented is not None
-    assert documented.columns == CLIP_HEAD
-    names = [row[0].strip("`") for row in documented.rows]
-    assert names == sorted(names)
-    assert {"c920", "board_38"} <= set(names) <= set(CAMERAS)
-    assert len(ADAPTERS) == 9

@@ -66,7 +66,6 @@ def test_a_record_says_where_it_is_from(tmp_path: Path) -> None:
     record = Records.load(tmp_path / "a.json").records["one"]
     assert record.machine == this_machine()
     assert record.commit == records._git("rev-parse", "--short=12", "HEAD")
-    assert not record.transcribed
     here = this_machine()
     assert here.cores >= 1
     assert here.memory_gb > 0
