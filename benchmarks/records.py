@@ -1,7 +1,7 @@
 """Records of what benchmarks measure: figures and tables, with the command, the machine, the date and the commit.
 
-A benchmark with `--json FILE` adds its record to FILE (`add_json_option`, `write_record`), and
-`python -m docs.make_measured --take FILE` puts it into docs/measured.json, from which the documents are written.
+A benchmark with `--json FILE` adds its record to FILE (`add_json_option`, `write_record`). `python -m
+docs.make_measured` writes docs/measured.md from those in docs/measured.json.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Record(Value):
     date: datetime.date
     commit: str
     changed: bool = False
-    """Whether tracked files differed from the commit."""
+    """Whether tracked files other than docs/measured.json differed from the commit."""
     machine: Machine
     values: dict[str, Figure] = Field(default_factory=dict)
     table: Table | None = None
@@ -185,7 +185,7 @@ def record_of(
         command=command,
         date=datetime.datetime.now(datetime.UTC).date(),
         commit=_git("rev-parse", "--short=12", "HEAD"),
-        changed=bool(_git("status", "--porcelain", "--untracked-files=no")),
+        changed=bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs/measured.json")),
         machine=this_machine(gpu),
         values=dict(values or {}),
         table=table,

@@ -1,0 +1,134 @@
+"""Write docs/measured.md from docs/measured.json: `python -m docs.make_measured`.
+
+Benchmarks write the records: `python -m benchmarks.NAME --json docs/measured.json`. A line `record | figure | value` of
+`TEMPLATE` becomes a row of a table. In its value, `{name:format}` is a value of the record, and `{row/column}` a cell
+of the record's table, columns counted from 0 after the row's name.
+"""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from benchmarks.records import ROOT, Record, Records
+from mirrorcam.optics.base.files import write_text
+
+RECORDS, PAGE = ROOT / "docs" / "measured.json", ROOT / "docs" / "measured.md"
+HEAD = "| figure | value | command | date | commit |\n|---|---|---|---|---|"
+
+TEMPLATE = """\
+# Measured figures
+
+Each figure with the command that measures it. `python -m docs.make_measured` writes this page from
+[measured.json](measured.json), which the benchmarks write. Pictures are rendered unless a row says "real"; how a real
+setup differs, and how much that matters, is in [idealisations.md](idealisations.md).
+
+## Default run
+
+A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard
+deviations). Limits are in the run's report.
+
+default_run | grid error, in grid spacings | {design.grid_error:.3f}
+default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
+design_start | the same for the faceted parabola | {parabola_120.usable_efficiency_300mm:.2f}
+default_run | predicted standard deviation of depth at 300 mm | {design.depth_sigma_300mm:.2f} mm
+default_run | rays blocked by parts | {cad.device.rays_blocked:.0f} of {cad.device.rays_cast:,.0f}
+default_run | mass, plastic as solid | {cad.device.mass_g:.0f} g
+default_run | price of the parts, webcam included | {cad.device.price:.0f} EUR
+default_run | printing time | {cad.device.print_minutes:,.0f} min
+default_run | worst mirror normal against the truth | {validation.normal_error_max_deg:.4f}°
+default_run | worst mirror distance against the truth | {validation.distance_error_max_mm:.3f} mm
+default_run | held-out corners, RMS x / y | {validation.held_out_rms_x_px:.3f} / {validation.held_out_rms_y_px:.3f} px
+default_run | held-out corners in space, RMS | {validation.held_out_spatial_rms_mm:.3f} mm
+default_run | corners in decoded views, RMS | {validation.decoded_corner_rms_px:.3f} px
+
+## Calibration
+
+NEES is the squared error over the stated variance, 1 where the uncertainty is right. A phone took the real
+photographs, of a board before two mirrors; in the real video a hand moves a board before two mirrors.
+
+calibration_bound | NEES, 1000 trials with Gaussian noise | {NEES per degree of freedom/0}
+calibration_start | fits that converge of 500, mirrors off by 2° and 2 mm | {converged_2deg:.0f}
+calibration_photos | real photographs: reprojection, RMS x / y | {board bows in each photograph/0} px
+calibration_photos | the same, mirrored corners held out | {board bows in each photograph/1} px
+calibration_video | real video: reprojection, RMS x / y | {reprojection, 2761 corners, 13 outliers/0}
+
+## Sets of another renderer
+
+The other renderer shares no code with this project.
+
+calibration_foreign | ChArUco: worst normal, distance | {worst normal, distance/0}
+calibration_foreign | ChArUco: NEES | {NEES per parameter/0}
+calibration_foreign | checkerboard, often in part: worst normal, distance | {worst normal, distance/1}
+calibration_foreign | checkerboard: NEES | {NEES per parameter/1}
+calibration_foreign | 2 mm acrylic, second surface: worst normal, distance | {worst normal, distance/2}
+
+## Other calibrators
+
+RMS over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) explains what the comparison shows
+and what it does not. `sensor-webcam` is the set closest to a real webcam.
+
+leaderboard | MirrorCam | {mirrorcam.rms_px:.3f} px
+leaderboard | mrcal, one lens | {mrcal.rms_px:.3f} px
+leaderboard | OpenCV, joint | {opencv-joint.rms_px:.3f} px
+leaderboard_sets | `sensor-webcam`: MirrorCam | {mirrorcam.sensor-webcam:.3f} px
+leaderboard_sets | `sensor-webcam`: mrcal, one lens | {mrcal.sensor-webcam:.3f} px
+leaderboard_sets | `sensor-webcam`: OpenCV, joint | {opencv-joint.sensor-webcam:.3f} px
+leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mirrorcam.nees:.0f}
+
+## Robustness and motion
+
+Cells of hidden boards are frames, views and corners found.
+
+detection_parts | boards as they are | {nothing more/2}
+detection_parts | only the middle of each view visible | {all but the middle of each view/2}
+detection_parts | corners off by more than 1 px, the last case | {all but the middle of each view/3}
+light_field_motion_mirrors | camera on a loop of 0.5 m: drift | {mirrors, loop 0/1}
+light_field_motion_mirrors | the same by OpenCV | {mirrors, loop 0/6}
+
+## Time
+
+On two cores without a GPU; other programs ran at the same time as the calibrations.
+
+leaderboard | calibration of one set of the leaderboard | {MirrorCam/8} s
+suite_scale | rendering 200 small sets, one of two workers killed | {elapsed_s:.0f} s
+"""
+
+
+class _Names(string.Formatter):
+    """Formats `{design.grid_error:.3f}` by the complete name, without attributes."""
+
+    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> tuple[Any, str]:
+        return kwargs[field_name], field_name
+
+
+def row(line: str, records: Records) -> str:
+    """The row of a table for a line of the template."""
+    key, figure, text = line.split(" | ")
+    record = records.records[key]
+    value = _Names().vformat(text, (), _fields(record))
+    return f"| {figure} | {value} | `{record.command}` | {record.date} | {record.commit}{'+' * record.changed} |"
+
+
+def _fields(record: Record) -> dict[str, float | str]:
+    cells = () if record.table is None else record.table.rows
+    texts = {f"{name}/{column}": cell for name, *others in cells for column, cell in enumerate(others)}
+    return {name: each.value for name, each in record.values.items()} | texts
+
+
+def page(records: Records) -> str:
+    """The page; a line of the template starts a table where the line before it is no row."""
+    lines: list[str] = []
+    for line in TEMPLATE.split("\n"):
+        if " | " not in line:
+            lines.append(line)
+            continue
+        if not lines[-1]:
+            lines.append(HEAD)
+        lines.append(row(line, records))
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    write_text(PAGE, page(Records.load(RECORDS)))
