@@ -49,23 +49,21 @@ class Figure(Value):
 
 
 class Table(Value):
-    """A measured table as it is printed: cells are texts, in Markdown. `align` has one of "-" and "-:" a column."""
+    """A measured table as it is printed: cells are texts, in Markdown."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    align: tuple[Literal["-", "-:"], ...] | None = None
 
     @model_validator(mode="after")
     def _rectangular(self) -> Self:
-        wrong = [row for row in (*self.rows, self.align or self.columns) if len(row) != len(self.columns)]
+        wrong = [row for row in self.rows if len(row) != len(self.columns)]
         if wrong:
             raise ValueError(f"a row of {len(wrong[0])} cells, expected {len(self.columns)}: {wrong[0]}")
         return self
 
     def markdown(self) -> str:
         """The table in Markdown, a line for each row, without a line break at its end."""
-        ruler = "|".join(["", *("---:" if each == "-:" else "---" for each in self.align or self.columns), ""])
-        return "\n".join([_line(self.columns), ruler, *map(_line, self.rows)])
+        return "\n".join([_line(self.columns), f"|{'---|' * len(self.columns)}", *map(_line, self.rows)])
 
 
 def _line(cells: Sequence[str]) -> str:
