@@ -32,7 +32,7 @@ def figures_of(layout: Layout) -> dict[str, float]:
 
 
 def comparison(found: dict[tuple[str, float], dict[str, float]]) -> Table:
-    """The table of docs/measured.md."""
+    """The designs beside their starts."""
     rows = []
     for (name, fold_deg), each in found.items():
         pairs = (f"{each[f'{kind}_300mm']:.3f} / {each[f'{kind}_500mm']:.3f}" for kind in KINDS)

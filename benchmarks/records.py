@@ -1,7 +1,7 @@
 """Records of what benchmarks measure: figures and tables, with the command, the machine, the date and the commit.
 
-A benchmark with `--json FILE` adds its record to FILE (`add_json_option`, `write_record`), and
-`python -m docs.make_measured --take FILE` puts it into docs/measured.json, from which the documents are written.
+A benchmark with `--json FILE` adds its record to FILE (`add_json_option`, `write_record`). `python -m
+docs.make_measured` writes docs/measured.md from those in docs/measured.json.
 """
 
 from __future__ import annotations
@@ -49,23 +49,21 @@ class Figure(Value):
 
 
 class Table(Value):
-    """A measured table as it is printed: cells are texts, in Markdown. `align` has one of "-" and "-:" a column."""
+    """A measured table as it is printed: cells are texts, in Markdown."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    align: tuple[Literal["-", "-:"], ...] | None = None
 
     @model_validator(mode="after")
     def _rectangular(self) -> Self:
-        wrong = [row for row in (*self.rows, self.align or self.columns) if len(row) != len(self.columns)]
+        wrong = [row for row in self.rows if len(row) != len(self.columns)]
         if wrong:
             raise ValueError(f"a row of {len(wrong[0])} cells, expected {len(self.columns)}: {wrong[0]}")
         return self
 
     def markdown(self) -> str:
         """The table in Markdown, a line for each row, without a line break at its end."""
-        ruler = "|".join(["", *("---:" if each == "-:" else "---" for each in self.align or self.columns), ""])
-        return "\n".join([_line(self.columns), ruler, *map(_line, self.rows)])
+        return "\n".join([_line(self.columns), f"|{'---|' * len(self.columns)}", *map(_line, self.rows)])
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -73,19 +71,14 @@ def _line(cells: Sequence[str]) -> str:
 
 
 class Record(Value):
-    """What one command measured.
-
-    A transcribed record was typed into the document before there were records: its date and commit are those with
-    which the document took these figures, and its machine is what the document says of it.
-    """
+    """What one command measured."""
 
     command: str
     date: datetime.date
     commit: str
     changed: bool = False
-    """Whether tracked files differed from the commit."""
-    machine: Machine | str
-    transcribed: bool = False
+    """Whether tracked files other than docs/measured.json differed from the commit."""
+    machine: Machine
     values: dict[str, Figure] = Field(default_factory=dict)
     table: Table | None = None
 
@@ -190,7 +183,7 @@ def record_of(
         command=command,
         date=datetime.datetime.now(datetime.UTC).date(),
         commit=_git("rev-parse", "--short=12", "HEAD"),
-        changed=bool(_git("status", "--porcelain", "--untracked-files=no")),
+        changed=bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs/measured.json")),
         machine=this_machine(gpu),
         values=dict(values or {}),
         table=table,

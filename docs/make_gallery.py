@@ -2,8 +2,8 @@
 
 For each device of docs/gallery.toml, OUT/NAME gets its design, all that `mirrorcam cad` writes, a rendered picture and
 a ZIP file of all files to make it; OUT/index.html shows them, OUT/gallery.json has their figures. What is there and has
-not changed is kept, and a run that was cut off goes on. With --record also docs/gallery.json and what
-docs/gallery.md shows of it are written.
+not changed is kept, and a run that was cut off goes on. With --record also the figures and
+the picture in docs/gallery.md are written.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from mirrorcam.workflow.output_folder import output_folder
 
 DOCS = Path(__file__).resolve().parent
 LICENCE = DOCS.parent / "LICENSES" / "CERN-OHL-W-2.0.txt"
-LIST, RECORD, PAGE = (DOCS / f"gallery.{ending}" for ending in ("toml", "json", "md"))
+LIST, PAGE = DOCS / "gallery.toml", DOCS / "gallery.md"
 OVERVIEW = DOCS / "images" / "gallery.jpg"
 KERNEL = ("mirrorcam.cad.device_files", "mirrorcam.optics.design.optimise")
 BEGIN, END = "<!-- recorded: python docs/make_gallery.py OUT --record -->", "<!-- end of the record -->"
@@ -109,11 +109,6 @@ def with_record(page: str, record: str) -> str:
     if not begin or not end:
         raise InputError(f"{PAGE}: expected a record between {BEGIN} and {END}")
     return f"{before}{BEGIN}\n\n{record}\n{END}{after}"
-
-
-def as_recorded(page: str) -> str:
-    """A page of documentation as it is with the record in docs/gallery.json."""
-    return with_record(page, record_of(read_model(Gallery, RECORD)))
 
 
 def overview(pictures: Sequence[Path]) -> NDArray[np.uint8]:
@@ -218,8 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ]
         gallery = write_gallery([device for device in listed if device in (*chosen, *others)], options.out)
         if options.record:
-            write_json(RECORD, gallery.model_dump(mode="json", by_alias=True))
-            write_text(PAGE, as_recorded(PAGE.read_text(encoding="utf-8")))
+            write_text(PAGE, with_record(PAGE.read_text(encoding="utf-8"), record_of(gallery)))
             image = overview([options.out / card.picture for card in gallery.cards])
             write_bytes(OVERVIEW, encoded_image(image, ".jpg", OVERVIEW_QUALITY))
     except InputError as error:

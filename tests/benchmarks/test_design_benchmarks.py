@@ -22,8 +22,7 @@ from benchmarks.design_account import (
     prices,
     rolls_deg,
 )
-from benchmarks.design_front import PROTOTYPE, STYLES, Point, compared, efficiency_at, gains_of, tabled, upper
-from benchmarks.design_limits import LEFT_OUT, table_of_fronts
+from benchmarks.design_front import Point, compared, efficiency_at, upper
 from benchmarks.design_peers import HELD, Question, Trace, first_problem
 from benchmarks.design_pupil import Point as PupilPoint
 from benchmarks.design_pupil import gained
@@ -181,35 +180,6 @@ def test_a_gain_counts_only_where_it_is_reached_at_every_depth() -> None:
     assert "on average" in lines[0] or "no" in lines[0]
     better = [Point(0.1, 0.01, (0.9, 0.9)), Point(0.5, 0.2, (0.9, 0.91))]
     assert all(line.endswith("at every depth") for line in compared("any", better, DEPTHS_MM))
-
-
-def front_of(*points: tuple[float, float, float]) -> list[Point]:
-    return [Point(0.3, error, tuple(efficiency)) for error, *efficiency in points]
-
-
-def test_the_table_of_fronts_has_efficiencies_and_gains_at_the_prototypes_grid_errors() -> None:
-    plain = front_of((0.01, 0.374, 0.495), (0.2, 0.3740001, 0.495))
-    found = {
-        depths: {name: [Point(0.3, p.grid_error, p.efficiency[: len(depths)]) for p in plain] for name in STYLES}
-        for depths in PROTOTYPE
-    }
-    rows = {row[0]: row[1:] for row in tabled(found).rows}
-    assert rows[".012"] == (".34 / .45", *[".374 / .495, +10 / +10 %"] * 4)
-    assert rows[".107, 400 mm alone"] == (".61", *[".374, -39 %"] * 4)
-    figures = gains_of(found)
-    assert figures["weighted_1_3_grid_error"] == 0.012
-    assert figures["weighted_1_3_gain_500mm_percent"] == pytest.approx(10.0, abs=0.01)
-    assert figures["gain_500mm_most_percent"] == pytest.approx(10.0)
-    assert figures["mean_gain_most_percent"] == pytest.approx(10.0)
-    assert figures["more_starts_percent"] == pytest.approx(0.0)
-
-
-def test_the_table_of_what_is_left_out_says_how_much_more_that_gives() -> None:
-    fronts = {name: front_of((0.01, 0.5, 0.5), (0.2, 0.5, 0.5000001)) for name in LEFT_OUT}
-    fronts["no gaps"] = front_of((0.01, 0.55, 0.55), (0.2, 0.55, 0.5500001))
-    rows = {row[0]: row[1:] for row in table_of_fronts(fronts).rows}
-    assert rows["none"] == (".500", ".500")
-    assert rows["gaps"] == (".550, +10.0 %", ".550, +10.0 %")
 
 
 def test_optimising_for_the_pupil_gains_nothing_where_both_fronts_are_the_same() -> None:

@@ -1,4 +1,4 @@
-"""The runner of the leaderboard: what it runs, what it does not run again, and the records of its tables."""
+"""The runner of the leaderboard: what it runs, what it does not run again, and its records."""
 
 from __future__ import annotations
 
@@ -47,7 +47,6 @@ def test_without_mrcal_the_page_says_so(tmp_path: Path, monkeypatch: pytest.Monk
     assert main() == 0
     measured = Records.load(records).records["leaderboard_sets"]
     assert measured.values["opencv-joint.a"].value == 0.1
-    assert measured.table is not None and [row[0] for row in measured.table.rows] == ["a"]
     told = (tmp_path / "found" / "leaderboard.md").read_text(encoding="utf-8")
     assert "- mrcal, one lens: no interpreter here has it" in told
     assert "- Kalibr: " in told

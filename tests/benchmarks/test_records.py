@@ -12,8 +12,6 @@ from benchmarks.records import (
     Figure,
     Record,
     Records,
-    Rows,
-    Table,
     short,
     table,
     this_command,
@@ -66,29 +64,10 @@ def test_a_record_says_where_it_is_from(tmp_path: Path) -> None:
     record = Records.load(tmp_path / "a.json").records["one"]
     assert record.machine == this_machine()
     assert record.commit == records._git("rev-parse", "--short=12", "HEAD")
-    assert not record.transcribed
     here = this_machine()
     assert here.cores >= 1
     assert here.memory_gb > 0
     assert all([here.cpu, here.system, here.python])
-
-
-def test_an_empty_cell_and_a_column_of_numbers_in_markdown() -> None:
-    assert PARTS.markdown().splitlines() == ["| part | mass |", "|---|---|", "| mount | 78 g |", "| cap | |"]
-    assert Table(columns=("", "g"), rows=(), align=("-", "-:")).markdown() == "| | g |\n|---|---:|"
-
-
-def test_rows_are_printed_as_they_come_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = Rows("part", "mass")
-    rows.add("mount", "78 g")
-    assert capsys.readouterr().out == "| part | mass |\n|---|---|\n| mount | 78 g |\n"
-    rows.add("cap", "")
-    assert rows.table == PARTS
-
-
-def test_a_row_of_another_length_is_refused() -> None:
-    with pytest.raises(ValueError, match="a row of 1 cells, expected 2"):
-        table(("a", "b"), [("1", "2"), ("3",)])
 
 
 @pytest.mark.parametrize(

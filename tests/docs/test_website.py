@@ -85,7 +85,7 @@ def test_code_is_left_as_it_is() -> None:
 def test_links_to_the_repository_become_pages(tmp_path: Path) -> None:
     gather(tmp_path, {"reference/names": "# Names\n"})
     assert "(repository/examples/desk_foot.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
-    assert "](measured.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
+    assert "](measured.md)" in (tmp_path / "theory.md").read_text(encoding="utf-8")
     assert "[](conventions.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
     shown = (tmp_path / "repository/examples/desk_foot.py.md").read_text(encoding="utf-8")
     assert (ROOT / "examples/desk_foot.py").read_text(encoding="utf-8").rstrip() in shown
