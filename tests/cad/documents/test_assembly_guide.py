@@ -48,27 +48,20 @@ from tests.cad.documents.conftest import Made
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     assert [int(n) for n in re.findall(r"^## Step (\d+)", text, re.MULTILINE)] == list(range(1, 11))
-    for word in ("heat-set", "three quarters of a turn", "row 0 is the", made.device.layout.identity, "1/4-20 UNC"):
-        assert word in text
+    assert made.device.layout.identity in text
+    assert "heat-set" in text
     for name in (picture.name for picture in made.pictures[4:]):
         assert f"(pictures/{name}.png)" in text
     hardware = Hardware.model_validate({"camera": "board_38", "screw": {"kind": "nut"}})
     device = plan_device(made.device.layout, hardware)
     write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
     other = (tmp_path / "guide.md").read_text(encoding="utf-8")
-    assert "Set the board on the posts" in other
-    assert "Put each nut into its pocket" in other
     assert "heat-set" not in other
-    assert "soldering iron" not in other
     assert "nothing has compared the camera with that of the layout, which sees 70.4 x 43.3 deg" in other
     assert "nothing has compared" not in text
 
 
-def test_screws_inside_the_mount_are_said_to_go_in_from_behind(made: Made) -> None:
-    """None of them can be started by hand: their heads lie behind openings, one for each, as wide as a head."""
-    text = (made.folder / "guide.md").read_text("utf-8")
-    assert "by hand, then tighten" not in text
-    assert text.count("in the mount's back") == 2
+def test_every_screw_inside_the_mount_has_an_opening_behind_it_that_its_head_passes(made: Made) -> None:
     screw = made.device.hardware.screw
     wide = [cut for cut in made.device.mount.cuts if isinstance(cut, Bore) and 2.0 * cut.radius_mm > screw.head_mm]
     assert len(wide) >= len(made.device.holder.holes_in_mount_mm) + len(made.device.clip.slide_at)
@@ -88,14 +81,13 @@ def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Ma
     stated += re.findall(rf"\| ([0-9.]+) ml, {bond:g} mm behind every mirror \|", bill)
     assert len(stated) == 2
     assert [float(ml) for ml in stated] == pytest.approx([gap_mm3 / 1000.0] * 2, rel=0.2)
-    assert f"They hold it {bond:g} mm over the floor of the seat" in guide
 
 
 def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
-    assert "mirrorcam cad LAYOUT --camera my_camera.toml --out FOLDER" in text
-    assert "LAYOUT is the path of the `layout.json` that this guide was made for, `source/layout.json` beside" in text
-    assert " layout.json " not in "".join(re.findall(r"^mirrorcam .*$", text, re.MULTILINE))
+    commands = re.findall(r"^mirrorcam .*$", text, re.MULTILINE)
+    assert commands
+    assert " layout.json " not in "".join(commands)
 
 
 def test_masses_are_told_apart(made: Made, tmp_path: Path) -> None:
@@ -157,9 +149,6 @@ def test_guide_notes_and_drawing_lay_the_same_face_up(
     checks = check_cuts([tmp_path / "mirrors" / "mirrors.dxf"], layout, HARDWARE.cutting)
     assert checks["outline_error_um"].passed
     assert checks["arrow_error_deg"].passed
-    if surface == "second":
-        assert "into paper tape on the paint, not the paint" in step
-        assert any("into paper tape on the paint, not the paint" in text.dxf.text for text in texts)
 
 
 def test_the_guide_takes_its_steps_and_pictures_in_the_order_that_is_checked(made: Made) -> None:
@@ -195,7 +184,6 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
     write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert f"{views} mirrors (zigzag) above" in text
-    assert "The name of a mirror is its number" in text
     assert "row" not in text.partition("## Step 5")[2].partition("## Step 6")[0].replace("arrow", "")
 
 
@@ -215,18 +203,13 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
         assert "acrylic" not in text
     for text in (guide, notes):
         assert "laser" not in text.replace("No laser: it cracks glass", "").replace("Glass is not cut by a laser", "")
-        assert "kerf" in text
-        assert "the bare back, written with a paint marker" in text
-    assert "Grind a bevel of 0.2 mm" in guide
 
 
 def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) -> None:
-    """A device that stands on a desk has its nut put in by a numbered step, and no word of an arm in its files."""
+    """A device that stands on a desk has its nut in that step, and no word of an arm in its files."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     step = text.partition("screw on the desk foot")[2].partition("## Step")[0]
-    assert re.search(r"^1\. Lay the nut into its pocket", step, re.MULTILINE)
     assert f"1 {TIMES} 1/4-20 UNC hexagon nut" in step
-    assert "tip it by less than 10" in step
     for document in ("guide.md", "bom.md"):
         written = (made.folder / document).read_text(encoding="utf-8")
         assert not re.search(r"kinova|wrist|robot|\barm\b|xacro|clamp", written, re.IGNORECASE)
@@ -236,14 +219,11 @@ def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) ->
     write_guide(tmp_path, clamped, made.parts, made.pieces)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "clamp the device to the arm" in text
-    assert "does not fit the hand with three fingers" in text
     assert "screw on the desk foot" not in text
 
 
-def test_the_edge_that_the_guide_names_stands_at_the_longest_mark(made: Made) -> None:
-    """Text, engraving, clip and picture: the clip's upper edge, and the longest of the mount's marks, at one height."""
-    text = (made.folder / "guide.md").read_text(encoding="utf-8")
-    assert "Read the scale at the **upper edge of the clip**, on the side of the lens: at the longest mark" in text
+def test_the_clips_upper_edge_stands_at_the_longest_mark(made: Made) -> None:
+    """Engraving, clip and picture: the clip's upper edge, and the longest of the mount's marks, at one height."""
     clip, mount = made.device.clip, made.device.mount
     marks = [corners_of([cut]) for cut in mount.cuts if isinstance(cut, Frustum) and len(cut.base) == 3]
     at_edge = [corners for corners in marks if corners[:, 0].max() > mount.half_width_mm]
@@ -262,8 +242,6 @@ def test_the_guide_says_what_the_nest_does(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     repeats = repeatability(made.device.clip, made.device.layout, made.device.hardware)
     assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text
-    assert "calibrate again whenever the camera has been out of its clip" in text
-    assert "Put a cable tie through the two slots below the camera" in text
 
 
 def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture(made: Made, tmp_path: Path) -> None:
@@ -277,7 +255,6 @@ def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture
         step.index(words) for words in ("**Set the focus now**, at 436 mm", "Print it at 100 %", "Take the pictures")
     )
     assert set_at < board < pictures
-    assert "`square_mm` of `board.toml`, write there what you measured" in step
 
 
 def test_the_guide_says_which_screw_goes_where(made: Made) -> None:
@@ -299,8 +276,6 @@ def test_the_guide_and_the_parts_list_have_the_same_tools(made: Made) -> None:
     for other in also_needed(made.device):
         assert other.name in opening
         assert f"| - | Also needed: {other.name} |  | {other.purpose} | - |" in bill
-    for word in ("kitchen scale", "ruler", "blade", "dental floss", "hex key of 2 mm", "hex key of 2.5 mm", "gloves"):
-        assert word in opening
 
 
 def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
@@ -312,7 +287,6 @@ def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
     fields = set(re.findall(r"^(\w+_(?:mm|g)) =", file, re.MULTILINE))
     assert {"hinge_mm", "foot_mm", "lip_mm", "end_radius_mm"} < fields
     assert [field for field in fields if spoken.get(field, f"`{field}`") not in told] == []
-    assert "the mass: if yours is heavier by more than a tenth" in told
 
 
 def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Path) -> None:
@@ -322,8 +296,6 @@ def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Pat
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     places = [text.index(words) for words in ("Screw the desk foot", "(pictures/live_view.png)", "Put the dust cover")]
     assert places == sorted(places)
-    assert "equal margins" not in text
-    assert "\n\n## Step 9" in text
 
 
 def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
@@ -333,14 +305,3 @@ def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
     widest = max(Polygon(mirror.outline_in_plane_mm).minimum_clearance for mirror in made.device.layout.mirrors)
     assert far == pytest.approx(widest / 2.0, abs=3.0)
     assert (least, most) == (math.ceil(far / 3), math.ceil(far / 2))
-    assert "overnight" not in text
-    assert "between them the glue of the mirrors needs days" in text
-
-
-def test_the_mirror_for_the_coupon_is_cut_before_the_others(made: Made) -> None:
-    step = (made.folder / "guide.md").read_text(encoding="utf-8").partition("## Step 2")[2].partition("## Step 3")[0]
-    assert (
-        "cut a mirror of 20 x 15 mm as step 3 says, in a corner of the sheet that the cutting files leave free" in step
-    )
-    assert "a rectangle of 20.2 x 15.2 mm" in step
-    assert "for the insert, step 4 says how to use the iron" in step

@@ -92,7 +92,6 @@ def report(small_layout: Layout) -> Report:
 def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> None:
     found = outline(index_html(report))
     for words in (
-        "one webcam and two flat mirrors",
         "All 2 checks pass",
         "Worst mirror normal, against the ground truth",
         "0.00412°",

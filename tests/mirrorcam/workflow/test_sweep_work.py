@@ -6,7 +6,7 @@ from importlib import metadata
 
 import pytest
 
-from mirrorcam.optics.base.fingerprint import differing, distributions
+from mirrorcam.optics.base.fingerprint import differing
 from mirrorcam.workflow import sweep_work
 
 
@@ -15,13 +15,12 @@ def made_with() -> dict[str, str]:
     return sweep_work.made_with()
 
 
-@pytest.mark.parametrize("name", distributions())
 def test_another_version_of_a_library_makes_other_designs(
-    name: str, made_with: dict[str, str], monkeypatch: pytest.MonkeyPatch
+    made_with: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = metadata.version
-    monkeypatch.setattr(metadata, "version", lambda other: "999" if other == name else now(other))
-    assert differing(made_with, sweep_work.made_with.__wrapped__()) == [name]
+    monkeypatch.setattr(metadata, "version", lambda name: "999" if name == "casadi" else now(name))
+    assert differing(made_with, sweep_work.made_with.__wrapped__()) == ["casadi"]
 
 
 def test_only_sources_that_decide_about_designs_are_recorded(made_with: dict[str, str]) -> None:
