@@ -82,11 +82,13 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     every += np.diag(lens**2)
     scale = 1.0 / np.sqrt(np.diag(every))
     values, vectors = np.linalg.eigh(every * np.outer(scale, scale))
-    white = scale[:, None] * vectors / np.sqrt(values)
+    # A direction that only a prior determines, such as that of two mirrors turned together, has no score.
+    determined = values > len(values) * np.finfo(float).eps * values[-1]
+    white = scale[:, None] * vectors[:, determined] / np.sqrt(values[determined])
     squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.scale**2
     n = white.T @ np.array(squares) @ white
     n2 = n @ n
-    mean = len(places) - float(np.sum((lens[:, None] * white) ** 2)) - float(np.trace(n2.sum(axis=0)))
+    mean = white.shape[1] - float(np.sum((lens[:, None] * white) ** 2)) - float(np.trace(n2.sum(axis=0)))
     spread = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
     if mean <= 1e-6 * len(places):  # one frame, whose score is zero at the minimum
         return CorrelatedErrors(1.0, 1.0)

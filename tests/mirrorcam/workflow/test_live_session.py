@@ -162,7 +162,7 @@ def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
         began = time.monotonic()
         for number in range(90):
             time.sleep(max(began + number / 60.0 - time.monotonic(), 0.0))
-            yield Seen(shown[number % len(shown)])
+            yield Seen(shown[number % len(shown)], number / 60.0)
         time.sleep(60.0)
 
     def opened(text: str, wanted: Camera, tell: Callable[[str], None]) -> LiveSource:
@@ -180,7 +180,7 @@ def test_a_camera_is_recorded_at_its_rate_however_slow_pictures_are(
     # Those before the first order are not recorded; all others are.
     assert decoded < 20 and len(recorded) >= 85 and answer.not_recorded == 0
     assert any(line.endswith(f"a.mkv written: {len(recorded)} frames") for line in lines)
-    assert [item.time_s for item in recorded] == pytest.approx([k / 60.0 for k in range(len(recorded))], abs=0.03)
+    assert [item.time_s for item in recorded] == pytest.approx([k / 60.0 for k in range(len(recorded))], abs=0.002)
 
 
 def test_closing_finishes_the_recording(request_: LiveRequest, tmp_path: Path) -> None:
