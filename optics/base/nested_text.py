@@ -16,8 +16,7 @@ DEEPEST = 32
 MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
 """Values, and lists, tables and keys, of one text: more take seconds and gigabytes."""
 MOST_KEYS = 500_000
-"""Keys of one table of JSON: several files for each of the most pictures of a set. For each key that is not known, a
-model notes an error, which takes a kilobyte and more."""
+"""Keys of one table of JSON: several files for each of the most pictures of a set."""
 LARGEST_TOML_BYTES = 250_000
 """TOML is written by hand; its parser takes up to a second for this much."""
 LONGEST_INTEGER = 300

@@ -82,7 +82,7 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     every += np.diag(lens**2)
     scale = 1.0 / np.sqrt(np.diag(every))
     values, vectors = np.linalg.eigh(every * np.outer(scale, scale))
-    # A direction that only a prior determines, such as that of two mirrors turned together, has no score.
+    # A direction that only a prior determines, such as the common rotation of two mirrors, has no score.
     determined = values > len(values) * np.finfo(float).eps * values[-1]
     white = scale[:, None] * vectors[:, determined] / np.sqrt(values[determined])
     squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.scale**2

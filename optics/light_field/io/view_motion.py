@@ -69,7 +69,7 @@ def repeats(light_field: LightField) -> bool:
 
 
 def texture_repeats(grey: NDArray[np.float32]) -> bool:
-    """Whether the texture of a picture (h, w) repeats, as that of stripes and checkerboards does."""
+    """Whether the texture of a picture (h, w) repeats, as stripes and checkerboards do."""
     fine = grey - cv2.GaussianBlur(grey, (0, 0), _COARSE_PX)
     down, across = (side // 4 for side in fine.shape)
     middle = fine[down : fine.shape[0] - down, across : fine.shape[1] - across]
