@@ -207,9 +207,11 @@ def _device(name: str) -> None:
     source = camera_addresses.camera(name, WIDTH, HEIGHT)
     given_up = Timer(GIVEN_UP_S, source.stop)
     given_up.start()
-    for _ in islice(source.frames(), 3):
-        pass
-    given_up.cancel()
+    try:
+        for _ in islice(source.frames(), 3):
+            pass
+    finally:
+        given_up.cancel()
 
 
 def attempt(seed: int, folder: Path) -> str:

@@ -345,4 +345,7 @@ def test_the_toy_begins_where_its_picture_was(browser: Any, site: Path) -> None:
 def test_the_search_finds_an_option(browser: Any, site: Path) -> None:
     with browser_page(browser) as watched:
         watched.page.goto((site / "search.html").as_uri() + "?q=robust-tilt-deg")
-        watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam design')")  # results come one by one
+        # Results come one by one.
+        watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam design')")
+        results = watched.page.locator("#search-results li a").all_inner_texts()
+        assert any("mirrorcam design" in text for text in results)

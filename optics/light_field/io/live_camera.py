@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost
 RETRY_S = 1.0
 """Time between two attempts to open a camera that has gone."""
 MOST_AHEAD_S = 1.0
-"""By how much a camera's own clock may go on further, from one frame to the next, than that of arrival."""
+"""A camera's clock may gain this much on ours from one frame to the next; one that gains more has started anew."""
 ENDING_S = 1.0
 """Time that a camera which gives nothing has to let go; afterwards it is left to do that alone."""
 LEAST_STEP_S = 1e-6
@@ -212,10 +212,8 @@ class _Times:
         """The time of a frame that arrived at a time, and is of another by the camera's clock, if that has one."""
         moment = arrived
         if stated is not None:
-            if self._before is None:
-                self._offset = arrived - stated if self._follows else -stated
-            elif self._follows and self._is_anew(arrived, stated, *self._before):
-                self._offset = arrived - stated
+            if self._before is None or (self._follows and self._is_anew(arrived, stated, *self._before)):
+                self._offset = (arrived if self._follows else 0.0) - stated
             self._before = arrived, stated
             moment = stated + self._offset
         self._last = max(moment, self._last + LEAST_STEP_S)

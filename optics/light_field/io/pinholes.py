@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TypeVar
+
 import numpy as np
 
 from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
+Item = TypeVar("Item")
 SAME_PX = 1e-6
 """Differences of principal points and focal lengths that are ignored: zero disparity is at infinity."""
 WITHIN_PX = 0.01
@@ -16,6 +20,17 @@ WITHIN_PX = 0.01
 def view_name(t: int, s: int) -> str:
     """The name of a view in files; sorted, names are row by row."""
     return f"view_{t:02d}_{s:02d}"
+
+
+def row_by_row(views: Mapping[tuple[int, int], Item]) -> tuple[tuple[int, int], list[Item]]:
+    """Rows and columns of views by their indices, and the views row by row; raises ValueError where views are missing.
+
+    They are counted first: a grid as large as the numbers in hostile names would fill the memory.
+    """
+    rows, cols = (1 + max(index[axis] for index in views) for axis in (0, 1))
+    if len(views) != rows * cols:
+        raise ValueError(f"{len(views)} views of {rows}x{cols}")
+    return (rows, cols), [views[index] for index in np.ndindex(rows, cols)]
 
 
 def centres_in_rig_mm(views: Views) -> FloatArray:

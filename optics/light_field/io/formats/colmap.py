@@ -21,7 +21,7 @@ from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_conf
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
-from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -85,10 +85,7 @@ def read_colmap(folder: Path) -> LightField:
     where = folder / "sparse"
     with refusing(where, "a model of a grid of views"):
         found = _named_views(where)
-        rows, cols = (1 + max(index[axis] for index in found) for axis in (0, 1))
-        if len(found) != rows * cols:  # before a grid is filled that is as large as the numbers in names
-            raise ValueError(f"{len(found)} views of {rows}x{cols}")
-        order = [found[index] for index in np.ndindex(rows, cols)]
+        (rows, cols), order = row_by_row(found)
         poses, numbers = np.array([each[0] for each in order]), np.array([each[1] for each in order])
         if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
             raise ValueError("numbers are missing or not finite")

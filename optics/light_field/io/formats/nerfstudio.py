@@ -18,7 +18,7 @@ from mirrorcam.optics.base.values import InputError, Matrix4, Value
 from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
-from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
@@ -78,10 +78,7 @@ def read_nerfstudio(folder: Path) -> LightField:
         for each in dataset["frames"]:
             frame = _Frame.model_validate({**common, **each}, strict=True)
             frames[_index(frame.file_path)] = frame
-        rows, cols = (1 + max(index[axis] for index in frames) for axis in (0, 1))
-        if len(frames) != rows * cols:  # before a grid is filled that is as large as the numbers in names
-            raise ValueError(f"{len(frames)} views of {rows}x{cols}")
-        order = [frames[index] for index in np.ndindex(rows, cols)]
+        (rows, cols), order = row_by_row(frames)
     transforms = np.array([each.transform_matrix for each in order])
     numbers = np.array([[each.fl_x, each.fl_y, each.cx, each.cy] for each in order])
     bent = max(abs(value) for each in order for value in (each.k1, each.k2, each.k3, each.p1, each.p2))
