@@ -166,7 +166,12 @@ def test_what_is_no_longer_wanted_holds_no_connection(page: Watched, studio: tup
 
 
 def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple[str, Path]) -> None:
+    previews: list[Any] = []
+    page.page.route("**/preview", lambda route: previews.extend([route]))
     opened(page, studio, "#rows=99")
+    with page.page.expect_response("**/preview"):  # its refusal, whenever it comes, does not replace the reason
+        previews[0].continue_()
+    page.page.evaluate("() => new Promise((done) => setTimeout(done, 50))")
     assert page.status == "Not a request"
     assert "rows" in page.page.inner_text("#finding")
     assert page.page.inner_text("#infeasible-title") == "This is no request for a design"

@@ -113,7 +113,7 @@
         if (touchedAt) requestAnimationFrame(() => performance.measure("preview", { start: touchedAt, end: performance.now() }));
       }
     } catch (error) {
-      lost(error);
+      if (!error.refused) lost(error); // the exact design says why
     } finally {
       asking.busy = false;
       const next = asking.next;

@@ -7,7 +7,10 @@
     const answer = await fetch(address, {
       method: "POST", headers: { "Content-Type": "application/json", "X-Page": page }, body: JSON.stringify(body), signal,
     });
-    if (!answer.ok) throw new Error((await answer.text()) || answer.statusText);
+    if (!answer.ok) {
+      const refused = answer.status >= 400 && answer.status < 500;
+      throw Object.assign(new Error((await answer.text()) || answer.statusText), { refused });
+    }
     return kind === "body" ? answer.body : answer[kind]();
   };
   // Gives up the earlier request of the same address, which fails with AbortError: browsers keep few connections open,
