@@ -14,10 +14,10 @@ from pathlib import Path
 from benchmarks.records import Table, add_json_option, table, write_record
 from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.cad.plan.prices import hours_text
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import Metric, Value
+from mirrorcam.device.device_folder import read_hardware, write_device
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.device_folder import read_hardware, write_device
 
 DEFAULT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 HEAD = ("back", "device, solid", "price", "printing", "thinnest wall", "stress", "tips at", "checks passed")

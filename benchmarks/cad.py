@@ -26,7 +26,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.slicer import slicer_version
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

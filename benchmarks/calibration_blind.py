@@ -11,13 +11,13 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.calibration.validation import validate
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
-from mirrorcam.workflow.validation import validate
 
 SHOWN = (
     "held_out_rms_x_px",

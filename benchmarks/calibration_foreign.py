@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.records import Table, add_json_option, table, write_record
+from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 AXES = ("x_mm", "y_mm", "z_mm")

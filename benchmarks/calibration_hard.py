@@ -21,9 +21,9 @@ import numpy as np
 from benchmarks.calibration_foreign import nees, worst_normal_deg
 from benchmarks.detection_parts import hidden
 from benchmarks.records import Rows, Table, add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import pictures_in, read_image
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.images.pictures import pictures_in, read_image
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution

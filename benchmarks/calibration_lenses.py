@@ -25,9 +25,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.optics.base.files import inside
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.disk.files import inside
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit

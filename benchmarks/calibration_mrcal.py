@@ -31,13 +31,13 @@ import numpy as np
 
 from benchmarks.calibration_foreign import LENS
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_files import load_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, Target, load_board
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 
 SOLVER = Path(__file__).parent / "referees" / "mrcal_solver.py"
 LENSES = {"brown_conrady": "LENSMODEL_OPENCV5", "rational": "LENSMODEL_OPENCV8", "thin_prism": "LENSMODEL_OPENCV12"}

@@ -23,8 +23,8 @@ from benchmarks.direct_prediction import (
     twice_reflected,
 )
 from benchmarks.records import add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import confirm
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with

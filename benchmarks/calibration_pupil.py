@@ -22,13 +22,13 @@ import numpy as np
 import shapely
 
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.calibration.validation import mirror_errors, validate
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.workflow.validation import mirror_errors, validate
 
 BINS_PX = (0.0, 9.0, 12.0, 15.0, 20.0, 30.0, 60.0, 1000.0)
 FAR_PX = 1.0

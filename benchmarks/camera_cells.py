@@ -18,9 +18,9 @@ from pydantic import Field
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.files import model_of, read_bytes, write_text
-from mirrorcam.optics.base.values import InputError, Metric, Value
-from mirrorcam.optics.base.worker_pool import Died, run_local
+from mirrorcam.core.disk.files import model_of, read_bytes, write_text
+from mirrorcam.core.processes.worker_pool import Died, run_local
+from mirrorcam.core.values import InputError, Metric, Value
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import camera_names, read_profile

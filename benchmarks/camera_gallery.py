@@ -13,14 +13,14 @@ import numpy as np
 
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, tessellated
-from mirrorcam.cad.documents.shading import Pixels, Screen, ShadedBody, render
+from mirrorcam.cad.guide.shading import Pixels, Screen, ShadedBody, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import camera_names, library
 
 TILE_PX = (400, 330)

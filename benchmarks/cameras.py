@@ -14,8 +14,8 @@ from pathlib import Path
 
 from benchmarks.camera_cells import ADAPTERS, CAMERAS, Cell, Key, fill, read_cells
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_library import library
 
 CLIP_HEAD = (

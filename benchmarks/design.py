@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
 from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
-from mirrorcam.optics.base.calls import in_turn
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import in_two_processes
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.calls import in_turn
+from mirrorcam.core.processes.worker_pool import in_two_processes
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints, separation
 from mirrorcam.optics.design.program.design_problem import Problem
 from mirrorcam.optics.design.program.mirror_variables import Kind

@@ -20,7 +20,7 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.records import TIMES, add_json_option, short, table, write_record
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.depth_sigma import WINDOW_PX, depth_sigma_mm
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec

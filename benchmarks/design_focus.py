@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.optics.base.values import Metric
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.processes.worker_pool import call_all
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec

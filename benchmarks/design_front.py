@@ -21,10 +21,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.records import Table, add_json_option, short, table, write_record
-from mirrorcam.optics.base.calls import Call
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.calls import Call
+from mirrorcam.core.processes.worker_pool import call_all
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import design

@@ -29,8 +29,8 @@ from benchmarks.design_account import (
 )
 from benchmarks.design_front import PROTOTYPE, Point, designed, efficiency_at, searched, upper
 from benchmarks.records import Table, add_json_option, short, table, write_record
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.design_problem import overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of

@@ -10,7 +10,8 @@ import argparse
 from pathlib import Path
 
 from benchmarks.records import Rows, Table, add_json_option, write_record
-from mirrorcam.figures.design_figure import beside_each_other
+from mirrorcam.calibration.validation import validate
+from mirrorcam.designs.design_figure import beside_each_other
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -18,7 +19,6 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.validation import validate
 
 CROSS = Pattern(name="cross", positions=[[0, -1.5], [-2, 0], [0, 0], [1, 0], [3, 0], [0, 1]])
 """A pattern such as a user gives in a file: few views whose distances are all different."""

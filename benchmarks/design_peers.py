@@ -17,7 +17,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from benchmarks.records import TIMES, Table, table
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.design_problem import Problem, overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
 from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs

@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.records import Rows, add_json_option, short, write_record
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.worker_pool import call_all
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera import Camera

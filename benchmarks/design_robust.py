@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from benchmarks.records import Rows, add_json_option, short, write_record
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.assess.monte_carlo import DEVICES

@@ -20,15 +20,15 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.figures.sweep_figure import pareto
-from mirrorcam.optics.base.worker_pool import Died, cores
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.processes.worker_pool import Died, cores
+from mirrorcam.designs.design_sweep import outcome_of, sweep, table_of, write_table
+from mirrorcam.designs.sweep_figure import pareto
+from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.workflow.design_sweep import outcome_of, sweep, table_of, write_table
-from mirrorcam.workflow.output_folder import output_folder
-from mirrorcam.workflow.sweep_run import design_here
-from mirrorcam.workflow.sweep_work import Answer
 
 Level = TypeVar("Level")
 

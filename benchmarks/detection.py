@@ -23,9 +23,9 @@ import cv2
 import numpy as np
 
 from benchmarks.records import SIGMA, add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images

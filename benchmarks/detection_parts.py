@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.optics.base.pictures import pictures_in, read_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import pictures_in, read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together

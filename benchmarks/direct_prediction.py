@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, fit_with
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS

@@ -31,11 +31,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.records import Rows, Table, add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import pictures_in, read_image
+from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.core.images.pictures import pictures_in, read_image
 from mirrorcam.optics.drift.drift import Drift, find_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 from tests.optics.drift.calibrated_device import across, device, turned
 from tests.optics.drift.textured_scenes import Picture, Sheet, Shot, fractal, photograph, scene
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import held_out_metrics
 from mirrorcam.optics.calibration.diagnostics.model_selection import select_model
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.idealised_corners import Calibrated, Effect, Setup, beside
-from mirrorcam.optics.base.pictures import encoded_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import encoded_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view, sub_images
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.light_field.decoder import Decoder

@@ -18,10 +18,10 @@ from pathlib import Path
 
 from benchmarks.calibration_mrcal import python_with_mrcal
 from benchmarks.records import add_json_option, table, write_record
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.names import markdown_text
-from mirrorcam.optics.scoring.leaderboard import Leaderboard
-from mirrorcam.optics.scoring.leaderboard_texts import board_rows, set_rows
+from mirrorcam.bench.scores.leaderboard import Leaderboard
+from mirrorcam.bench.scores.leaderboard_texts import board_rows, set_rows
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.names import markdown_text
 
 ROOT = Path(__file__).parents[1]
 EVALUATION = "evaluation.json"

@@ -30,8 +30,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE
 from mirrorcam.optics.light_field.decoder import Decoder

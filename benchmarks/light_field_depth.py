@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder, choose_views
 from mirrorcam.optics.light_field.depth import DepthEstimator

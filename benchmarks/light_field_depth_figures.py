@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.light_field_depth import BAD_PX
 from benchmarks.light_field_depth_errors import RIGHT_PX, MeasuredScene, reliability
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.values import FloatArray
 
 BOUNDS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0)
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")

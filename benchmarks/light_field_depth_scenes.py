@@ -24,10 +24,10 @@ import numpy as np
 from benchmarks.light_field_depth import Disparity, best_stereo, scores, stereo
 from benchmarks.light_field_depth_errors import MeasuredScene, reliability, sigma_px
 from benchmarks.light_field_depth_figures import draw_reliability, draw_scene
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pfm import read_pfm
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci
-from mirrorcam.optics.light_field.io.pfm import read_pfm
 
 CLASSES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.98, 1.0)
 

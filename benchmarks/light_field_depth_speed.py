@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.light_field_depth import DEFAULT_LAYOUT
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import choose_views
 from mirrorcam.optics.light_field.depth import DepthEstimator

@@ -19,7 +19,7 @@ from scipy.ndimage import map_coordinates, maximum_filter
 
 from benchmarks.records import SIGMA, TIMES, add_json_option, table, write_record
 from benchmarks.relief_scene import Relief, even_views, light_field_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.light_field import LightField

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.records import Rows, add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features

@@ -22,8 +22,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.filters import FilterKind, Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG, Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import measure

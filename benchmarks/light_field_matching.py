@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
 from mirrorcam.optics.light_field.features.keypoints import all_distances, comparable, detector, grey_views

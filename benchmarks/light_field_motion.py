@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.records import Rows, Table, add_json_option, table, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.decoder import Decoder

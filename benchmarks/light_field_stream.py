@@ -28,15 +28,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.records import add_json_option, write_record
+from mirrorcam.core.video.frames import Frame, Lost
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression
-from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import decoded_ahead, light_fields, record
-from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import Views
 

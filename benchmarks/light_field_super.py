@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from benchmarks.light_field_images import plain
 from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField

@@ -24,12 +24,12 @@ import simplejpeg
 
 from benchmarks.light_field_stream import DEFAULT_LAYOUT, write_video
 from benchmarks.records import add_json_option, table, write_record
+from mirrorcam.core.video.frames import Frame
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.light_field.io.frames import Frame
-from mirrorcam.optics.light_field.io.video import Video
-from mirrorcam.workflow.live_engine import LiveEngine
-from mirrorcam.workflow.live_session import JPEG_QUALITY
-from mirrorcam.workflow.live_values import DECODED, FRAME_WIDTH_PX, LiveRequest, PictureKind
+from mirrorcam.studio.live.engine import LiveEngine
+from mirrorcam.studio.live.session import JPEG_QUALITY
+from mirrorcam.studio.live.values import DECODED, FRAME_WIDTH_PX, LiveRequest, PictureKind
 
 WANTED_HZ, WANTED_DEPTH_HZ = 15.0, 8.0
 TIMES = 5

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from benchmarks.records import TIMES, Rows, add_json_option, write_record
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.elasticity.condensed_solid import POISSON, Carried, Solid, rigid_motions
-from mirrorcam.cad.elasticity.device_motions import G, discs
-from mirrorcam.cad.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
+from mirrorcam.cad.checks.elasticity.condensed_solid import POISSON, Carried, Solid, rigid_motions
+from mirrorcam.cad.checks.elasticity.device_motions import G, discs
+from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.parts.part_solids import make_mount
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.transforms import transform

@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import encoded_image, read_image, write_image
-from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.core.images.pictures import encoded_image, read_image, write_image
+from mirrorcam.core.video.video import Video
 
 SIZE = (1920, 1080)
 RUNS = 11

@@ -20,9 +20,9 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.files import read_model, write_text
-from mirrorcam.optics.base.values import Value
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.disk.files import read_model, write_text
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.values import Value
 
 ROOT = Path(__file__).parents[1]
 

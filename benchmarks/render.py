@@ -22,9 +22,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import cores, run_local
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.worker_pool import cores, run_local
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

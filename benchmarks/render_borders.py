@@ -25,8 +25,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

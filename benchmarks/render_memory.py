@@ -15,13 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.rendering import in_workers
+from mirrorcam.simulation.rendering import in_workers
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 BOARD = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)

@@ -18,9 +18,9 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from benchmarks.records import TIMES, Table, add_json_option, table, write_record
-from mirrorcam.console.progress import print_metrics, say
-from mirrorcam.optics.base.values import Metric
-from tests.mirrorcam.studio.browser import FLAGS, WIDE, Watched, browser_page, chromium, served
+from mirrorcam.core.console.progress import print_metrics, say
+from mirrorcam.core.values import Metric
+from tests.studio.browser import FLAGS, WIDE, Watched, browser_page, chromium, served
 
 STEPS, STEP_S = 60, 0.05
 """Inputs of a slider that is dragged, and the time between them."""

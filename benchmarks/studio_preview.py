@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import encoded_image
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -26,14 +26,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.worker_pool import Died, cores
+from mirrorcam.bench.suite_run import Rendered, Workers, layouts_of, planned, render_suite, workers_here, workers_of
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.processes.worker_pool import Died, cores
 from mirrorcam.render_scenes.suites.costs import design_seconds, set_cost, slowness
 from mirrorcam.render_scenes.suites.set_work import SetAnswer
 from mirrorcam.render_scenes.suites.suite import Suite, read_suite
 from mirrorcam.render_scenes.variant import choose_variant
-from mirrorcam.workflow.output_folder import output_folder
-from mirrorcam.workflow.suite_run import Rendered, Workers, layouts_of, planned, render_suite, workers_here, workers_of
 
 SMALL: dict[str, Any] = {
     "name": "small",

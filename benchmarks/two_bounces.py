@@ -21,9 +21,9 @@ from benchmarks.two_bounces_chains import Chain, Found, Question
 from benchmarks.two_bounces_program import Program
 from benchmarks.two_bounces_rays import Traced, traced
 from benchmarks.two_bounces_seeds import ladder, one_bounce, star
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.processes.worker_pool import call_all
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 

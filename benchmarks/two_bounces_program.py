@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from benchmarks.two_bounces_chains import SQUARE, THICKNESS_MM, Chain, Found, Question
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 UNIT_MM = 100.0

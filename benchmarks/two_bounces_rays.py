@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.two_bounces_chains import THICKNESS_MM, Found
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 RIM = 8
 """Points on the rim of the pupil from which rays of a pixel start, besides its middle."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.optics.base.arguments import AnyPath, check_count, check_type, path_of
-from mirrorcam.optics.base.bounds import WORKERS
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import InputError, Metric
-from mirrorcam.optics.base.worker_process import begin_loading
+from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.processes.worker_process import begin_loading
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
@@ -71,7 +71,7 @@ def build_parts(
     if elastic and hardware.holder.mirrors == "screws":
         raise InputError('finite elements hold mirrors by glue, expected holder.mirrors = "glue" or no --elastic')
     if elastic:
-        from mirrorcam.cad.elasticity.elasticity_report import require_solvable
+        from mirrorcam.cad.checks.elasticity.elasticity_report import require_solvable
 
         require_solvable(hardware)
     device = plan_device(layout, hardware)

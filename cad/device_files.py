@@ -8,13 +8,13 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
 from mirrorcam.cad.checks import check_device
-from mirrorcam.cad.documents.assembly_drawing import write_assembly_drawing
-from mirrorcam.cad.documents.assembly_guide import write_guide
-from mirrorcam.cad.documents.device_page import write_page
-from mirrorcam.cad.documents.device_pictures import PICTURES, pictures_of
-from mirrorcam.cad.documents.live_view import write_live_view
-from mirrorcam.cad.documents.picture_views import write_picture
-from mirrorcam.cad.elasticity.elasticity_report import write_elasticity
+from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
+from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
+from mirrorcam.cad.guide.assembly_guide import write_guide
+from mirrorcam.cad.guide.device_page import write_page
+from mirrorcam.cad.guide.device_pictures import PICTURES, pictures_of
+from mirrorcam.cad.guide.live_view import write_live_view
+from mirrorcam.cad.guide.picture_views import write_picture
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
@@ -27,12 +27,12 @@ from mirrorcam.cad.write.licence import write_source
 from mirrorcam.cad.write.plates import write_plates
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.step_assembly import write_assembly
-from mirrorcam.optics.base.calls import Call
-from mirrorcam.optics.base.files import write_metrics
-from mirrorcam.optics.base.fingerprint import value_digest
-from mirrorcam.optics.base.progress import Progress
-from mirrorcam.optics.base.values import Metric
-from mirrorcam.optics.base.worker_pool import call_all
+from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.processes.calls import Call
+from mirrorcam.core.processes.worker_pool import call_all
+from mirrorcam.core.progress import Progress
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 

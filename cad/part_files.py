@@ -6,22 +6,22 @@ import shutil
 from pathlib import Path, PurePosixPath
 
 from mirrorcam.cad.checks import check_part
-from mirrorcam.cad.documents import write_drawing
-from mirrorcam.cad.documents.title_block import UNDATED, issue_date
+from mirrorcam.cad.guide import write_drawing
+from mirrorcam.cad.guide.title_block import UNDATED, issue_date
 from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.cad.write.threemf import write_3mf
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.fingerprint import NOT_INSTALLED, Fingerprint, file_digest, source_digest, versions
-from mirrorcam.optics.base.resumable import intact, read_record
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.disk.fingerprint import NOT_INSTALLED, Fingerprint, file_digest, source_digest, versions
+from mirrorcam.core.disk.resumable import intact, read_record
+from mirrorcam.core.values import Value
 
 FOLDERS = ("parts", "drawings")
 # Our code that a part's files depend on.
-SOURCES = ("mirrorcam.cad", "mirrorcam.optics.base", "mirrorcam.optics.geometry")
+SOURCES = ("mirrorcam.cad", "mirrorcam.core", "mirrorcam.optics.geometry")
 
 
 class _Record(Value):

@@ -27,15 +27,16 @@ from pydantic import Field
 
 from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.cad.write.slicer import slicer_version
-from mirrorcam.console.progress import say
-from mirrorcam.optics.base.figure_texts import SIGMA, TIMES, count_text, figure_text, number_word
-from mirrorcam.optics.base.files import read_model, write_bytes, write_json, write_text
-from mirrorcam.optics.base.fingerprint import NOT_INSTALLED
-from mirrorcam.optics.base.pictures import encoded_image, picture_size, read_image
-from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.optics.base.worker_pool import Died, cores, run_local
-from mirrorcam.pages.gallery_page import NBSP, GalleryCard, gallery_html
-from mirrorcam.workflow.device_gallery import (
+from mirrorcam.core.console.progress import say
+from mirrorcam.core.disk.files import read_model, write_bytes, write_json, write_text
+from mirrorcam.core.disk.fingerprint import NOT_INSTALLED
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.extras import require
+from mirrorcam.core.figures.figure_texts import SIGMA, TIMES, count_text, figure_text, number_word
+from mirrorcam.core.images.pictures import encoded_image, picture_size, read_image
+from mirrorcam.core.processes.worker_pool import Died, cores, run_local
+from mirrorcam.core.values import InputError, Value
+from mirrorcam.run.device_gallery import (
     COMMAND,
     DeviceList,
     GalleryDevice,
@@ -45,8 +46,7 @@ from mirrorcam.workflow.device_gallery import (
     make_device,
     work_of,
 )
-from mirrorcam.workflow.extras import require
-from mirrorcam.workflow.output_folder import output_folder
+from mirrorcam.run.gallery_page import NBSP, GalleryCard, gallery_html
 
 DOCS = Path(__file__).resolve().parent
 LICENCE = DOCS.parent / "LICENSES" / "CERN-OHL-W-2.0.txt"

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.records import ROOT, Record, Records
-from mirrorcam.optics.base.files import write_text
+from mirrorcam.core.disk.files import write_text
 
 RECORDS, PAGE = ROOT / "docs" / "measured.json", ROOT / "docs" / "measured.md"
 HEAD = "| figure | value | command | date | commit |\n|---|---|---|---|---|"

@@ -13,9 +13,15 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from mirrorcam.bench.blind_sets import DescribedViews
+from mirrorcam.bench.evaluation import Evaluation
+from mirrorcam.bench.scores.leaderboard import Leaderboard
+from mirrorcam.bench.scores.score_report import ScoreReport
+from mirrorcam.bench.suite_folder import SuiteManifest
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import Metric
+from mirrorcam.designs.sweep_work import Record
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
@@ -25,16 +31,10 @@ from mirrorcam.optics.geometry.layout_in_pose import GravityTable
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
-from mirrorcam.optics.scoring.leaderboard import Leaderboard
-from mirrorcam.optics.scoring.score_report import ScoreReport
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.workflow.blind_sets import DescribedViews
-from mirrorcam.workflow.evaluation import Evaluation
-from mirrorcam.workflow.poses_file import PosesFile
-from mirrorcam.workflow.suite_folder import SuiteManifest
-from mirrorcam.workflow.sweep_work import Record
+from mirrorcam.simulation.poses_file import PosesFile
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {

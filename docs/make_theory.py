@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import NullLocator
 
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid
 from mirrorcam.optics.geometry.layout import Layout

@@ -18,8 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import encoded_image, read_image
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.images.pictures import encoded_image, read_image
 
 TOUR = Path(__file__).with_name("tour.md")
 WIDEST_PX = 1440

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import mirrorcam
-from mirrorcam.workflow.decoding import DecodeRequest, decode_files
+from mirrorcam.lightfield.decoding import DecodeRequest, decode_files
 
 
 def rendered_video(out: Path) -> tuple[Path, Path]:

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import mirrorcam
+from mirrorcam.designs.sweep_files import write_sweep
+from mirrorcam.designs.sweep_run import design_here
 from mirrorcam.optics.design.spec_grid import grid
-from mirrorcam.workflow.sweep_files import write_sweep
-from mirrorcam.workflow.sweep_run import design_here
 
 
 def main(out: Path) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import read_bytes
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.files import read_bytes
+from mirrorcam.core.values import FloatArray, InputError
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.render_scenes.settings import Bend, RenderSettings, SurfaceFinish
 

@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import APERTURE_MM, DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.bounds import APERTURE_MM, DEPTH_MM, LENGTH_MM, SAMPLES_PER_PIXEL, TOLERANCE_MM, Bounds
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.pupil import Pupil
 
 ToneCurve = Literal["linear", "srgb"]

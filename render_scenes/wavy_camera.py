@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.optics.base.names import LONGEST
+from mirrorcam.core.names import LONGEST
 
 ACCEPTED = (
     *("", " ", "a b", "\"double\" 'single'", "<img src=x onerror=alert(1)>", "</code></pre><script>alert(1)</script>"),

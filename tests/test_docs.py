@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import parse
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 ROOT = Path(__file__).parents[1]
 DOCS = [path for path in sorted((ROOT / "docs").rglob("*.md")) if "website" not in path.parts]

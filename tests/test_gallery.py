@@ -22,14 +22,14 @@ from docs.make_gallery import (
 )
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import require_same_camera
-from mirrorcam.optics.base.files import read_model, write_text
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import read_model, write_text
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.pages.gallery_page import NBSP
-from mirrorcam.workflow.device_gallery import DeviceList, GalleryDevice, Work, WorkOfDevice
-from tests.mirrorcam.pages.gallery_cards import CARDS
-from tests.mirrorcam.pages.test_run_report import outline
+from mirrorcam.run.device_gallery import DeviceList, GalleryDevice, Work, WorkOfDevice
+from mirrorcam.run.gallery_page import NBSP
+from tests.run.gallery_cards import CARDS
+from tests.run.test_run_report import outline
 
 DEVICES = read_model(DeviceList, LIST).devices
 

@@ -152,7 +152,7 @@ def test_builds_start_anew_and_miss_a_folder_that_is_no_package(checkout: Path, 
     left_by_an_earlier_version.parent.mkdir(parents=True)
     left_by_an_earlier_version.touch()
     shipped = ZipFile(built("wheel", copy, tmp_path)).namelist()
-    lacking = {name for name in files_of_the_tree() if name.startswith("mirrorcam/optics/exports/")}
+    lacking = {name for name in files_of_the_tree() if name.startswith("mirrorcam/optics/camera_files/write/")}
     assert differences(shipped, files_of_the_tree()) == [f"{name} is missing" for name in sorted(lacking)]
 
 
@@ -204,13 +204,13 @@ def test_an_editable_installation_is_the_checkout(editable: Installation, clone:
     added.touch()
     code = (
         "from importlib.util import find_spec\n"
-        "for name in ('optics.base.values', 'optics.base.added_later', 'cad.plan.dimension', 'cli'):\n"
+        "for name in ('core.values', 'optics.geometry.added_later', 'cad.plan.dimension', 'cli'):\n"
         "    print(find_spec(f'mirrorcam.{name}').origin)\n"
         f"print([name for name in {OUR_FOLDERS!r} if find_spec(name)])"
     )
     *places, bare = editable.run(code).splitlines()
     added.unlink()
-    inside = ("optics/base/values.py", "optics/base/added_later.py", "cad/plan/dimension.py", "cli.py")
+    inside = ("src/mirrorcam/core/values.py", "optics/geometry/added_later.py", "cad/plan/dimension.py", "cli.py")
     assert [Path(place) for place in places] == [clone / "src" / "mirrorcam" / name for name in inside]
     assert bare == "[]"
 
@@ -222,9 +222,7 @@ def test_a_checkout_in_the_working_directory_does_not_hide_the_installation(
     """Python searches the working directory first, and may be started in a checkout or in the folder that holds it."""
     installation: Installation = request.getfixturevalue(kind)
     packages = clone / "src" if kind == "editable" else installation.packages
-    code = (
-        "import mirrorcam, mirrorcam.optics.base.values as m; print(m.__file__, mirrorcam.Layout.__name__, sep='\\n')"
-    )
+    code = "import mirrorcam, mirrorcam.core.values as m; print(m.__file__, mirrorcam.Layout.__name__, sep='\\n')"
     for place in (clone.parent, clone):
         found, name = python(installation.python, "-c", code, cwd=place).stdout.splitlines()
         assert (Path(found), name) == (packages / "mirrorcam" / "optics" / "base" / "values.py", "Layout")

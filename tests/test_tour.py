@@ -11,8 +11,8 @@ import pytest
 
 from docs.make_tour import TOUR, Illustration, commands, illustrate, illustrations
 from mirrorcam.cli import parse
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 
 LARGEST_BYTES = 1_500_000
 

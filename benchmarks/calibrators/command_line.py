@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 
 def run(

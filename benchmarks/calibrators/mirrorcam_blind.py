@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.calibrators.command_line import run
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
 
 
 def calibrate_set(folder: Path, out: Path, *, without_base: bool = False) -> tuple[str, ...]:

@@ -22,8 +22,8 @@ from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.opencv_joint import POSE, start
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, write_cameras
-from mirrorcam.optics.base.files import write_json
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.files import write_json
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.geometry.transforms import inverse

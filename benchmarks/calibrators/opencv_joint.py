@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, mean_pose, view_from_reference, write_cameras
-from mirrorcam.optics.base.files import write_json
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import write_json
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")

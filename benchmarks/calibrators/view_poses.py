@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.exports.virtual_cameras import Flip
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.camera_files.write.virtual_cameras import Flip
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 UNLIKE = 3.0

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from benchmarks.depth_scenes.rendered_scene import STEP_MM, RenderedScene, depth_views
 from benchmarks.depth_scenes.scenes import SCENES
 from benchmarks.records import add_json_option, table, write_record
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
 

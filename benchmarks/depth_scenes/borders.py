@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.depth_scenes.patterns import Pattern, planks, plaster, repeated, stone, weave
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from benchmarks.depth_scenes.surfaces import ball, block, sheet, turned
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.render_scenes.tabletop.textures import texture
 
 _SHADE = ((120.0, 0.0), (235.0, 0.0), (130.0, 300.0), (60.0, 330.0), (10.0, 340.0))

@@ -10,7 +10,7 @@ from benchmarks.depth_scenes.patterns import bricks, plaster, stone
 from benchmarks.depth_scenes.patterns import foliage as skin
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from benchmarks.depth_scenes.surfaces import Surface, joined, leaf, sheet, tube
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 _GREENS = ((0.16, 0.30, 0.07), (0.28, 0.38, 0.10), (0.10, 0.22, 0.08), (0.40, 0.33, 0.10))
 # Foot or suspension (x, y, z) and top of plants, how far their twigs spread, how many twigs, leaves on each.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.depth_scenes.patterns import Pattern
 from benchmarks.depth_scenes.surfaces import Surface
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh

@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 
 from benchmarks.robustness.guard import Category, lines, tally
-from mirrorcam.optics.base.worker_pool import cores
+from mirrorcam.core.processes.worker_pool import cores
 
 MODULES = (
     *("layouts", "inputs", "texts", "options", "names", "pictures", "videos", "playlists", "light_fields", "kills"),

@@ -289,7 +289,7 @@ HOSTILE: dict[str, tuple[Change, ...]] = {
 
 def plant(secrets: Path) -> None:
     """Write files that no light field may read: raw, as HDF5, and as the pictures that names could lead to."""
-    from mirrorcam.optics.base.pictures import encoded_image
+    from mirrorcam.core.images.pictures import encoded_image
 
     (secrets / "secret.bin").write_bytes(SECRET)
     content = io.BytesIO()

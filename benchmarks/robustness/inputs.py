@@ -17,10 +17,9 @@ from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cli import camera_from_text
-from mirrorcam.commands.option_texts import sensor_from_text
-from mirrorcam.figures.board_print import page_for
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.values import InputError, Value
+from mirrorcam.device.board_print import page_for
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CAMERAS, read_body
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -31,8 +30,9 @@ from mirrorcam.render_scenes.mirror_finish import draw_finishes
 from mirrorcam.render_scenes.sets.set_request import SetRequest, planned_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.workflow.poses_file import PosesFile
-from mirrorcam.workflow.set_check import check_set
+from mirrorcam.simulation.camera_options import sensor_from_text
+from mirrorcam.simulation.poses_file import PosesFile
+from mirrorcam.simulation.set_check import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 ATTEMPTS = 3000

@@ -26,9 +26,9 @@ import cv2
 import numpy as np
 
 from benchmarks.robustness.guard import Category
-from mirrorcam.optics.base.fingerprint import file_digest
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.output_folder import HIDDEN
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.workflow.output_folder import HIDDEN
 
 ROOT = Path(__file__).parents[2]
 LONGEST_S = 600.0

@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.hostile_light_fields import HOSTILE, SECRET, plant
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame
 from mirrorcam.optics.light_field.io.formats.lftoolbox import intrinsics
 from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_fields, write_light_field
-from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.views_file import parallel_views

@@ -21,22 +21,22 @@ from markdown_it import MarkdownIt
 
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
-from mirrorcam.cad.documents.assembly_guide import camera_toml
+from mirrorcam.cad.guide.assembly_guide import camera_toml
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.bill_files import as_csv, as_markdown
 from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.fingerprint import digest
-from mirrorcam.optics.base.names import markdown_text
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.exports import write_exports
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.disk.fingerprint import digest
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.disk.stages import Manifest, Stage, staleness
+from mirrorcam.core.names import markdown_text
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.camera_files.write import write_exports
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
-from mirrorcam.workflow.output_folder import output_folder
-from mirrorcam.workflow.set_check import check_set
-from mirrorcam.workflow.stages import Manifest, Stage, staleness
+from mirrorcam.simulation.set_check import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 LAYOUT = Path(__file__).parents[2] / "tests" / "data" / "default_layout.json"

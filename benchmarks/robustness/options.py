@@ -21,16 +21,16 @@ from pydantic.fields import FieldInfo
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
 from mirrorcam import cli
-from mirrorcam.commands.option_texts import sensor_from_text, tolerances_from_text
-from mirrorcam.commands.render import RenderOptions, settings_of
-from mirrorcam.commands.scene import SceneOptions, mesh_from_text
-from mirrorcam.console.refusals import flag, option_fields
-from mirrorcam.optics.base.pictures import write_image
+from mirrorcam.core.console.refusals import flag, option_fields
+from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board, save_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import write_light_field
 from mirrorcam.render_scenes.settings import SurfaceFinish
+from mirrorcam.simulation.camera_options import sensor_from_text, tolerances_from_text
+from mirrorcam.simulation.render_command import RenderOptions, settings_of
+from mirrorcam.simulation.scene_command import SceneOptions, mesh_from_text
 
 GOOD_FILES = ("layout.json", "board.toml", "frame.png", "field.npz", "nowhere.json", "work")
 HOPELESS = ("nan", "1e308", "-1e308", "", "abc", "1e99", "0x10", "\x00", "12 34", "a" * 5000, "\N{SNOWMAN}", "--")

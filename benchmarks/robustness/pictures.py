@@ -17,8 +17,8 @@ from PIL import Image
 
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.guard import Category, refused_well
-from mirrorcam.optics.base.pictures import picture_size, read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import picture_size, read_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.view_images import read_rgba
 
 SIZE = (640, 480)

@@ -24,11 +24,11 @@ from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
 from benchmarks.robustness.videos import HEIGHT, WIDTH, written
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video import camera_addresses
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.light_field.io import camera_addresses
-from mirrorcam.optics.light_field.io.video import Video
-from mirrorcam.workflow.live_source import open_source
+from mirrorcam.studio.live.source import open_source
 
 CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
 ANSWER_S = 0.2

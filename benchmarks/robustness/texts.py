@@ -16,28 +16,28 @@ import numpy as np
 from benchmarks.robustness.damage import damaged_bytes, damaged_text
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
+from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.scores.calibration_score import score_calibration
+from mirrorcam.bench.scores.figure_limits import Limits
+from mirrorcam.bench.scores.matched_views import ViewsFile
+from mirrorcam.bench.scores.stated_covariance import CovarianceFile
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.cli import camera_from_text
-from mirrorcam.figures.board_print import page_for
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.values import InputError
+from mirrorcam.designs.design_request import read_request, request_toml
+from mirrorcam.device.board_print import page_for
+from mirrorcam.device.device_folder import read_hardware
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
-from mirrorcam.optics.exports.write_exports import write_exports
+from mirrorcam.optics.camera_files.read.registry import read_rig
+from mirrorcam.optics.camera_files.read.yaml_documents import yaml_documents
+from mirrorcam.optics.camera_files.write.write_exports import write_exports
 from mirrorcam.optics.geometry.camera_library import CAMERAS
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
-from mirrorcam.optics.scoring.calibration_score import score_calibration
-from mirrorcam.optics.scoring.camera_files.registry import read_rig
-from mirrorcam.optics.scoring.camera_files.yaml_documents import yaml_documents
-from mirrorcam.optics.scoring.figure_limits import Limits
-from mirrorcam.optics.scoring.matched_views import ViewsFile
-from mirrorcam.optics.scoring.stated_covariance import CovarianceFile
 from mirrorcam.render_scenes.suites.suite import SUITES, read_suite, suite_names
-from mirrorcam.workflow.design_request import read_request, request_toml
-from mirrorcam.workflow.device_folder import read_hardware
-from mirrorcam.workflow.evaluation_reading import read_evaluation
 
 ATTEMPTS = 3000
 LONGEST_S = 2.0

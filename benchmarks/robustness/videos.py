@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.guard import Category, refused_well
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.frames import Frame
-from mirrorcam.optics.light_field.io.media_files import opened
-from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame
+from mirrorcam.core.video.media_files import opened
+from mirrorcam.core.video.video import Video
 
 COUNT, WIDTH, HEIGHT, RATE = 30, 320, 240, 25
 WRONG_BY = 24

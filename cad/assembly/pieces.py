@@ -17,7 +17,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.named_faces import carrier_name
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 
 Kind = Literal["part", "mirror", "camera", "screw", "washer", "spring", "insert", "nut", "pin"]

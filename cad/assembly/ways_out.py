@@ -8,7 +8,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.foot import foot_plate_mm
 from mirrorcam.cad.plan.item_frames import beyond
 from mirrorcam.cad.plan.prisms import corners_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 SIDE = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])

@@ -14,7 +14,7 @@ from mirrorcam.cad.plan.back_table import ArcaBack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 NAME = "adapter_arca"
 

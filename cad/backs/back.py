@@ -11,7 +11,7 @@ from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.part_plan import BoughtItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Of the part under the mount's foot, and of what is fastened to that.
 RGB: Rgb = (0.35, 0.60, 0.42)

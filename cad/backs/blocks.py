@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # A head's facets as printed lean a little more than its cone, and slicers leave a degree or two for rounding: a cone
 # of 44 deg got support in three plates of nine.

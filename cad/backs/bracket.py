@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x, box
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 RIB_MM = 5.0
 

@@ -14,7 +14,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 NAME = "adapter_desk"
 

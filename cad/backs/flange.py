@@ -26,7 +26,7 @@ from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 BRACKET = "adapter_flange"

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.dimension import Length
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import COUNTERSUNK
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 BEHIND_MM = 2.0
 """How far a plate reaches behind the mount: the wall of the nut's pocket."""

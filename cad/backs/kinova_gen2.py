@@ -27,7 +27,7 @@ from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.item_frames import beyond
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 UP = np.array([0.0, -1.0, 0.0])

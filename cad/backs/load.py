@@ -12,7 +12,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 @dataclass(frozen=True)

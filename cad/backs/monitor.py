@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = "adapter_hook", "adapter_jaw"

@@ -19,7 +19,7 @@ from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8
 GRAVITY_N_PER_G = 9.80665e-3

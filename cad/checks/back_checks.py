@@ -12,7 +12,7 @@ from mirrorcam.cad.backs.back import Back, Stand
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.plan.part_plan import BoughtItem, MassProperties
 from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 STANDARD_GRAVITY = 9.80665
 # A device that is carried, knocked or moved by an arm bears so many times its weight.

@@ -9,7 +9,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, least_contact_n
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 

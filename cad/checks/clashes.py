@@ -9,7 +9,7 @@ from itertools import combinations
 import manifold3d
 import numpy as np
 
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 # Where faces touch, numbers rounded in a file let them sink into each other by this much at most.
 ROUNDING_MM = 1e-4

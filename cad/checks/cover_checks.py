@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.cad.checks.clashes import ROUNDING_MM, common_mm3
 from mirrorcam.cad.parts.dust_cover import CoverPlan
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 # The way is looked at in steps of this length.
 STEP_MM = 4.0

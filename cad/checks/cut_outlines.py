@@ -19,7 +19,7 @@ from shapely import LineString, Polygon, STRtree, box
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform

@@ -35,7 +35,7 @@ from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"

@@ -10,7 +10,7 @@ import manifold3d
 import numpy as np
 import trimesh
 
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 CORE_3MF = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 MODEL_3MF = "3D/3dmodel.model"

@@ -11,7 +11,7 @@ import numpy as np
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import PRESSED_MM, ROUNDING_MM, common_mm3
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 
 def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifold:

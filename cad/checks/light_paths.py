@@ -17,7 +17,7 @@ from mirrorcam.cad.checks.exported_mesh import hits
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import sampled_light, traced
 from mirrorcam.optics.geometry.layout import SLIVER, Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -24,7 +24,7 @@ from shapely import (
 )
 
 from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 LAYER_MM = 0.2
 # An angle is read from a mesh: round shapes are facets, and numbers of a file are rounded.

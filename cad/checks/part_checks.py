@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.cad.write.slicer import check_slicing
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 # A 3MF file has its numbers as decimals, an STL file as 32-bit numbers.
 SAME_MESH_UM = 5.0

@@ -17,7 +17,7 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.holder.pads import PADS, least_height_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import outline_at
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

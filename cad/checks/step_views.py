@@ -16,7 +16,7 @@ from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import is_mirror
 from mirrorcam.cad.holder.stray_light import viewing_rays
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 # Rays end here: beyond the device.

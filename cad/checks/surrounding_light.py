@@ -8,7 +8,7 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.checks.exported_mesh import hits
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

@@ -19,7 +19,7 @@ from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, common_mm3
 from mirrorcam.cad.checks.insertion import swept
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 
 # The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.
 IRON_MM = (8.0, 30.0)

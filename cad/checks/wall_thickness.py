@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Two faces make a wall where they are parallel to 15 deg; the edge of a wedge is not a wall.
 WALL_COSINE = np.cos(np.radians(15.0))

@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 SCREW = "M3"
 """Thread of the screws: that of all the others, so that inserts and nuts are the same."""

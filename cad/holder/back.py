@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 # Fillers that recede into the slab end this far inside it.

@@ -17,7 +17,7 @@ from OCP.TopAbs import TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
 CORNER_MM = 1e-4

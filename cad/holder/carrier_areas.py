@@ -16,7 +16,7 @@ from mirrorcam.cad.holder.adjuster import boss_mm, recess_wide_mm
 from mirrorcam.cad.holder.pads import least_height_mm, widest_triangle
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import outline_at, seat_height_mm
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

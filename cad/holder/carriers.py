@@ -21,7 +21,7 @@ from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.seats import Frustum, seat_distance_mm
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
 

@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)

@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.adjuster import SCREW, Adjuster
 from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.pads import least_height_mm
 from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 PITCH_MM = thread_of(SCREW).pitch_mm
 

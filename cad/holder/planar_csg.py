@@ -15,7 +15,7 @@ from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
 
 from mirrorcam.cad.plan.seats import planes_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Faces whose planes agree so well lie in one plane.
 SAME_PLANE_MM = 1e-7

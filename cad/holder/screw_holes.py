@@ -9,7 +9,7 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 # A cone at the end of a hole is blunt, with this radius: half a line of plastic.

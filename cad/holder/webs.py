@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import reach_of_pin_mm
 from mirrorcam.cad.plan.seats import planes_of
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # A narrower hollow saves nothing.
 NARROWEST_MM = 5.0

@@ -9,7 +9,7 @@ from shapely import Polygon, maximum_inscribed_circle
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.stroke_font import STROKES
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 LINE_GAP_MM = 0.5
 """Lines of a laser closer than this burn into one."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 Surface = Literal["first", "second"]
 SURFACES: tuple[Surface, ...] = ("first", "second")

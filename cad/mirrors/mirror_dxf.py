@@ -11,7 +11,7 @@ from ezdxf.document import Drawing
 from ezdxf.filemanagement import new
 
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.core.disk.files import atomic
 
 DXF_MM = 4
 LAYERS = (("CUT", 1), ("ENGRAVE", 5), ("NOTES", 8))

@@ -8,8 +8,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import FloatArray
 
 # What drivers of laser cutters take for a line to follow, not an area to fill: 0.001 in.
 HAIRLINE_MM = 0.025

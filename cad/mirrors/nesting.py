@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Margin for rounding, so that a piece as wide as the sheet's usable area is not refused.
 ROUNDING_MM = 1e-6

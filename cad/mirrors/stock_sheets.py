@@ -16,7 +16,7 @@ from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
 from mirrorcam.cad.mirrors.facing import Facing, Surface, facing_of
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

@@ -11,7 +11,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Kept to the edge of the bed.
 MARGIN_MM = 0.5

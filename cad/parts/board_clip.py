@@ -9,7 +9,7 @@ from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x, along_z, box
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 
 # The least radius of the hole for the cable: a plug of four pins passes.

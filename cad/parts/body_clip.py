@@ -24,7 +24,7 @@ from mirrorcam.cad.parts.nest import (
 from mirrorcam.cad.parts.tray import APART_MM, PAD_MM, PAD_WIDE_MM, Tray, back_leaf, far_leaf, stops, thread_cuts
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 
 # Pads keep off the rounding of the edges.

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.dimension import Length
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 

@@ -7,7 +7,7 @@ import numpy as np
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.plan.fasteners import Stack, stack, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # The back's screws in the mount's foot: +-x from the middle, and below the slide's plane. In a clamp the
 # roofs of their heads' holes have a wall to its end and between them.

@@ -27,7 +27,7 @@ from mirrorcam.cad.plan.fasteners import (
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x, roofed
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 # Marks of the scale beside the clip's upper end, 1 mm apart.

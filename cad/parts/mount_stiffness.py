@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.folded_plates import FoldedPlates
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.perforations import softening
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # A screw of the head holds its skin this far to either side, about as far as its head reaches.
 SCREW_REACH_MM = 3.0

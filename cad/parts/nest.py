@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 GRAVITY_N_PER_KG = 9.80665
 # An M3 screw moves by this much with one turn (ISO 261), and this far it is turned on after it touches the body.

@@ -16,7 +16,7 @@ from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.plan.stroke_font import STROKES
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 DEPTH_MM, STROKE_MM, SIDE_DEG = 0.4, 1.0, 48.0

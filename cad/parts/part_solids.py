@@ -34,7 +34,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 Cut = Frustum | Bore | Countersink | Hexagon
 

@@ -10,7 +10,7 @@ from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import motion_of_errors
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm

@@ -17,7 +17,7 @@ from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 
 def inner_path(

@@ -10,9 +10,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
-from mirrorcam.optics.base.names import Link, Name
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
+from mirrorcam.core.names import Link, Name
+from mirrorcam.core.values import InputError, Value
 
 
 def _size(default: float, description: str) -> Any:

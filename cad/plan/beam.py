@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 POISSON = 0.35
 """Poisson's ratio of PLA; the shear modulus is E / (2 (1 + POISSON))."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 # How far a cut may be moved off the place that was asked for (see `plan.cuts.off_corners`).
 MOVED_MM = 0.09

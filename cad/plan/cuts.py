@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mirrorcam.cad.plan.bed import MOVED_MM
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 if TYPE_CHECKING:
     from build123d import Part

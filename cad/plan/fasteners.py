@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 # A nut drops into a pocket this much wider and deeper than itself.
 NUT_FIT_MM = 0.2

@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
 MODES = 5

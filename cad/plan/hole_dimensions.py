@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink, Hexagon
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 
-from mirrorcam.optics.base.fingerprint import value_digest
-from mirrorcam.optics.base.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
+from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.values import FloatArray, Matrix3, Matrix4, Metric, Value, Vector3
 
 if TYPE_CHECKING:
     from build123d import Part

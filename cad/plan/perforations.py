@@ -12,7 +12,7 @@ from shapely.affinity import scale, translate
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # How far beyond a strip an opening is followed: longer than any.
 FAR_MM = 500.0

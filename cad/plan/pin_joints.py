@@ -6,7 +6,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 # Two pins nearer to each other than this many diameters leave the pieces free to turn.

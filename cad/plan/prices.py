@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, PlainSerializer
 
-from mirrorcam.optics.base.bounds import Bounds
-from mirrorcam.optics.base.names import Name
-from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.names import Name
+from mirrorcam.core.values import Metric, Value
 
 BASIS = "typical retail prices of small quantities, estimated: check before you buy"
 # EUR per kg of filament, by the names that plastics begin with; of any other plastic.

@@ -14,7 +14,7 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil

@@ -14,7 +14,7 @@ from mirrorcam.cad.plan.bed import cut_slack_mm
 from mirrorcam.cad.plan.cuts import FAR_MM, Span
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm, reach_of_pin_mm
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # How many places are tried for each cut.
 TRIED = 9

@@ -28,7 +28,7 @@ from build123d import (
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.part_plan import plain, recipe
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan
 from mirrorcam.cad.plan.pin_joints import PINS_APART, farthest_pair, hole_depth_mm, hole_frame, hole_mm
 from mirrorcam.cad.splitting.body_cuts import area_for_pins, best_places_mm, fragments, inside, mesh_of, triangles_of
 from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 EXPLODE_MM = 25.0

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mirrorcam.cad.plan.prices import BASIS, hours_text
 from mirrorcam.cad.write.bill_of_materials import Bom
-from mirrorcam.optics.base.files import write_json, write_text
-from mirrorcam.optics.base.names import markdown_text, spreadsheet_text
+from mirrorcam.core.disk.files import write_json, write_text
+from mirrorcam.core.names import markdown_text, spreadsheet_text
 
 
 def write_bom(folder: Path, bom: Bom) -> None:

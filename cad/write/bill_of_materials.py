@@ -17,7 +17,7 @@ from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
 from mirrorcam.cad.plan.prices import BASIS, Prices
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
-from mirrorcam.optics.base.values import Metric, Value
+from mirrorcam.core.values import Metric, Value
 
 # All carriers of mirrors in a note.
 CARRIERS = "mirror_carriers"

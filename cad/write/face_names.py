@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
 from mirrorcam.cad.plan.part_plan import NamedFace
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 # A face is of a plane where its normal and its distance agree with it to this.
 PARALLEL, NEAR_MM = 1e-5, 0.01

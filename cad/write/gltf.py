@@ -16,8 +16,8 @@ from trimesh.visual.material import PBRMaterial
 from mirrorcam.cad.assembly.pieces import Kind, Piece
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.cad.write.threemf import DESIGNER
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.values import FloatArray
 
 ROOT = "device"
 GLTF_FROM_RIG: FloatArray = 0.001 * np.array(

@@ -8,7 +8,7 @@ from pathlib import Path
 import tomli_w
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.optics.base.files import write_text
+from mirrorcam.core.disk.files import write_text
 from mirrorcam.optics.geometry.layout import Layout
 
 NOTICE = """\

@@ -14,7 +14,7 @@ from OCP.StlAPI import StlAPI_Writer
 
 from mirrorcam.cad.plan.part_plan import MassProperties, NamedFace
 from mirrorcam.cad.write.face_names import name_faces
-from mirrorcam.optics.base.files import atomic
+from mirrorcam.core.disk.files import atomic
 
 # A STEP file names a time; a fixed one keeps the bytes the same from day to day.
 STEP_TIME = "2000-01-01T00:00:00"

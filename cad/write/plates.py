@@ -15,8 +15,8 @@ from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.print_profile import PROFILE, embedded, orca_profile, prusa_profile
 from mirrorcam.cad.write.threemf import PrintBody, body_on_bed, write_bodies
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import FloatArray, Metric
 
 FOLDER = "plates"
 GAP_MM = 6.0

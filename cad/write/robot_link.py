@@ -19,8 +19,8 @@ from trimesh.exchange.stl import export_stl
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, composed
 from mirrorcam.cad.backs.back import RobotLink
-from mirrorcam.optics.base.files import atomic, write_text
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic, write_text
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 

@@ -20,8 +20,8 @@ from tempfile import TemporaryDirectory
 
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.write.print_profile import NOZZLE, SETTINGS, of_printer
-from mirrorcam.optics.base.child_program import run_program
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.processes.child_program import run_program
+from mirrorcam.core.values import Metric
 
 PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {

@@ -33,8 +33,8 @@ from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.step_text import ordered_step
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 

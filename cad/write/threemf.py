@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.cad.plan.hardware import Printer
 from mirrorcam.cad.plan.part_plan import LICENCE, PartPlan
-from mirrorcam.optics.base.files import atomic
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.values import FloatArray
 
 DESIGNER = "MirrorCam"
 # What the relationship of an attached configuration is called: ours, since slicers look for the file by its path.

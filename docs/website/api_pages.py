@@ -21,7 +21,7 @@ GROUPS = {
 }
 """The public names by what they are for."""
 PARTS = {
-    "Cameras and layouts": ("optics.geometry.mirror.Mirror", "optics.base.values.Metric"),
+    "Cameras and layouts": ("optics.geometry.mirror.Mirror", "core.values.Metric"),
     "Calibration": ("optics.calibration.calibration.Calibration",),
     "Light fields and depth": (
         "optics.light_field.light_field.Views",

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_fit import EdgeFit, EdgeFitter
-from mirrorcam.optics.base.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 Source = Literal["edges", "scene"]

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuiltDevice
 from mirrorcam.optics.alignment.edge_profiles import Stations, edges_light, profiles, stations
-from mirrorcam.optics.base.values import FloatArray
 
 SMOOTH_PX = (20.0, 10.0, 4.0, 0.0)
 """The picture is smoothed so, to find edges that are far from where they were designed to be."""

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import BuiltDevice, EdgePoints
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 
 STATIONS = 7

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.sub_image_masks import SubImage
-from mirrorcam.optics.base.values import FloatArray
 
 LEAST_GREY = 4.0
 """Mean grey level of a sub-image that is too dark to be judged."""

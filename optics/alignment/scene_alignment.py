@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.alignment import Alignment, MirrorTilt, mirror_tilt
 from mirrorcam.optics.alignment.build_errors import BuildErrors
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, understood
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.drift.mirror_motions import (

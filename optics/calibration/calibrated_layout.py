@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.bounds import LENGTH_MM
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.bounds import LENGTH_MM
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -10,9 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from mirrorcam.optics.base.arguments import AnyPath, check_count, check_type, path_of
-from mirrorcam.optics.base.bounds import WORKERS
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames

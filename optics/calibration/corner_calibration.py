@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue, Metric
+from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Metric
 from mirrorcam.optics.calibration.calibrated_layout import as_estimated
 from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
 from mirrorcam.optics.calibration.detection.moved_outlines import outlined

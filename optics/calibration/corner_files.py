@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic, read_lines
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import atomic, read_lines
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.mrcal_corners import is_vnl, vnl_rows
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 SUFFIX = ".vnl"
 COLUMNS = ("filename", "x", "y")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.arguments import AnyPath, path_of
-from mirrorcam.optics.base.jpeg import DamagedPicture
-from mirrorcam.optics.base.pictures import agree_on_bits, check_size, read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.images.jpeg import DamagedPicture
+from mirrorcam.core.images.pictures import agree_on_bits, check_size, read_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.bounds import DEPTH_MM
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.detection.border_light import BoardFrame, border_light
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.pupil_blur import SeenPupil, seen_pupil

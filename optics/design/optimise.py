@@ -8,9 +8,9 @@ from importlib.metadata import version
 import numpy as np
 from shapely import Polygon
 
-from mirrorcam.optics.base.arguments import check_type
-from mirrorcam.optics.base.calls import Calls, in_turn
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.arguments import check_type
+from mirrorcam.core.processes.calls import Calls, in_turn
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify

@@ -9,7 +9,7 @@ import shapely
 from scipy.optimize import nnls
 from shapely import STRtree
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.program.design_problem import REFERENCE_GRID_ERROR
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, sensor_bounds, sensor_rectangle

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.base.calls import Calls
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.processes.calls import Calls
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome

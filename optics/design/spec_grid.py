@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.values import InputError, InvalidValue, Metric, Value
+from mirrorcam.core.values import InputError, InvalidValue, Metric, Value
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from mirrorcam.optics.base.calls import Call, Calls, in_turn
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.processes.calls import Call, Calls, in_turn
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design_near
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome

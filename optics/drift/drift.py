@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motions
 from mirrorcam.optics.drift.matched_points import IntArray
 from mirrorcam.optics.geometry.layout import Layout

@@ -10,9 +10,9 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import Bounds
-from mirrorcam.optics.base.names import Name
-from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.names import Name
+from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
 
 MOST_VIEWS = 144
 RINGS = Bounds(1, 6)

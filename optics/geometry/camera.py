@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from mirrorcam.optics.base.bounds import (
+from mirrorcam.core.bounds import (
     APERTURE_MM,
     DEPTH_MM,
     FOCAL_PX,
@@ -18,8 +18,8 @@ from mirrorcam.optics.base.bounds import (
     PLACE_PX,
     Bounds,
 )
-from mirrorcam.optics.base.names import Name
-from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.core.names import Name
+from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
 from mirrorcam.optics.geometry.lenses.lens import Lens
 from mirrorcam.optics.geometry.lenses.spline import LensGrid

@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
-from mirrorcam.optics.base.names import Name
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
+from mirrorcam.core.names import Name
+from mirrorcam.core.values import Value
 
 _Size = Annotated[float, PART_MM.each]
 _Place = Annotated[float, PART_OFFSET_MM.each]

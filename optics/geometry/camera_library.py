@@ -13,11 +13,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import DEPTH_OR_INF_MM, Bounds
-from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
-from mirrorcam.optics.base.messages import shortened
-from mirrorcam.optics.base.names import Line, Name
-from mirrorcam.optics.base.values import InputError, Value, with_tuples
+from mirrorcam.core.bounds import DEPTH_OR_INF_MM, Bounds
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.names import Line, Name
+from mirrorcam.core.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.number_text import numbers
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.number_text import numbers
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 
 HALF_PIXEL = 0.5

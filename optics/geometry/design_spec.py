@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from mirrorcam.optics.base.bounds import (
+from mirrorcam.core.bounds import (
     AREA_MM2,
     DEPTH_MM,
     GAP_MM,
@@ -19,7 +19,7 @@ from mirrorcam.optics.base.bounds import (
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.optics.base.values import FloatArray, InputError, Value, with_tuples
+from mirrorcam.core.values import FloatArray, InputError, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera

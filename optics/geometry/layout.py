@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field, model_validator
 from shapely import Polygon, STRtree
 
-from mirrorcam.optics.base.arguments import AnyPath, path_of
-from mirrorcam.optics.base.bounds import GRID
-from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.optics.base.fingerprint import value_digest
-from mirrorcam.optics.base.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
+from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.bounds import GRID
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
+from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
+from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
 # Gravity of 1 g is a unit vector; a robot that moves may have a little more, one in free fall none.

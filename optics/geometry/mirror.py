@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
-from mirrorcam.optics.base.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
-from mirrorcam.optics.base.values import FloatArray, Shaped, Value, Vector3
+from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
+from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
 from mirrorcam.optics.geometry.mirror_solid import MirrorSolid

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.bent_imaging import BentImages
 from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays, MirrorImages, dot
 from mirrorcam.optics.geometry.plate_imaging import PlateImages

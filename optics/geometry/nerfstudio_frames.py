@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 HALF_PIXEL = 0.5
 """Offset of nerfstudio's principal points from ours."""

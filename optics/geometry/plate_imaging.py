@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays, dot, plane_of, plane_vjp
 from mirrorcam.optics.geometry.plate import outer_tangent
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
-from mirrorcam.optics.base.bounds import PART_MM, Bounds
-from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.core.bounds import PART_MM, Bounds
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
+from mirrorcam.core.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)

@@ -6,8 +6,8 @@ from typing import Annotated, Self
 
 from pydantic import Field
 
-from mirrorcam.optics.base.bounds import TOLERANCE_DEG, TOLERANCE_MM, Bounds
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.bounds import TOLERANCE_DEG, TOLERANCE_MM, Bounds
+from mirrorcam.core.values import Value
 
 LARGEST_TERM = 10.0
 _Term = Annotated[float, Field(ge=-LARGEST_TERM, le=LARGEST_TERM)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.mirror import Mirror
 
 Segment = Annotated[FloatArray, Shaped((2, 3))]

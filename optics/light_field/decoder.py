@@ -16,8 +16,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from mirrorcam.optics.base.arguments import check_type
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.arguments import check_type
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm
 from mirrorcam.optics.light_field.equalisation import Equalisation

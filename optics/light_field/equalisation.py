@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.optics.base.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
+from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.response import LEAST, LINEAR, MOST, Fading, measured_exponent
 

@@ -9,8 +9,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from mirrorcam.optics.base.arguments import check_type
-from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue, Shaped
+from mirrorcam.core.arguments import check_type
+from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Shaped
 
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]

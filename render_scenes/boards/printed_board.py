@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
 from mirrorcam.render_scenes.settings import RenderSettings
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.core.compiled import inlined
 from mirrorcam.render_scenes.preview.traced_scene import BOUND, BOX, CYLINDER, KIND, RECTANGLE, SPHERE, TRIANGLES, UNIT
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, nearest_triangle
 from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, mapped, minus, turned, turned_back

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import inlined
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.compiled import inlined
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.bounds import Bounds
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.render_scenes.preview.arranged import Subject, arranged_tabletop, view_from_board

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.core.compiled import inlined
 from mirrorcam.render_scenes.preview.first_hits import first_hit
 from mirrorcam.render_scenes.preview.surface_light import facing_normal, own_colour, scattered
 from mirrorcam.render_scenes.preview.traced_scene import (

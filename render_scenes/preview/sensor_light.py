@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import compiled, inlined
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.compiled import compiled, inlined
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.preview.mirror_views import (
     INDEX,

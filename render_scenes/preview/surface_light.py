@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.core.compiled import inlined
 from mirrorcam.render_scenes.preview.first_hits import corner_colour, is_hidden, normal_at, texture_place
 from mirrorcam.render_scenes.preview.texture_atlas import mean_colour
 from mirrorcam.render_scenes.preview.traced_scene import (

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.core.compiled import inlined
 
 MOST_TAPS = 8
 """Places along the longer axis of a footprint at most; of a longer one, a coarser scale is taken."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.render_scenes.boards.printed_board import margin_mm, printed_radiance

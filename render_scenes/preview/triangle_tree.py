@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import inlined
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.compiled import inlined
+from mirrorcam.core.values import FloatArray
 from mirrorcam.render_scenes.mesh_shapes import Triangles
 from mirrorcam.render_scenes.preview.vectors import at, cross, dot, minus
 

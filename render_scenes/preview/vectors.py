@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mirrorcam.optics.base.compiled import inlined
+from mirrorcam.core.compiled import inlined
 
 
 @inlined

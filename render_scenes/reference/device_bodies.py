@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mirrorcam.optics.base.files import read_bytes
-from mirrorcam.optics.base.fingerprint import digest
-from mirrorcam.optics.base.nested_text import json_value
-from mirrorcam.optics.base.values import FloatArray, InputError, Matrix4, Value
+from mirrorcam.core.disk.files import read_bytes
+from mirrorcam.core.disk.fingerprint import digest
+from mirrorcam.core.disk.nested_text import json_value
+from mirrorcam.core.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh

@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.optics.base.bounds import DEPTH_MM, PICTURES
-from mirrorcam.optics.base.resumable import FolderManifest
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.bounds import DEPTH_MM, PICTURES
+from mirrorcam.core.disk.resumable import FolderManifest
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.pictures import encoded_image
-from mirrorcam.optics.base.values import FloatArray, Shaped, Value
+from mirrorcam.core.images.pictures import encoded_image
+from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards.motion import poses_at

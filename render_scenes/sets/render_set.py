@@ -11,11 +11,11 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
-from mirrorcam.optics.base.files import write_files
-from mirrorcam.optics.base.fingerprint import value_digest
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.arguments import AnyPath, check_type, path_of
+from mirrorcam.core.disk.files import write_files
+from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board

@@ -7,9 +7,9 @@ from enum import IntEnum
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.arguments import GivenPath
-from mirrorcam.optics.base.bounds import PICTURES, SEED
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.core.arguments import GivenPath
+from mirrorcam.core.bounds import PICTURES, SEED
+from mirrorcam.core.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.files import write_bytes, write_json, write_npz
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.disk.files import write_bytes, write_json, write_npz
+from mirrorcam.core.values import FloatArray
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.poses import PosePlan
 from mirrorcam.render_scenes.truth.corners import Oracle

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, read_model
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
+from mirrorcam.core.values import InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from mirrorcam.optics.base.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, Bounds
-from mirrorcam.optics.base.names import Line
-from mirrorcam.optics.base.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
+from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, Bounds
+from mirrorcam.core.names import Line
+from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS, DesignSpec

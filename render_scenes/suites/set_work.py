@@ -10,13 +10,13 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mirrorcam.optics.base.fingerprint import source_digest, source_digests, value_digest, versions
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.disk.fingerprint import source_digest, source_digests, value_digest, versions
+from mirrorcam.core.values import InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
 # Packages and modules that no set depends on.
-UNRELATED_OPTICS = ("alignment", "calibration", "drift", "exports", "light_field", "scoring")
+UNRELATED_OPTICS = ("alignment", "calibration", "camera_files", "drift", "light_field")
 UNRELATED_SCENES = ("preview", "suites", "tabletop")
 RECIPE = "mirrorcam.render_scenes.suites.recipe"
 
@@ -25,7 +25,8 @@ RECIPE = "mirrorcam.render_scenes.suites.recipe"
 def made_with() -> dict[str, str]:
     """Digests of sources and versions of distributions that decide about the bytes of a set, in this process."""
     return (
-        source_digests("mirrorcam.optics", without=UNRELATED_OPTICS)
+        source_digests("mirrorcam.core")
+        | source_digests("mirrorcam.optics", without=UNRELATED_OPTICS)
         | source_digests("mirrorcam.render_scenes", without=UNRELATED_SCENES)
         | {RECIPE: source_digest(RECIPE)}
         | versions("render")

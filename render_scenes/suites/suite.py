@@ -8,11 +8,11 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.optics.base.bounds import PICTURES, Bounds
-from mirrorcam.optics.base.files import LARGEST_TEXT_BYTES, inside, model_from, read_bytes, tables_of
-from mirrorcam.optics.base.messages import shortened
-from mirrorcam.optics.base.names import Line
-from mirrorcam.optics.base.values import InputError, Value, with_tuples
+from mirrorcam.core.bounds import PICTURES, Bounds
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, inside, model_from, read_bytes, tables_of
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.names import Line
+from mirrorcam.core.values import InputError, Value, with_tuples
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe, Slug
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.values import FloatArray, Matrix4, Value, Vector3
+from mirrorcam.core.values import FloatArray, Matrix4, Value, Vector3
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.optics.base.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
-from mirrorcam.optics.base.files import read_bytes, write_files, write_json
-from mirrorcam.optics.base.fingerprint import digest, value_digest
-from mirrorcam.optics.base.pictures import encoded_image
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.resumable import FolderManifest
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.core.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
+from mirrorcam.core.disk.files import read_bytes, write_files, write_json
+from mirrorcam.core.disk.fingerprint import digest, value_digest
+from mirrorcam.core.disk.resumable import FolderManifest
+from mirrorcam.core.images.pictures import encoded_image
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import FloatArray, InputError, Value
 from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 TextureName = Literal["wood", "poster", "page", "label", "cover", "globe"]
 Texture = NDArray[np.float32]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 class Obstacles(Protocol):

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.frames import Lost
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
-from mirrorcam.optics.light_field.io.camera_addresses import camera
-from mirrorcam.optics.light_field.io.frames import Lost
 from mirrorcam.optics.light_field.io.ros_messages import Published, frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import light_fields
 from mirrorcam.optics.light_field.light_field import LightField

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from mirrorcam import InputError
-from mirrorcam.optics.light_field.io.frames import Lost
+from mirrorcam.core.video.frames import Lost
 from mirrorcam.optics.light_field.io.ros_messages import Published
 from mirrorcam_ros.light_field_stream import LightFieldStream, Settings
 from mirrorcam_ros.messages import ros_message

@@ -36,8 +36,9 @@ __all__ = [
 
 if TYPE_CHECKING:
     from mirrorcam.cad.build import build_parts
-    from mirrorcam.optics.base.pictures import read_image
-    from mirrorcam.optics.base.values import InputError
+    from mirrorcam.calibration.validation import validate
+    from mirrorcam.core.images.pictures import read_image
+    from mirrorcam.core.values import InputError
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.design.optimise import design
     from mirrorcam.optics.geometry.camera import Camera
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from mirrorcam.render_scenes.sets.render_set import render_set
     from mirrorcam.render_scenes.sets.set_request import SetRequest
     from mirrorcam.render_scenes.settings import RenderSettings
-    from mirrorcam.workflow.validation import validate
 else:
     # The same for the interpreter, which imports a module when one of its names is first used.
     _MODULES = {
@@ -61,7 +61,7 @@ else:
         "Checkerboard": "optics.geometry.targets",
         "Decoder": "optics.light_field.decoder",
         "DesignSpec": "optics.geometry.design_spec",
-        "InputError": "optics.base.values",
+        "InputError": "core.values",
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
         "RenderSettings": "render_scenes.settings",
@@ -71,9 +71,9 @@ else:
         "design": "optics.design.optimise",
         "estimate_depth": "optics.light_field.depth.estimate",
         "open_light_field": "optics.light_field.io.formats.registry",
-        "read_image": "optics.base.pictures",
+        "read_image": "core.images.pictures",
         "render_set": "render_scenes.sets.render_set",
-        "validate": "workflow.validation",
+        "validate": "calibration.validation",
         "write_light_field": "optics.light_field.io.formats.registry",
     }
 

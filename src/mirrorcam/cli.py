@@ -26,45 +26,43 @@ from tyro.conf import (
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from mirrorcam import __version__
-from mirrorcam.commands import (
-    adjust,
-    board,
-    cad,
-    calibrate,
-    camera,
-    cameras,
-    compare,
-    decode,
-    depth,
-    design,
-    doctor,
-    drift,
-    epi,
-    evaluate,
-    export,
-    features,
-    filter,
-    leaderboard,
-    live,
-    picture,
-    refocus,
-    render,
-    run,
-    scene,
-    score,
-    studio,
-    suite,
-    sweep,
-    track,
-    validate,
-)
-from mirrorcam.console.refusals import one_line_message, refusal
-from mirrorcam.console.streams import make_readable, quieten_libraries
-from mirrorcam.optics.base import interruption
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.bench import evaluate_command as evaluate
+from mirrorcam.bench import leaderboard_command as leaderboard
+from mirrorcam.bench import score_command as score
+from mirrorcam.bench import suite_command as suite
+from mirrorcam.calibration import calibrate_command as calibrate
+from mirrorcam.calibration import compare_command as compare
+from mirrorcam.calibration import drift_command as drift
+from mirrorcam.calibration import validate_command as validate
+from mirrorcam.core.console.refusals import one_line_message, refusal
+from mirrorcam.core.console.streams import make_readable, quieten_libraries
+from mirrorcam.core.console.system_libraries import missing_library_of
+from mirrorcam.core.processes import interruption
+from mirrorcam.core.values import InputError
+from mirrorcam.designs import design_command as design
+from mirrorcam.designs import sweep_command as sweep
+from mirrorcam.device import adjust_command as adjust
+from mirrorcam.device import board_command as board
+from mirrorcam.device import cad_command as cad
+from mirrorcam.device import camera_command as camera
+from mirrorcam.device import cameras_command as cameras
+from mirrorcam.lightfield import decode_command as decode
+from mirrorcam.lightfield import depth_command as depth
+from mirrorcam.lightfield import epi_command as epi
+from mirrorcam.lightfield import export_command as export
+from mirrorcam.lightfield import features_command as features
+from mirrorcam.lightfield import filter_command as filter
+from mirrorcam.lightfield import refocus_command as refocus
+from mirrorcam.lightfield import track_command as track
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.workflow.system_libraries import missing_library_of
+from mirrorcam.run import doctor_command as doctor
+from mirrorcam.run import run_command as run
+from mirrorcam.simulation import picture_command as picture
+from mirrorcam.simulation import render_command as render
+from mirrorcam.simulation import scene_command as scene
+from mirrorcam.studio import studio_command as studio
+from mirrorcam.studio.live import live_command as live
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -174,7 +172,7 @@ def pattern_from_text(text: str) -> Pattern | None:
     named = Pattern.named(text)
     if named is not None:
         return named
-    from mirrorcam.optics.base.files import read_model
+    from mirrorcam.core.disk.files import read_model
 
     return read_model(Pattern, Path(text))
 

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import backs
 from benchmarks.backs import BackResult, read_results, result_of
 from mirrorcam.cad.plan.back_table import BACKS
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 CHECKS = {
     "device.mass_g": Metric(value=391.6, unit="g"),

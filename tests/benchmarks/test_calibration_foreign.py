@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration_foreign import nees
+from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.calibration_files import CalibrationRequest, calibrate_files
 
 
 def request_of(folder: Path) -> CalibrationRequest:

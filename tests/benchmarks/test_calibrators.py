@@ -12,18 +12,18 @@ from scipy.spatial.transform import Rotation
 from benchmarks.calibrators import opencv_joint, opencv_per_view
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
 from benchmarks.calibrators.view_poses import mean_pose, view_from_reference, write_cameras
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.exports.virtual_cameras import virtual_cameras
+from mirrorcam.bench.scores.stated_covariance import with_covariance
+from mirrorcam.bench.scoring import ScoreRequest, score
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.camera_files.read.registry import read_rig
+from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.optics.scoring.camera_files.registry import read_rig
-from mirrorcam.optics.scoring.stated_covariance import with_covariance
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.scoring import ScoreRequest, score
-from tests.optics.scoring.rigs import device
+from tests.optics.camera_files.rigs import device
 
 BOARD = Charuco(cols=10, rows=8, square_mm=14.0, marker_mm=10.0)
 

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import camera_cells
 from benchmarks.camera_cells import Cell, built, cell_of, fill, layout_for, read_cells, spec_of
-from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.core.values import InputError, Metric
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 

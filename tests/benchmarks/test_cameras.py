@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.camera_cells import CAMERAS, Cell, built
 from benchmarks.cameras import failures, main
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 FAILED = {"mount.tilt_deg": Metric(value=0.06, unit="deg", limit=0.05)}
 CELLS = {

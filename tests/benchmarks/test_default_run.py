@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import default_run
 from benchmarks.records import Records
-from mirrorcam.optics.base.files import write_metrics
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.values import Metric
 
 METRICS = {
     "validation.held_out_rms_x_px": Metric(value=0.013, unit="px", limit=0.06),

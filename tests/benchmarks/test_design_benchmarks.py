@@ -26,7 +26,7 @@ from benchmarks.design_front import Point, compared, efficiency_at, upper
 from benchmarks.design_peers import HELD, Question, Trace, first_problem
 from benchmarks.design_pupil import Point as PupilPoint
 from benchmarks.design_pupil import gained
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

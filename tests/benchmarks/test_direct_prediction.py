@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate

@@ -12,7 +12,7 @@ import pytest
 from benchmarks import leaderboard
 from benchmarks.leaderboard import CALIBRATORS, evaluated, main
 from benchmarks.records import Records
-from tests.mirrorcam.workflow.test_leaderboard_files import written
+from tests.bench.test_leaderboard_files import written
 
 
 @pytest.mark.parametrize("name", CALIBRATORS)

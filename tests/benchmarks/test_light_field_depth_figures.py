@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from benchmarks.light_field_depth import BAD_PX
 from benchmarks.light_field_depth_figures import BOUNDS, draw_reliability, draw_scene, half_normal
 from tests.benchmarks.test_light_field_depth_errors import drawn_scene
-from tests.mirrorcam.figures.drawn import drawn, values_of
+from tests.drawn import drawn, values_of
 
 
 def test_true_confidence_is_drawn_on_the_diagonal_and_true_sigmas_on_the_half_normal(tmp_path: Path) -> None:

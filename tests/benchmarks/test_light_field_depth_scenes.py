@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks.light_field_depth_errors import RIGHT_PX
 from benchmarks.light_field_depth_scenes import judged, main, report, truth_of
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pfm import write_pfm
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, write_hci
-from mirrorcam.optics.light_field.io.pfm import write_pfm
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 

@@ -20,7 +20,7 @@ from benchmarks.light_field_features import (
     read_recording,
     relative_error,
 )
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder

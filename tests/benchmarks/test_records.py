@@ -19,7 +19,7 @@ from benchmarks.records import (
     unit_of,
     write_record,
 )
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 PARTS = table(("part", "mass"), [("mount", "78 g"), ("cap", "")])
 

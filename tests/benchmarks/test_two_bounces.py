@@ -13,7 +13,7 @@ from benchmarks.two_bounces_chains import Chain, Found, Question
 from benchmarks.two_bounces_program import separator
 from benchmarks.two_bounces_rays import traced
 from benchmarks.two_bounces_seeds import cells_of, chain_through, ladder, star
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 BOX_MM = (131.0, 71.0, 69.0)
 QUESTION = Question(1, 2, 2, 0.0, BOX_MM)

@@ -16,7 +16,7 @@ from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 import mirrorcam.cad.build
-import mirrorcam.cad.elasticity.elasticity_report
+import mirrorcam.cad.checks.elasticity.elasticity_report
 from mirrorcam.cad.build import build_parts
-from mirrorcam.cad.documents.picture_views import DevicePicture
+from mirrorcam.cad.guide.picture_views import DevicePicture
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
-from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.core.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.shared import no_slicer, path_without_slicer
 
@@ -155,7 +155,7 @@ def test_a_missing_extra_is_named_with_its_command(
 def test_without_gmsh_finite_elements_are_refused_before_the_work(
     default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mirrorcam.cad.elasticity.elasticity_report, "gmsh_program", lambda: None)
+    monkeypatch.setattr(mirrorcam.cad.checks.elasticity.elasticity_report, "gmsh_program", lambda: None)
     with pytest.raises(InputError, match=r"gmsh is not installed.*mirrorcam\[fe\]"):
         build_parts(default_layout, tmp_path / "device", elastic=True)
     assert not (tmp_path / "device").exists()

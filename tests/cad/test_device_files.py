@@ -11,8 +11,8 @@ import pytest
 from mirrorcam.cad.device_files import write_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.slicer import check_slicing
-from mirrorcam.optics.base.figure_labels import LABELS
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 

@@ -13,7 +13,7 @@ from build123d import Part
 from mirrorcam.cad import part_files
 from mirrorcam.cad.plan.hardware import HARDWARE, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties, PartPlan
-from mirrorcam.optics.base.fingerprint import file_digest
+from mirrorcam.core.disk.fingerprint import file_digest
 
 
 def make_wedge(plan: object) -> Part:

@@ -64,8 +64,8 @@ def test_the_base_is_a_point_release_and_never_a_tag_that_moves() -> None:
     [
         (".git/HEAD", True),
         ("output/default/index.html", True),
-        ("optics/base/__pycache__/files.pyc", True),
-        ("optics/base/files.py", False),
+        ("optics/geometry/__pycache__/camera.pyc", True),
+        ("src/mirrorcam/core/disk/files.py", False),
         ("src/mirrorcam.egg-info/PKG-INFO", True),
         ("cad/web/build.js", False),
         ("build/lib/mirrorcam/cli.py", True),

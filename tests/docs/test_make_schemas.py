@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 from docs.make_schemas import FILES, FOLDER, schema, schema_text
+from mirrorcam.bench.blind_sets import described_views
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.licence import hardware_toml
-from mirrorcam.optics.base.files import write_json, write_metrics, write_text
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.disk.files import write_json, write_metrics, write_text
+from mirrorcam.core.values import Metric
+from mirrorcam.designs.design_request import request_toml
+from mirrorcam.device.board_files import print_board
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CAMERAS
@@ -22,11 +25,8 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.views_file import parallel_views, write_views
 from mirrorcam.render_scenes.sets.render_set import render_set
-from mirrorcam.workflow.blind_sets import described_views
-from mirrorcam.workflow.board_files import print_board
-from mirrorcam.workflow.design_request import request_toml
-from tests.mirrorcam.small_set import small_set_request
 from tests.shared import built_once
+from tests.small_set import small_set_request
 
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
 

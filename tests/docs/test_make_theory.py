@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from docs.make_theory import DOCS, draw, tilt_error_mm
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 

@@ -19,8 +19,8 @@ from docs.website.api_pages import GROUPS, calls
 from docs.website.command_pages import FOLDER, Group, Help, Option, command_pages, help_text, in_markdown, read_help
 from docs.website.gather import ROOT, gather, outside_code, page_of
 from mirrorcam.cli import COMMANDS
-from tests.mirrorcam.studio.browser import FLAGS, browser_page, chromium
 from tests.shared import built_once
+from tests.studio.browser import FLAGS, browser_page, chromium
 
 WIDE, NARROW = (1280, 900), (390, 844)
 TOY = "<!doctype html><title>A stand-in for the studio</title><h1>Studio</h1>"

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.calibration.validation import LIMITS, validate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
-from mirrorcam.workflow.validation import LIMITS, validate
 
 BOARD = AprilGrid(cols=10, rows=7, tag_mm=18.0, spacing=0.3)
 

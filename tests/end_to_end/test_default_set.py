@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.calibration.validation import LIMITS, Validation, mirror_errors, validate
 from mirrorcam.cli import main
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
 from mirrorcam.optics.geometry.layout import Layout
@@ -18,8 +19,7 @@ from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
-from mirrorcam.workflow.pipeline import SETTINGS
-from mirrorcam.workflow.validation import LIMITS, Validation, mirror_errors, validate
+from mirrorcam.run.pipeline import SETTINGS
 from tests.shared import built_once
 
 
@@ -93,7 +93,7 @@ def test_the_command_fails_past_a_limit_and_still_reports(
 ) -> None:
     strict = {n: m.replaced(limit=1e-9) if m.limit else m for n, m in validation.metrics.items()}
     for found, code in ((validation, 0), (Validation(validation.calibration, strict), 1)):
-        monkeypatch.setattr("mirrorcam.workflow.validation.validate", lambda *_, found=found: found)
+        monkeypatch.setattr("mirrorcam.calibration.validation.validate", lambda *_, found=found: found)
         assert main(["validate", str(half_set), "--out", str(tmp_path / str(code))]) == code
         assert {path.name for path in (tmp_path / str(code)).iterdir() if path.name != ".mirrorcam"} == {
             "corners.csv",

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.fingerprint import file_digests
+from mirrorcam.calibration.validation import calibrate_set
+from mirrorcam.core.disk.fingerprint import file_digests
+from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
+from mirrorcam.core.disk.stages import MANIFEST
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.output_folder import HIDDEN, output_folder
-from mirrorcam.workflow.pipeline import SETTINGS, finish, quick_recipe, stages
-from mirrorcam.workflow.stages import MANIFEST
-from mirrorcam.workflow.validation import calibrate_set
+from mirrorcam.run.pipeline import SETTINGS, finish, quick_recipe, stages
 from tests.shared import path_without_slicer
 
 STAGES = ("design", "cad", "set", "validation", "light_field", "page")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mirrorcam
-from mirrorcam.workflow.validation import mirror_errors
+from mirrorcam.calibration.validation import mirror_errors
 from tests.shared import path_without_slicer
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

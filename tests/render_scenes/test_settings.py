@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel, SurfaceFinish
 
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.frames import Frame
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.camera_addresses import camera
-from mirrorcam.optics.light_field.io.frames import Frame
+from tests.core.video.videos import RATE, pictures, write_mjpeg
 from tests.optics.layouts import faceted_parabola
-from tests.optics.light_field.io.videos import RATE, pictures, write_mjpeg
 from tests.ros2.stand_in import Ros, installed
 
 COUNT = 5

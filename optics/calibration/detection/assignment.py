@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from scipy.optimize import linear_sum_assignment
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import Corners

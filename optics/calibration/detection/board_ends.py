@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.board_warp import Warp
 from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS

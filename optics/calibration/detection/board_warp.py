@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorners
 from mirrorcam.optics.geometry.targets import Target
 

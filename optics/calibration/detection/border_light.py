@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, in_print_px, sample
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout

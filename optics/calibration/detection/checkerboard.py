@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_ends import board_ends
 from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArray, connected, grow_grid
 from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px

@@ -14,7 +14,7 @@ from collections import deque
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.saddle_points import SaddlePoints
 from mirrorcam.optics.calibration.solver.observations import IntArray
 

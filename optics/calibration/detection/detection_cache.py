@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import read_bytes, write_bytes
-from mirrorcam.optics.base.fingerprint import Fingerprint, digest, source_digest, versions
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.files import read_bytes, write_bytes
+from mirrorcam.core.disk.fingerprint import Fingerprint, digest, source_digest, versions
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid

@@ -23,8 +23,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners

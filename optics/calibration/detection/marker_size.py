@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, covers, sample
 from mirrorcam.optics.calibration.detection.board_warp import Warp
 from mirrorcam.optics.calibration.detection.charuco import find_markers, groups, marker_places

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import outer_tangent
 

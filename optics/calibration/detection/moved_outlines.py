@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.mirror_sides import Side
 from mirrorcam.optics.calibration.detection.segmentation import SeenEdge
 from mirrorcam.optics.geometry.layout import Layout

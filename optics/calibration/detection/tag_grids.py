@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, smooth_parts
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
 from mirrorcam.optics.calibration.detection.saddle_points import saddle_points

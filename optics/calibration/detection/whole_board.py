@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import sample
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard

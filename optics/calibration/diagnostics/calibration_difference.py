@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.diagnostics.projection_motion import (
     ROUNDING_PX,
     best_motion,

@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from mirrorcam.optics.base.jpeg import DamagedPicture
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.images.jpeg import DamagedPicture
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import norm, wilcoxon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.cross_validation import (
     balanced_folds,
     held_out_corners,

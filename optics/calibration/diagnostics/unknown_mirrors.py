@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.assignment import regions_px
 from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
 from mirrorcam.optics.geometry.layout import Layout

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from scipy.stats import binom
 
-from mirrorcam.optics.base.figure_texts import SIGMA
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.figures.figure_texts import SIGMA
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.residual_places import advice_on_cells, advice_on_corners

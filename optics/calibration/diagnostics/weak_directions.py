@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motions
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     grid_px,

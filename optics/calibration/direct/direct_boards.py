@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.optics.base.progress import Progress
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.progress import Progress
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.charuco import find_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.other_boards import other_board

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     angle_between_mirrors,

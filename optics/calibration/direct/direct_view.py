@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirrorcam.optics.base.figure_texts import count_text, names_together
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.figures.figure_texts import count_text, names_together
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import spread_out
 from mirrorcam.optics.calibration.detection.next_pose import (
     PRIOR,

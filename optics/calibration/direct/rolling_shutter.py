@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.diagnostics.cross_validation import balanced_folds, held_out_corners
 from mirrorcam.optics.calibration.diagnostics.model_comparison import FOLDS, MIN_GAIN_SIGMAS, SUPPORTED_CHANCE

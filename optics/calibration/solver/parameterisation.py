@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera

@@ -9,7 +9,7 @@ from statistics import harmonic_mean
 import numpy as np
 import shapely
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, Polygons, built_views
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_perturbations

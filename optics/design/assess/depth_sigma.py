@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2

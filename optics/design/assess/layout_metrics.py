@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from shapely import Polygon, union_all
 
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
 from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_metrics
 from mirrorcam.optics.design.assess.focus import focus_metrics

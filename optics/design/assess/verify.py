@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.chief_rays import TOUCH_MM, blocked_light, length_inside_mm, traced_to
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, box_corners
 from mirrorcam.optics.geometry.layout import Layout

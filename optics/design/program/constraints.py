@@ -12,7 +12,7 @@ from math import prod
 import casadi as ca
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.mirror_variables import (
     Kind,
     MirrorVariables,

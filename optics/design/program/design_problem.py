@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints, depth_terms, robustness
 from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft
 from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Solver

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirrorcam.optics.base import interruption
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.processes import interruption
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term
 
 LARGEST_SLACK = 10.0

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.nonlinear_program import Program
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
 

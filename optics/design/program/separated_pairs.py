@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import robustness, separation
 from mirrorcam.optics.design.program.draft import Draft
 from mirrorcam.optics.design.program.seeds import Seed, tile_places

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.lenses.brown_conrady import FLIPS, BrownConrady, tangential_by_coefficients
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 

@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.bounds import Bounds
-from mirrorcam.optics.base.values import FloatArray, Value
+from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 

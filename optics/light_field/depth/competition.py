@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import compiled
+from mirrorcam.core.compiled import compiled
 
 UNITS = 64
 """Costs are stored in parts of one, one UNITS-th each."""

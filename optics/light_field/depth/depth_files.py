@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.array_files import read_npz, refusing
-from mirrorcam.optics.base.files import write_npz
-from mirrorcam.optics.base.fingerprint import digest
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.array_files import read_npz, refusing
+from mirrorcam.core.disk.files import write_npz
+from mirrorcam.core.disk.fingerprint import digest
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 

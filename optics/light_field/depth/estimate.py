@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.arguments import check_type
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.arguments import check_type
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.edges import follow_edges
 from mirrorcam.optics.light_field.depth.geometry import MOST_PLANES, Parallax, other_views, parallax, reference_index

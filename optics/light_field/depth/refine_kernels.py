@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import compiled
+from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.geometry import Parallax
 from mirrorcam.optics.light_field.depth.sweep import Sweep
 

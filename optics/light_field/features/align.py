@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.image_pyramid import Floats, ImagePyramid
 from mirrorcam.optics.light_field.features.patch_shapes import PatchShapes
 from mirrorcam.optics.light_field.features.patches import OFFSETS, SAMPLES, SHAPES, Templates, normalized

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.files import atomic, write_npz
+from mirrorcam.core.disk.files import atomic, write_npz
 from mirrorcam.optics.light_field.features.feature_set import Features
 
 COLUMNS = (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import FINEST_SIZE_PX, Keypoints, comparable
 from mirrorcam.optics.light_field.features.slope import Geometry
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 RADIUS_PX = 4
 """Half the side of the patches that are sampled, without the pixel in the middle."""

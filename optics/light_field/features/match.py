@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoints, distances
 from mirrorcam.optics.light_field.features.slope import Geometry
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.image_pyramid import Floats
 from mirrorcam.optics.light_field.features.patches import SAMPLES, SHAPES, Templates
 

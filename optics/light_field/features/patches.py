@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, Floats, ImagePyramid
 
 SIDE = 2 * RADIUS_PX + 1

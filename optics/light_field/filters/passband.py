@@ -15,8 +15,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.compiled import compiled
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
 SMALL = 1e-4

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import inside, json_of, model_from, read_bytes, refuse_pointer
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.files import inside, json_of, model_from, read_bytes, refuse_pointer
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.mcap_chunks import LARGEST_TOPICS_BYTES, Chunk, checked_chunks, zstd
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic

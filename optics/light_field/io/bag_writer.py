@@ -9,9 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from mirrorcam.optics.base.files import TEMPORARY
-from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import TEMPORARY
+from mirrorcam.core.processes.interruption import deferred
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
 
 NAMESPACE = "/mirrorcam/"

@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from mirrorcam.optics.base.array_files import check_bytes, refusing
-from mirrorcam.optics.base.files import stored_bytes
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.values import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06

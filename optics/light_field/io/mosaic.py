@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.io.mosaic_order import AXES, Order, check_division
 from mirrorcam.optics.light_field.io.view_images import light_field_of, read_rgba, rgb, weight_bytes, write_rgba

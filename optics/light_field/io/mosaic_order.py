@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.view_images import Bytes
 from mirrorcam.optics.light_field.io.view_motion import texture_repeats
 

@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mirrorcam.optics.light_field.io.frames import Frame, Lost
-from mirrorcam.optics.light_field.io.stream import Source
+from mirrorcam.core.video.frames import Frame, Lost, Source
 
 ENDING_S = 2.0
 

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
 Item = TypeVar("Item")

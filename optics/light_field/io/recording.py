@@ -12,7 +12,7 @@ from typing import Any, Protocol, Self, TextIO
 
 from pydantic import ConfigDict, Field, model_validator
 
-from mirrorcam.optics.base.files import (
+from mirrorcam.core.disk.files import (
     LARGEST_FILE_BYTES,
     json_of,
     linked,
@@ -21,10 +21,10 @@ from mirrorcam.optics.base.files import (
     write_json,
     write_text,
 )
-from mirrorcam.optics.base.fingerprint import differing
-from mirrorcam.optics.base.interruption import deferred
-from mirrorcam.optics.base.values import InputError, InvalidValue, Value
-from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.core.disk.fingerprint import differing
+from mirrorcam.core.processes.interruption import deferred
+from mirrorcam.core.values import InputError, InvalidValue, Value
+from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.video.frames import AHEAD, Frame, Lost, Source, read_ahead
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.frames import AHEAD, Frame, Lost, read_ahead
 from mirrorcam.optics.light_field.io.recording import Recording
 from mirrorcam.optics.light_field.light_field import LightField
 
 Decoded = tuple[Frame, LightField] | Lost
 
 
-class Source(Protocol):
-    """Source of frames: `Video`, `LiveCamera`."""
+class RecordingCheck(Protocol):
+    """A check of a recording once it is complete, such as whether mirrors have moved."""
 
-    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """The frames after a number, in order."""
+    @property
+    def file(self) -> str:
+        """Ending of the name of the file that it writes."""
 
-    def stop(self) -> None:
-        """End `frames`, also where it waits for one."""
+    def report(self, frames: Sequence[NDArray[np.uint8]], name: str, sources: str) -> None:
+        """Check a few frames of a recording: `name` is of the file, `sources` what a command would be given."""
 
 
 def light_fields(decoder: Decoder, source: Source, after: int = -1, *, ahead: int = AHEAD) -> Iterator[Decoded]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 
 _NUMBER = r"(-?[0-9]{1,12}(?:\.[0-9]{1,20})?)"
 _COUNT = r"([0-9]{1,9})"

@@ -14,9 +14,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from mirrorcam.optics.base.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of, write_json
-from mirrorcam.optics.base.messages import shortened
-from mirrorcam.optics.base.values import FloatArray, InputError, Value
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of, write_json
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import FloatArray, InputError, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
 

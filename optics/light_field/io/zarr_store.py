@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.array_files import check_bytes
-from mirrorcam.optics.base.messages import shortened
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.array_files import check_bytes
+from mirrorcam.core.disk.zarr_arrays import METADATA, ZarrArray, read_attributes
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, read_journal
 from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
-from mirrorcam.optics.light_field.io.zarr_arrays import METADATA, ZarrArray, read_attributes
 from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.features.align import Warp
 from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen

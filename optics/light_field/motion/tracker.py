@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.keypoints import nearest_pairs

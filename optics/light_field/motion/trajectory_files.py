@@ -8,7 +8,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.files import write_text
+from mirrorcam.core.disk.files import write_text
 from mirrorcam.optics.light_field.motion.tracker import TrackedPose
 
 SCHEMA = "mirrorcam.trajectory/1"

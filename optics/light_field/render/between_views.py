@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.perspective import seen_from
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths

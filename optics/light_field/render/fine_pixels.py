@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.compiled import compiled
+from mirrorcam.core.values import FloatArray
 
 Float32 = NDArray[np.float32]
 

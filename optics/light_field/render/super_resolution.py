@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.render.fine_pixels import back_project, pixel_taps, project
 from mirrorcam.optics.light_field.render.linear_light import light_per_level
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import compiled
+from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.light_field import LightField
 
 Float32 = NDArray[np.float32]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.compiled import compiled
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.compiled import compiled
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.temporal.blocks import BLOCK_PX, Blocks
 
 Float32 = NDArray[np.float32]

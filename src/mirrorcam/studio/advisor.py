@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import RefusedDesign, SuggestedRequest

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.worker_pool import Died, run_local
+from mirrorcam.core.processes.worker_pool import Died, run_local
+from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign

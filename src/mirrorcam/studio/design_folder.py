@@ -6,11 +6,11 @@ import re
 import tempfile
 from pathlib import Path
 
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
+from mirrorcam.core.values import InputError
+from mirrorcam.designs.design_request import DESIGN_FILE, request_toml
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.workflow.design_request import DESIGN_FILE, request_toml
-from mirrorcam.workflow.zip_files import files_to_zip, write_zip
 
 NAME = re.compile(r"[\w.-]{1,100}")
 

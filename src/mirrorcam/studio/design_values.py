@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 
 Kind = Literal["exact", "preview", "parabola"]

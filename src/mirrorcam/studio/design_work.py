@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Iterator
 from functools import cache
 
-from mirrorcam.optics.base.calls import Calls, beside, in_turn
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_process import WorkerProcess
+from mirrorcam.core.processes.calls import Calls, beside, in_turn
+from mirrorcam.core.processes.worker_process import WorkerProcess
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -95,9 +95,9 @@ def preview(spec: DesignSpec) -> str | None:
 
 def report(layout: Layout, parabola: Layout | None) -> str:
     """The report of a design as one HTML file, with a study of devices as built."""
+    from mirrorcam.designs.design_pictures import design_pictures
+    from mirrorcam.designs.design_report import design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
-    from mirrorcam.pages.design_report import design_report
-    from mirrorcam.workflow.design_pictures import design_pictures
 
     assert layout.spec is not None
     try:

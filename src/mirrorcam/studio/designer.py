@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.base.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work

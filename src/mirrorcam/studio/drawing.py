@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from shapely import Polygon
 
-from mirrorcam.optics.base.figure_labels import LABELS
-from mirrorcam.optics.base.figure_texts import NONE, label_text, limit_text, sentence_case, value_text
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.figures.figure_texts import NONE, label_text, limit_text, sentence_case, value_text
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
 from mirrorcam.optics.design.assess.verify import verify

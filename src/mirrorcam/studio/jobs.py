@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
-from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.workflow.child_command import ENDING_S, ChildCommand
+from mirrorcam.core.processes.child_command import ENDING_S, ChildCommand
+from mirrorcam.core.values import InputError, Value
 
 JobKind = Literal["parts", "set", "run"]
 State = Literal["running", "done", "failed", "cancelled"]

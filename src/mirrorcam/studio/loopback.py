@@ -10,7 +10,7 @@ import uvicorn
 from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2

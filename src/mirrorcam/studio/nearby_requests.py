@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 MOST_MIRRORS = 25

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from mirrorcam.cad.plan.back_table import BACKS
-from mirrorcam.optics.base.html.templates import render
+from mirrorcam.core.html.templates import render
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import control_groups, snapping_groups
 from mirrorcam.studio.sweep_points import SweepPoint

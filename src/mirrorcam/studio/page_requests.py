@@ -9,9 +9,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import HTTPExceptionHandler
 
-from mirrorcam.optics.base.files import validated
-from mirrorcam.optics.base.nested_text import json_value
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.disk.files import validated
+from mirrorcam.core.disk.nested_text import json_value
+from mirrorcam.core.values import InputError, Value
 from mirrorcam.studio.local_access import BodyTooLarge
 
 Asked = TypeVar("Asked", bound=Value)

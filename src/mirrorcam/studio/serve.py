@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_sweep import finished_designs
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
-from mirrorcam.workflow.design_request import read_request
-from mirrorcam.workflow.design_sweep import finished_designs
 
 
 @dataclass(frozen=True)

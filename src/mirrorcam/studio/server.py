@@ -19,9 +19,10 @@ from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, R
 from starlette.routing import BaseRoute, Mount, Route
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
-from mirrorcam.optics.base.bounds import DEPTH_MM
-from mirrorcam.optics.base.values import InputError, Value
-from mirrorcam.optics.base.worker_process import WorkerDied
+from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.processes.worker_process import WorkerDied
+from mirrorcam.core.values import InputError, Value
+from mirrorcam.designs.design_request import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_values import SolvedDesign
@@ -33,7 +34,6 @@ from mirrorcam.studio.page_requests import REFUSALS, asked
 from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import Asker, Superseded
-from mirrorcam.workflow.design_request import request_of, request_toml
 
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"

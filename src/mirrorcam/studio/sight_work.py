@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import InputError, Value
+from mirrorcam.core.values import InputError, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.design_work import at_low_priority
 
@@ -103,6 +103,6 @@ def refocused(layout: Layout, subject: Subject, depth_mm: float) -> Frame:
 
 
 def _data_url(picture: NDArray[np.uint8]) -> str:
-    from mirrorcam.optics.base.pictures import encoded_image
+    from mirrorcam.core.images.pictures import encoded_image
 
     return f"data:image/jpeg;base64,{base64.b64encode(encoded_image(picture, '.jpg', QUALITY)).decode()}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.values import Value
 from mirrorcam.optics.design.spec_grid import Outcome, pareto_front, summary_figures
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from mirrorcam.optics.base.figure_labels import LABELS
-from mirrorcam.optics.base.figure_texts import label_text, sentence_case, value_text
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.figures.figure_texts import label_text, sentence_case, value_text
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.monte_carlo import study
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.optics.base.values import Value
+from mirrorcam.core.values import Value
 
 
 class ToleranceBar(Value):

@@ -13,16 +13,16 @@ from benchmarks.calibration_mrcal import python_with_mrcal
 from benchmarks.calibrators import mrcal_joint
 from benchmarks.calibrators.mrcal_joint import calibrate_set, covariance_of, left_jacobian
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.values import FloatArray, InputError
-from mirrorcam.optics.exports.virtual_cameras import virtual_cameras
+from mirrorcam.bench.scores.calibration_score import score_calibration
+from mirrorcam.bench.scores.stated_covariance import with_covariance
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.camera_files.read.registry import read_rig
+from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.optics.scoring.calibration_score import score_calibration
-from mirrorcam.optics.scoring.camera_files.registry import read_rig
-from mirrorcam.optics.scoring.stated_covariance import with_covariance
 from tests.optics.layouts import faceted_parabola
 
 CAMERA = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=684.0, cx_px=474.0, cy_px=271.0)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.calibrators.set_corners import corners_of_set
-from mirrorcam.optics.base.files import write_text
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.targets import load_board

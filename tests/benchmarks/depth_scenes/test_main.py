@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.depth_scenes.__main__ import write_scene
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 

@@ -18,7 +18,7 @@ from benchmarks.depth_scenes.rendered_scene import (
     srgb,
 )
 from benchmarks.depth_scenes.surfaces import block, sheet
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 SIZE_PX = 48

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.depth_scenes.rendered_scene import VIEWS, RenderedScene, Scene, depth_views
 from benchmarks.depth_scenes.scenes import SCENES
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 SIZE_PX = 40

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.depth_scenes.surfaces import Surface, ball, block, joined, leaf, sheet, tube, turned
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 def corners(surface: Surface) -> FloatArray:

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.robustness.hostile_light_fields import HOSTILE, Change, plant
 from benchmarks.robustness.light_fields import _ending, good
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 
 CASES = [(subject, change) for subject, changes in HOSTILE.items() for change in changes]

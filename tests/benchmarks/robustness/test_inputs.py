@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.robustness.guard import Category
 from benchmarks.robustness.inputs import CATEGORIES, toml_text
-from mirrorcam.optics.base.files import write_json
+from mirrorcam.core.disk.files import write_json
 
 
 def test_a_table_is_written_as_toml() -> None:

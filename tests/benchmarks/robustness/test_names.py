@@ -12,7 +12,7 @@ import pytest
 from benchmarks.robustness import names
 from benchmarks.robustness.guard import watched
 from mirrorcam.cad.write import bill_files
-from mirrorcam.optics.base import resumable
+from mirrorcam.core.disk import resumable
 
 
 def wrong(use: Callable[[Path, np.random.Generator], str], monkeypatch: pytest.MonkeyPatch) -> str:

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.robustness.guard import watched
 from benchmarks.robustness.native_opens import AUDITED
 from benchmarks.robustness.playlists import ENDINGS, LISTS, PREFIXES, attempt, listening, video
-from mirrorcam.optics.light_field.io.video import Video
+from mirrorcam.core.video.video import Video
 
 
 @pytest.mark.parametrize("ending", ["mp4", "m3u8", "ffconcat", "MP4"])

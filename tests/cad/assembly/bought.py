@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 def item(kind: BoughtKind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:

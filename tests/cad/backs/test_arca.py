@@ -11,7 +11,7 @@ from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.load import carried
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import ArcaBack
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from tests.cad.backs.planned_blocks import blocks_of
 
 

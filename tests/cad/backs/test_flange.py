@@ -17,7 +17,7 @@ from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.write.robot_link import link_from_rig
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from tests.cad.backs.planned_blocks import blocks_of
 
 

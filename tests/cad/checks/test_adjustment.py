@@ -18,12 +18,12 @@ from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.insertion import check_insertion
 from mirrorcam.cad.checks.tool_reach import check_tool_reach
-from mirrorcam.cad.documents.assembly_guide import write_guide
+from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.optics.base.figure_texts import TIMES
+from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.optics.geometry.transforms import transform
-from tests.cad.documents.conftest import make
+from tests.cad.guide.conftest import make
 from tests.cad.holder.screwed import pair, planned, with_screws
 
 Solids = dict[str, Manifold]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from mirrorcam.cad.checks.clashes import NEAR_MM, check_clashes, common_mm3, meetings
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 
 def box(size: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Manifold:

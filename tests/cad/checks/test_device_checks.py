@@ -28,7 +28,7 @@ from mirrorcam.cad.checks.device_checks import (
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 Built = tuple[Layout, Path, dict[str, Metric]]

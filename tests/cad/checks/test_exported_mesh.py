@@ -13,7 +13,7 @@ from mirrorcam.cad.checks.exported_mesh import MODEL_3MF, check_mesh, is_manifol
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.threemf import write_3mf
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 
 def failed(checks: dict[str, Metric]) -> set[str]:

@@ -19,7 +19,7 @@ from mirrorcam.cad.checks.light_paths import (
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 FAR = Manifold.cube((1.0, 1.0, 1.0)).translate((0.0, -500.0, -500.0))

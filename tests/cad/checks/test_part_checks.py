@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.write.part_export import write_step, write_stl
 from mirrorcam.cad.write.threemf import write_3mf
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 PRINTER = HARDWARE.printer
 

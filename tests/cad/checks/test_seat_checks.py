@@ -19,7 +19,7 @@ from shapely import Polygon
 from mirrorcam.cad.checks.seat_checks import FlatFace, _loop, check_seats, find_seat, flat_faces, pocket_gaps_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

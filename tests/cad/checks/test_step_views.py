@@ -14,7 +14,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import ASSEMBLY, read_glb
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.step_views import check_step_views
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 BASE, FRAMES = "device.base_pictures_hidden", "device.frames_pictures_hidden"

@@ -10,7 +10,7 @@ from shapely import Point, Polygon
 from mirrorcam.cad.holder.adjuster import boss_mm
 from mirrorcam.cad.holder.back import mount_axes
 from mirrorcam.cad.holder.carrier_areas import plan_areas
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.holder.screwed import with_screws
 from tests.cad.parabolas import parabola

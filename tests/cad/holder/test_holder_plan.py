@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.screw_holes import tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -22,7 +22,7 @@ from mirrorcam.cad.holder.rims import GROUND_MM
 from mirrorcam.cad.holder.screw_holes import POINT_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.cad.holder.brep import brep
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
 UP = np.array([0.0, 0.0, 1.0])

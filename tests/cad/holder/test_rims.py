@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, seat_distance_mm
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.holder.screw_holes import slot_way, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely import MultiPoint, Polygon
 
 from mirrorcam.cad.mirrors.nesting import fits, nest
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 GAP = 3.0
 

@@ -23,7 +23,7 @@ from mirrorcam.cad.mirrors.stock_sheets import (
     sheet_metrics,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 CUTTING = HARDWARE.cutting

@@ -9,7 +9,7 @@ from shapely import Polygon
 from mirrorcam.cad.parts.bed_placement import Lay, fits, halves, joint_blocks, lay
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 BED = np.array(HARDWARE.printer.bed_mm[:2])
 

@@ -17,7 +17,7 @@ from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 
 BOARDS = [name for name in camera_names() if read_body(name).held_by.kind == "board"]

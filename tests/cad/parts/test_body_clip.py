@@ -16,7 +16,7 @@ from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, Nest, least_contact_n, reactions
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, overlap_mm
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 

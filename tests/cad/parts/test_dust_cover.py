@@ -12,7 +12,7 @@ from mirrorcam.cad.parts.part_solids import make_cover
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import mirror_prism
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, transform
 

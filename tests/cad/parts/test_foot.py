@@ -9,7 +9,7 @@ from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_plate_mm, foot_screws, foot_stack, foot_z_mm
 from mirrorcam.cad.plan.fasteners import stack
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 
 def test_the_clip_at_its_lowest_leaves_the_window_for_the_cable_over_the_foots_plate() -> None:

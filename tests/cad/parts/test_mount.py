@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import moved, overlap_mm
 from mirrorcam.cad.plan.seats import keep_outs
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]

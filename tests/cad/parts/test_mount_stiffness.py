@@ -13,7 +13,7 @@ from mirrorcam.cad.parts.mount_openings import openings
 from mirrorcam.cad.parts.mount_stiffness import disc_on_solid, mount_compliance
 from mirrorcam.cad.plan.beam import POISSON, Section
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 G = 9.80665e-3
 

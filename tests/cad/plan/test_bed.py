@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.cad.plan.bed import MOVED_MM, bed_lengths_mm, cut_slack_mm, require_height, turned_onto_bed
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.transforms import transform
 
 LONG_BED = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(200.0, 300.0, 250.0)))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon, stack, stack_into, thread
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.plan.folded_plates import FoldedPlates
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 MODULUS, WIDTH, LENGTH, THICK = 2300.0, 20.0, 200.0, 2.0
 AREA, FLAT, ON_EDGE = WIDTH * THICK, WIDTH * THICK**3 / 12.0, THICK * WIDTH**3 / 12.0

@@ -9,8 +9,8 @@ import pytest
 from bd_warehouse.fastener import HeatSetNut, HexNut, PlainWasher, SocketHeadCapScrew
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, require_same_camera
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_body
 

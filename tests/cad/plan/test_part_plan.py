@@ -9,7 +9,7 @@ import pytest
 from build123d import Box, Part
 
 from mirrorcam.cad.plan.part_plan import PartPlan, plain, recipe
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BoughtKind
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import read_body
 
 PRESSURE = 0.25 * HARDWARE.printer.plastic_strength_mpa

@@ -12,7 +12,7 @@ from build123d import Align, Box, BuildPart, Locations, Part
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.pin_joints import hole_frame
 from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 CORNER = (Align.MIN, Align.MIN, Align.MIN)
 

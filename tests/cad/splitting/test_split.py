@@ -13,7 +13,7 @@ from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.splitting.split import split
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import transform
 
 

@@ -11,7 +11,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind, BuiltPart
 from mirrorcam.cad.write import bill_of_materials
 from mirrorcam.cad.write.bill_of_materials import Bom, bill_of
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 
 
 @pytest.fixture

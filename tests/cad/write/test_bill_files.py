@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write import bill_of_materials
 from mirrorcam.cad.write.bill_files import write_bom
 from mirrorcam.cad.write.bill_of_materials import Bom, bill_of
-from mirrorcam.optics.base.files import read_model
+from mirrorcam.core.disk.files import read_model
 
 
 def test_a_hostile_name_is_text_in_every_file(

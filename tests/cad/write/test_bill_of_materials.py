@@ -15,8 +15,8 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.write import bill_of_materials
 from mirrorcam.cad.write.bill_of_materials import Bom, bill_of, bom_metrics
-from mirrorcam.optics.base.files import read_model
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 
 

@@ -12,7 +12,7 @@ from build123d import Box, BuildPart, Cylinder, Locations, Mode, Part
 from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.write.face_names import name_faces
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from tests.cad.write.freecad import NEEDS_FREECAD, run_in_freecad, script_of_the_page
 
 UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])

@@ -10,7 +10,7 @@ from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.cad.write.licence import hardware_toml, write_source
-from mirrorcam.optics.base.files import read_model
+from mirrorcam.core.disk.files import read_model
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -11,7 +11,7 @@ from build123d import Box, Cylinder, Location, import_step
 
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM, mass_properties, write_step, write_stl
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 
 
 def test_a_box_weighs_what_the_formula_says(block: PartPlan, built_block: BuiltPart) -> None:

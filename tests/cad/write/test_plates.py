@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write.plates import CONFIG, GAP_MM, Plate, check_plates, plan_plates, write_plates
 from mirrorcam.cad.write.slicer import check_slicing, find_slicer
 from mirrorcam.cad.write.threemf import body_on_bed
-from mirrorcam.optics.base.values import Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 Built = tuple[Layout, Path, dict[str, Metric]]

@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
 from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
-from mirrorcam.optics.base.names import LONGEST
+from mirrorcam.core.names import LONGEST
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 

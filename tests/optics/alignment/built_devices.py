@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.alignment import view_turns
 from mirrorcam.optics.alignment.build_errors import CAMERA, RIGID, BuildErrors, BuiltDevice
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

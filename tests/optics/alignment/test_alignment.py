@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.alignment.alignment import EdgeAligner, MirrorTilt, grey_light, mirror_tilt, view_turns
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
-from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.alignment.built_devices import built, sheet, tilts_deg
 from tests.optics.drift.calibrated_device import turned

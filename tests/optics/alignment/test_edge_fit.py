@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_fit import EdgeFitter
-from mirrorcam.optics.base.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.alignment.built_devices import built, sheet
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from shapely import contains_xy
 from shapely.geometry import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard

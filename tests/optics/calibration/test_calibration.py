@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import FloatArray, InputError, Metric
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey

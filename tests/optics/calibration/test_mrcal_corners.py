@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.corner_files import CornerTable, load_corners
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from tests.optics.calibration.sound_calibration import BOARD, nominal_layout

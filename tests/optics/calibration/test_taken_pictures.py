@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration import taken_pictures
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.seeds import Seed, seed_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.calls import beside
-from mirrorcam.optics.base.worker_process import WorkerProcess
+from mirrorcam.core.processes.calls import beside
+from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate

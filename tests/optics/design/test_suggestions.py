@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.calls import Call, beside
-from mirrorcam.optics.base.worker_process import WorkerProcess
+from mirrorcam.core.processes.calls import Call, beside
+from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.suggestions import WAYS, Suggestion, _rounded, nearest_feasible, suggestions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.drift.matched_points import MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import calibration_covariance, common_covariance, mirror_rows
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
-from mirrorcam.optics.base.values import FloatArray, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from tests.optics.geometry.followed_rays import (
     BENDS,
     FOCAL_PX,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.camera import Camera, _newton_step
 from tests.optics.geometry.lenses.cameras import camera_of, points
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 

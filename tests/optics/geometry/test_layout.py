@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import InputError, Metric
+from mirrorcam.core.values import InputError, Metric
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG, Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 
 CENTRES = st.tuples(*[st.floats(-200, 200)] * 3).map(np.array).filter(lambda c: bool(np.linalg.norm(c) > 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror_arrays import dot, plane_axes, plane_of, plane_vjp
 from tests.optics.geometry.followed_rays import mirror
 

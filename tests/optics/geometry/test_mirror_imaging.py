@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays
 from mirrorcam.optics.geometry.mirror_imaging import images
 from tests.optics.geometry.followed_rays import (

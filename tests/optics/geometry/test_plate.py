@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Point, Polygon, contains_xy
 
-from mirrorcam.optics.base.values import FloatArray, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm, traced
 from mirrorcam.optics.geometry.mirror import Mirror, cut
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm

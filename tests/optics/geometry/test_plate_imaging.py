@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, dot, plane_of
 from mirrorcam.optics.geometry.plate_imaging import PlatePath
 from tests.optics.geometry.followed_rays import (

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError, InvalidValue
+from mirrorcam.core.values import InputError, InvalidValue
 from mirrorcam.optics.geometry.targets import (
     TAG_FAMILY,
     AprilGrid,

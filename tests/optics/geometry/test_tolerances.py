@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
 CAMERA = ("focal_percent", "centre_px", "distortion_mean", "distortion_sigma")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.optics.base.values import InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 
 SEGMENT = [[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.preview.arranged import view_from_board

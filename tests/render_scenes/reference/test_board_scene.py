@@ -8,7 +8,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
 from mirrorcam.optics.geometry.transforms import rigid

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
 from mirrorcam.optics.geometry.targets import Charuco
@@ -31,7 +31,7 @@ from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.variant import SCALAR
-from mirrorcam.workflow.rendering import in_workers
+from mirrorcam.simulation.rendering import in_workers
 from tests.render_scenes.devices import SETTINGS, box, scene_of, write_glb, write_stl
 
 

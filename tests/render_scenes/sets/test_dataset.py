@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.fingerprint import file_digest
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.values import InputError
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
 from tests.render_scenes.manifests import dataset_of_two_frames

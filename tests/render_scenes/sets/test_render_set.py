@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.files import TEMPORARY
-from mirrorcam.optics.base.fingerprint import file_digest
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.progress import Progress, no_progress
-from mirrorcam.optics.base.resumable import UNFINISHED
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import TEMPORARY
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.resumable import UNFINISHED
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances

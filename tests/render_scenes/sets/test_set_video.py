@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.set_video import check_video
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel

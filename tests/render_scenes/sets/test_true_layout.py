@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.files import write_json
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.bench.scoring import ScoreRequest, score
+from mirrorcam.core.disk.files import write_json
+from mirrorcam.core.values import InputError
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.true_layout import FINISH, TRUTH, true_layout
-from mirrorcam.workflow.scoring import ScoreRequest, score
-from tests.optics.scoring.rigs import device
+from tests.optics.camera_files.rigs import device
 
 
 def make_set(folder: Path) -> Path:

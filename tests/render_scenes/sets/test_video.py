@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.pictures import write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.render_scenes.sets.video import as_key_frame, write_h264, write_mjpeg
 
 av = pytest.importorskip("av", reason="videos need the extra render")
@@ -109,7 +109,7 @@ ENCODE = """
 import hashlib, sys
 from pathlib import Path
 import numpy as np
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.render_scenes.sets.video import as_key_frame, write_h264, write_mjpeg
 folder = Path(sys.argv[1])
 png, jpg = sorted(folder.glob("*.png")), sorted(folder.glob("*.jpg"))

@@ -1,4 +1,4 @@
-"""Costs that are said beforehand: laws here; `tests/mirrorcam/commands/test_suite.py` compares them with real ones."""
+"""Costs that are said beforehand: laws here; `tests/bench/test_suite_command.py` compares them with real ones."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.suite import SUITES, Suite, read_suite, suite_names
 

@@ -13,9 +13,9 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.resumable import UNFINISHED
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.resumable import UNFINISHED
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.array_files import refusing
-from mirrorcam.optics.base.files import inside, read_lines, write_text
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.disk.files import inside, read_lines, write_text
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.geometry import reference_index

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mirrorcam.optics.base.pictures import is_picture
+from mirrorcam.core.images.pictures import is_picture
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.files import write_bytes
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import Depth, Format
 from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.light_field import LightField

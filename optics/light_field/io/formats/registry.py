@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mirrorcam.optics.base.arguments import AnyPath, check_type, path_of
-from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.files import readable, refuse_pointer
-from mirrorcam.optics.base.messages import shortened
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.arguments import AnyPath, check_type, path_of
+from mirrorcam.core.disk.files import readable, refuse_pointer
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -88,7 +88,7 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
         pictures contradict their order.
     """
     if decoder is not None:
-        from mirrorcam.optics.base.pictures import is_picture, read_image
+        from mirrorcam.core.images.pictures import is_picture, read_image
 
         if is_picture(path):
             return Contents((decoder.decode(read_image(path)),))

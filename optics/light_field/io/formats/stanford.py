@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.array_files import refusing
-from mirrorcam.optics.base.figure_texts import count_text
-from mirrorcam.optics.base.pictures import is_picture, read_image, write_image
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.images.pictures import is_picture, read_image, write_image
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.view_names import has_named_views, named_views

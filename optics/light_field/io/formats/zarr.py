@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, without_depth
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
@@ -19,7 +19,7 @@ def is_recording(path: Path) -> bool:
 
 def write_recording(path: Path, light_field: LightField) -> None:
     """Write one light field as a recording of one frame."""
-    from mirrorcam.optics.light_field.io.frames import Frame
+    from mirrorcam.core.video.frames import Frame
     from mirrorcam.optics.light_field.io.recording import Recording, about
 
     recording = Recording(path, about(light_field, {"file": path.stem}), ZarrSink())

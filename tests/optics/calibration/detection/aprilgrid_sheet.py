@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import AprilGrid
 
 GRID = AprilGrid(cols=6, rows=4, tag_mm=25.0, spacing=0.2)

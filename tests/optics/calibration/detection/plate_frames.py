@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

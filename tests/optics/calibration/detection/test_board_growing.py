@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_growing import grow_board, same_board, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
 from mirrorcam.optics.calibration.solver.observations import Corners

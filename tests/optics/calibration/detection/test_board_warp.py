@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_warp import CUBIC, QUINTIC, Warp, corner_places, typical_cell_px
 from mirrorcam.optics.geometry.targets import Charuco
 

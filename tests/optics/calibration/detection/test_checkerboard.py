@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection.checkerboard import (
     cell_px,
     confirm,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
 from mirrorcam.optics.calibration.detection.saddle_points import SaddlePoints
 from mirrorcam.optics.calibration.solver.observations import IntArray

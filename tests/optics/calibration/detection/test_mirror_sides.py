@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.mirror_sides import Side, shown_in_plane_mm
 from tests.optics.calibration.detection.mirror_frames import MEANT
 

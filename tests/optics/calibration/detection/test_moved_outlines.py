@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.moved_outlines import with_edges
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

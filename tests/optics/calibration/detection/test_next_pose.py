@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.detection.next_pose import (
     ENOUGH_DEG,
     ENOUGH_PICTURES,

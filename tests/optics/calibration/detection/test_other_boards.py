@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.geometry.camera import Camera

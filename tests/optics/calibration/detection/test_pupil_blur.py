@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.border_light import Border, BorderLight, borders
 from mirrorcam.optics.calibration.detection.pupil_blur import NEARNESS_SIGMA, SeenPupil, seen_pupil
 from mirrorcam.optics.geometry.layout import Layout

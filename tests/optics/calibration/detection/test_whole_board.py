@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
 from mirrorcam.optics.calibration.detection.whole_board import whole_board
 from mirrorcam.optics.geometry.targets import Checkerboard

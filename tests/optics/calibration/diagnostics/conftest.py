@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.calibrated_layout import moved_to
 from mirrorcam.optics.calibration.diagnostics.calibration_result import uncertainty
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.calibrated_layout import moved_to
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.calibrated_layout import moved_to
 from mirrorcam.optics.calibration.detection.mirror_sides import Side
 from mirrorcam.optics.calibration.detection.segmentation import SeenEdge

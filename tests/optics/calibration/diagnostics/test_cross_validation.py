@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.cross_validation import (
     balanced_folds,
     held_out,

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from shapely import Point, Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     outline_px,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics, diagnose, reference_of
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_uncertainty

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.free_views import _linearised, _Views, free_views
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.lens_additions import free_intrinsics, further_lenses, with_addition
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, Places, columns_of, residuals_of
 from mirrorcam.optics.calibration.solver.observations import IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.design.assess.as_built_metrics import design_reference
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.layout_metrics import evaluate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess import chief_rays
 from mirrorcam.optics.design.assess.chief_rays import blocked_light, sampled, traced
 from mirrorcam.optics.design.program.seeds import faceted_parabola

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve, minimize_scalar
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, focus_metrics, out_of_focus
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.camera import Camera

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import NOT_FINITE, FloatArray, InputError
+from mirrorcam.core.values import NOT_FINITE, FloatArray, InputError
 from mirrorcam.optics.design.assess.layout_metrics import (
     FARTHEST_MM,
     NEAREST_MM,

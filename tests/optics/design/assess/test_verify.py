@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from shapely import Polygon
 from shapely.ops import nearest_points
 
-from mirrorcam.optics.base.values import FloatArray, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import blocked_light, length_inside_mm, sampled
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.optimise import design

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, mirror_of
 from mirrorcam.optics.design.program.seeds import mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import Expression

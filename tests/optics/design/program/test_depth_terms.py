@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.program import depth_terms

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base import interruption
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.processes import interruption
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.program import separation
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, Problem, overlap_problem

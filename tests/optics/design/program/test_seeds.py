@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from shapely import Polygon
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.design.program.seeds import (
     corner_pattern,
     ellipsoid_centres,

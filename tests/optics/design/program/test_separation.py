@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from shapely import Polygon
 from shapely.ops import nearest_points
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints, separation
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.terms import ELASTIC, Term

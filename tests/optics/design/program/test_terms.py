@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints, separation
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, Term, TermBuilder

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.focal_stack import slice_of, slopes_of, stack_keypoints
 from mirrorcam.optics.light_field.features.keypoints import Keypoints, grey_views

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.features.image_pyramid import RADIUS_PX, ImagePyramid
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.features.keypoints import (
     BORDER_PX,
     DetectorName,

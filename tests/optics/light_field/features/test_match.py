@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import Keypoints
 from mirrorcam.optics.light_field.features.match import KEPT, Candidates, candidates, vote
 from mirrorcam.optics.light_field.features.slope import Geometry

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.slope import Geometry, fit, fit_two_slopes, moderated_variance
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.features.scenes import uneven_views

@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
-from mirrorcam.optics.light_field.io.video import Video
+from tests.core.video.videos import damage, pictures, write_mjpeg
 from tests.optics.layouts import faceted_parabola
-from tests.optics.light_field.io.videos import damage, pictures, write_mjpeg
 
 COUNT = 20
 

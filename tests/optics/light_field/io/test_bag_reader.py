@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base import array_files
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk import array_files
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
 from mirrorcam.optics.light_field.io.mcap_chunks import checked_chunks
 from mirrorcam.optics.light_field.light_field import LightField
+from tests.core.video.videos import pictures
 from tests.optics.light_field.io.bags import STEP_NS, needs_rosbags, write_bag
-from tests.optics.light_field.io.videos import pictures
 
 pytestmark = needs_rosbags
 COUNT = 4

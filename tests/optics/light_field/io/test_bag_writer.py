@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io import bag_writer, ros_messages
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter
 from mirrorcam.optics.light_field.io.ros_messages import Published
 from mirrorcam.optics.light_field.light_field import LightField
+from tests.core.video.videos import pictures
 from tests.optics.light_field.io.bags import STEP_NS, needs_rosbags, write_bag
-from tests.optics.light_field.io.videos import pictures
 
 COUNT = 3
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.optics.base import array_files
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk import array_files
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.mcap_chunks import MAGIC, Chunk, checked_chunks
 from tests.optics.light_field.io.bags import needs_rosbags
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.io.mosaic import read_mosaic, write_mosaic
 from mirrorcam.optics.light_field.io.view_images import write_rgba

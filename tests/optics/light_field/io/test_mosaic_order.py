@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.mosaic_order import AXES, Order, check_division
 from tests.optics.light_field.io.orders import scene
 from tests.optics.light_field.io.test_view_order import blurred, faint, noisy, unlike, vignetted

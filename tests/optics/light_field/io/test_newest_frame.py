@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
-from mirrorcam.optics.light_field.io.frames import Frame, Lost
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.newest_frame import NewestFrame
 
 

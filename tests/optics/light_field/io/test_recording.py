@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import open_light_field
-from mirrorcam.optics.light_field.io.frames import Frame
 from mirrorcam.optics.light_field.io.recording import Sink
 from mirrorcam.optics.light_field.io.stream import record
-from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
+from tests.core.video.videos import damage, pictures, write_mjpeg
 from tests.optics.light_field.io.conftest import COUNT, DAMAGED, begin, npz_folders
-from tests.optics.light_field.io.videos import damage, pictures, write_mjpeg
 
 
 def content(folder: Path) -> dict[str, bytes]:

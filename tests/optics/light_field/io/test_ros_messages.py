@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io import ros_messages
 from mirrorcam.optics.light_field.io.ros_messages import RosMessage
 from mirrorcam.optics.light_field.light_field import LightField
-from tests.optics.light_field.io.videos import pictures
+from tests.core.video.videos import pictures
 
 MIDDLE = (1, 1)
 

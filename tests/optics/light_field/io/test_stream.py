@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from mirrorcam.core.video.frames import Frame, Lost
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.stream import record
-from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
+from tests.core.video.videos import pictures, write_h264
 from tests.optics.light_field.io.conftest import begin
-from tests.optics.light_field.io.videos import pictures, write_h264
 
 
 def test_frames_after_the_limit_are_not_touched(tmp_path: Path, decoder: Decoder, video: Video) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.view_order import in_order
 from tests.optics.light_field.io.orders import scene, with_samples
 

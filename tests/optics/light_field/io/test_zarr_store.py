@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import zarr
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import open_light_field
 from mirrorcam.optics.light_field.io.stream import record
-from mirrorcam.optics.light_field.io.video import Video
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
 from tests.optics.light_field.io.conftest import COUNT, DAMAGED, begin
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen
 from mirrorcam.optics.light_field.motion.pose_fit import SharedErrors, _equations, fit_pose, predicted

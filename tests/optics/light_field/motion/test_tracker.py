@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose

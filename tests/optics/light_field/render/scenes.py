@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.base.values import FloatArray
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths
 from tests.optics.light_field.depth.surfaces import Surface, met

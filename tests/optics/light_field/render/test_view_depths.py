@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.render.perspective import all_in_focus
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, landed, without_nearer
 from tests.optics.light_field.depth.surfaces import grid_views, photograph

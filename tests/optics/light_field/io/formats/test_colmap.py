@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.io.formats.conftest import SURFACES, points

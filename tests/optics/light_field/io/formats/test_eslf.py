@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import read_image
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.light_field.io.mosaic import write_mosaic
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 

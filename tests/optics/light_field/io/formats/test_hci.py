@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from benchmarks.light_field_depth import best_stereo, our_disparity, render_hci, scores
-from mirrorcam.optics.base.pictures import read_image
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.images.pfm import read_pfm
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
-from mirrorcam.optics.light_field.io.pfm import read_pfm
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 

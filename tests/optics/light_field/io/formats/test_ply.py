@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mirrorcam.optics.base.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
 from mirrorcam.optics.light_field.light_field import LightField
 

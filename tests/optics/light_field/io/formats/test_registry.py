@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base import array_files
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.disk import array_files
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.formats.registry import (
     NAMES,
@@ -190,7 +190,7 @@ def test_pictures_that_are_missing_or_of_another_size_are_refused(tmp_path: Path
         file = next(folder.glob(picture))
         other = next(each for each in folder.glob("**/*.png") if each != file and "masks" not in each.parts)
         good = other.read_bytes()
-        from mirrorcam.optics.base.pictures import write_image
+        from mirrorcam.core.images.pictures import write_image
 
         write_image(other, np.zeros((5, 6, 3), np.uint8))
         with pytest.raises(InputError, match="6x5 px, expected"):

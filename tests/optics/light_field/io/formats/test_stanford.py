@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.optics.base.pictures import read_image, write_image
-from mirrorcam.optics.base.values import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_fields
 from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed

@@ -1,0 +1,184 @@
+"""A solid in linear elasticity, condensed to the screws that hold it: second-order tetrahedra, by scikit-fem and SciPy.
+
+Everything is for a modulus of 1 MPa: displacements under a force go as 1 / modulus, those of expansion do not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
+from mirrorcam.core.values import FloatArray, InputError
+
+POISSON = 0.35
+LOADS = 8
+"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), that of what it carries, a strain of its own expansion
+and one of what is glued to it.
+"""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A rigid thing on a solid: nodes that it rests on, a point whose motion is told, and a weight in N at its middle.
+
+    `glue` (n, 3, 3) are springs in N/mm between each node and the thing, where the solid has a
+    modulus of 1 MPa; the thing then expands about the point. Without, it moves as the nodes do in the mean.
+    """
+
+    nodes: NDArray[np.int64]
+    at: FloatArray
+    weight_n: float
+    middle: FloatArray
+    glue: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class CondensedSolid:
+    """How rigid screws and carried things move, per motion of the screws and per load, for a modulus of 1 MPa.
+
+    With the motions q (6 n,) of the screws: forces on them are `stiffness` q - `forces` loads, and motions of what is
+    carried (shift in mm of its point, turn in rad) are `by_screws` q + `by_loads` loads, for each by name.
+    """
+
+    stiffness: FloatArray
+    forces: FloatArray
+    by_screws: Mapping[str, FloatArray]
+    by_loads: Mapping[str, FloatArray]
+
+
+class Solid:
+    """The elements of a solid: where its nodes are, before it is condensed.
+
+    Each node is a corner or the middle of an edge; `nodes` (n, 3) are in mm.
+    """
+
+    def __init__(self, mesh: Tetrahedra) -> None:
+        from skfem import Basis, ElementTetP2, ElementVector, MeshTet
+
+        self._basis = Basis(
+            MeshTet(mesh.points.T.copy(), mesh.corners.T.copy()), ElementVector(ElementTetP2()), intorder=2
+        )
+        numbers = np.hstack([self._basis.nodal_dofs, self._basis.edge_dofs])
+        self._dofs: NDArray[np.int64] = np.asarray(numbers.T, dtype=np.int64)
+        self.nodes: FloatArray = np.asarray(self._basis.doflocs[:, self._dofs[:, 0]].T, dtype=np.float64)
+
+    def condensed(
+        self, screws: Sequence[NDArray[np.int64]], at: FloatArray, carried: Mapping[str, Carried]
+    ) -> CondensedSolid:
+        """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
+
+        A set grows about its point as the solid does: what is pressed together there is of one material.
+        """
+        if any(len(nodes) < 3 for nodes in screws):
+            raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
+        if len(np.unique(np.concatenate(screws))) < sum(len(nodes) for nodes in screws):
+            raise ValueError("screws share nodes, expected each node to be held by one")
+        stiffness, loads, glued = self._with_glue(*self._assembled(carried), tuple(carried.values()))
+        count = stiffness.shape[0]
+        held = np.concatenate([self._dofs[nodes].ravel() for nodes in screws])
+        rigid, grown = np.zeros((count, 6 * len(screws))), np.zeros((count, LOADS))
+        for k, (nodes, point) in enumerate(zip(screws, at, strict=True)):
+            dofs, arms = self._dofs[nodes].ravel(), self.nodes[nodes] - point
+            rigid[dofs, 6 * k : 6 * k + 6] = rigid_motions(arms)
+            grown[dofs, 6] = arms.ravel()
+        free = np.setdiff1d(np.arange(count), held)
+        inner = stiffness[free][:, free].tocsc()
+        factor = splu(inner, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        pulled = stiffness[free] @ rigid
+        by_screws, by_loads = rigid.copy(), grown.copy()
+        by_screws[free] = -factor.solve(pulled)
+        loads = loads - stiffness @ grown
+        by_loads[free] = factor.solve(loads[free])
+        own = by_screws.T @ (stiffness @ by_screws)
+        told = {name: self._told(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)}
+        return CondensedSolid(
+            stiffness=(own + own.T) / 2.0,
+            forces=by_screws.T @ loads,
+            by_screws={name: motion @ by_screws for name, motion in told.items()},
+            by_loads={name: motion @ by_loads for name, motion in told.items()},
+        )
+
+    def _assembled(self, carried: Mapping[str, Carried]) -> tuple[Any, FloatArray]:
+        """Stiffness, and the loads (dofs, LOADS)."""
+        from skfem import LinearForm
+        from skfem.helpers import div
+        from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+        lame, shear = lame_parameters(1.0, POISSON)
+        stiffness = linear_elasticity(lame, shear).assemble(self._basis).tocsr()
+        loads = np.zeros((stiffness.shape[0], LOADS))
+        volume = LinearForm(lambda v, _: v[0]).assemble(self._basis)
+        for axis in range(3):
+            loads[self._dofs[:, axis], axis] = volume[self._dofs[:, 0]]
+        # A free strain e in all directions is a stress of 3 K e, with the bulk modulus K.
+        bulk = lame + 2.0 / 3.0 * shear
+        loads[:, 6] = LinearForm(lambda v, _: 3.0 * bulk * div(v)).assemble(self._basis)
+        for each in carried.values():
+            if each.glue is None:
+                loads[:, 3:6] += self._motion(each).T @ _weights(each)
+        return stiffness, loads
+
+    def _with_glue(
+        self, stiffness: Any, loads: FloatArray, carried: Sequence[Carried]
+    ) -> tuple[Any, FloatArray, list[int | None]]:
+        """Stiffness and loads with six more displacements for each thing that is glued; the first of them for each."""
+        from scipy.sparse import block_diag, csr_matrix
+
+        own = stiffness.shape[0]
+        glued: list[int | None] = []
+        held = [each for each in carried if each.glue is not None]
+        whole = block_diag([stiffness, csr_matrix((6 * len(held), 6 * len(held)))], format="csr")
+        loads = np.vstack([loads, np.zeros((6 * len(held), LOADS))])
+        for each in carried:
+            if each.glue is None:
+                glued.append(None)
+                continue
+            first = own + 6 * sum(place is not None for place in glued)
+            glued.append(first)
+            arms = self.nodes[each.nodes] - each.at
+            # How springs are stretched: nodes less a rigid motion of the thing, and less what it grows.
+            dofs = np.concatenate([self._dofs[each.nodes].ravel(), np.arange(first, first + 6)])
+            stretch = np.hstack([np.eye(arms.size), -rigid_motions(arms)])
+            springs = block_diag(each.glue)
+            added = stretch.T @ (springs @ stretch)
+            rows, columns = np.meshgrid(dofs, dofs, indexing="ij")
+            whole = whole + csr_matrix((added.ravel(), (rows.ravel(), columns.ravel())), shape=whole.shape)
+            loads[dofs, 7] += stretch.T @ (springs @ arms.ravel())
+            loads[first : first + 6, 3:6] += _weights(each)
+        return whole, loads, glued
+
+    def _told(self, each: Carried, first: int | None, count: int) -> FloatArray:
+        """The motion (6, count) of what is carried, on all displacements: from `first` on its own, or a mean."""
+        motion = np.zeros((6, count))
+        if first is None:
+            motion[:, : self._dofs.size] = self._motion(each)
+        else:
+            motion[:, first : first + 6] = np.eye(6)
+        return motion
+
+    def _motion(self, each: Carried) -> FloatArray:
+        """The rigid motion (6, dofs) that fits the nodes best about a point; its transpose spreads forces on them."""
+        fitted = np.linalg.pinv(rigid_motions(self.nodes[each.nodes] - each.at))
+        motion = np.zeros((6, self._dofs.size))
+        motion[:, self._dofs[each.nodes].ravel()] = fitted
+        return motion
+
+
+def _weights(each: Carried) -> FloatArray:
+    """Forces and moments (6, 3) about its point, of a thing's weight along x, y and z."""
+    force = each.weight_n * np.eye(3)
+    return np.vstack([force, np.cross(each.middle - each.at, force).T])
+
+
+def rigid_motions(arms: FloatArray) -> FloatArray:
+    """Displacements (3 n, 6) of points at arms (n, 3) from the middle of a shift and a turn."""
+    found = np.zeros((len(arms), 3, 6))
+    found[:, :, :3] = np.eye(3)
+    found[:, :, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
+    return found.reshape(-1, 6)

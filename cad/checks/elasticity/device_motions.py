@@ -1,0 +1,245 @@
+"""How the mirrors of a device move against its camera: the holder, the mount and the clip by finite elements.
+
+The parts are tied to each other around their screws, each of which holds both as a rigid disc, and the foot's screws to
+what does not move. Mirrors and camera are rigid. The camera's weight is spread over the nodes that it rests on, whose
+motion is its own. A mirror hangs in springs, as a layer of silicone has them, on the nodes of its seat's floor, and
+expands by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from build123d import Part
+from numpy.typing import NDArray
+from shapely import Polygon, points
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import MIRRORS
+from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
+from mirrorcam.cad.checks.elasticity.plastics import MIRROR_PER_K
+from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
+from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.part_solids import make_clip, make_mount
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.write.part_export import write_step
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.geometry.transforms import inverse, transform
+
+G = 9.80665
+# A screw presses parts together about so far around its axis: what elements of solids hold as rigid.
+SCREW_MM = 6.0
+# Nodes are in a plane to this; nodes within this of what carries a camera carry it.
+IN_PLANE_MM, CARRIES_MM = 5e-3, 3.0
+CAMERA = "camera"
+# Neutral-cure silicone, of 20 to 25 Shore A: its shear modulus, and that of a layer that cannot yield to the sides, of
+# Poisson's ratio .49; MPa.
+GLUE_SHEAR_MPA, GLUE_LAYER_MPA = 0.3, 15.0
+
+
+@dataclass(frozen=True)
+class DeviceMotions:
+    """Motions of each mirror against the camera, by its name: shift in mm of its outline's mean, then turn in rad.
+
+    `plastic_weight` and `carried_weight` (6, 3) are for gravity along x, y and z of rig, of plastic of 1 g/cm3 and of
+    what it carries, both for a modulus of 1 MPa. `plastic_strain`, `ground_strain` and `mirror_strain` (6,) are for a
+    free strain of 1: of all plastic, of what the foot is screwed to, and of the mirrors, which expand by
+    `mirror_per_k`.
+    """
+
+    plastic_weight: Mapping[str, FloatArray]
+    carried_weight: Mapping[str, FloatArray]
+    plastic_strain: Mapping[str, FloatArray]
+    ground_strain: Mapping[str, FloatArray]
+    mirror_strain: Mapping[str, FloatArray]
+    mirror_per_k: float
+
+    def under_gravity(self, modulus_mpa: float, density_g_per_cm3: float) -> dict[str, FloatArray]:
+        """Motions (6, 3) per gravity along x, y and z of rig, for parts of one plastic."""
+        return {
+            name: (density_g_per_cm3 * own + self.carried_weight[name]) / modulus_mpa
+            for name, own in self.plastic_weight.items()
+        }
+
+    def of_strain(self, plastic: float, ground: float, mirrors: float) -> dict[str, FloatArray]:
+        """Motions (6,) where the plastic, what it stands on, and the mirrors expand by so much."""
+        return {
+            name: plastic * own + ground * self.ground_strain[name] + mirrors * self.mirror_strain[name]
+            for name, own in self.plastic_strain.items()
+        }
+
+
+@dataclass(frozen=True)
+class TiedPart:
+    """A solid with the screws that hold it, by their numbers in the device, and what it carries."""
+
+    solid: Solid
+    screws: tuple[int, ...]
+    carried: Mapping[str, Carried]
+
+
+def device_motions(device: Device, size_mm: float) -> DeviceMotions:
+    """Solve the whole device with elements of a size; raises InputError where gmsh is missing or cannot mesh a part."""
+    mount, clip, foot = device.mount, device.clip, device.mount.foot
+    head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
+    slide = clip.slide_at
+    at = np.vstack([foot, head, slide])
+    foot_up, scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    axes = np.array([*[foot_up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[scene] * len(slide)])
+    feet, heads, slides = (
+        tuple(range(*ends))
+        for ends in ((0, len(foot)), (len(foot), len(foot) + len(head)), (len(at) - len(slide), len(at)))
+    )
+    solids = {
+        name: Solid(_meshed(part, name, size_mm))
+        for name, part in {
+            "mirror_holder": make_holder(device.holder),
+            "mount": make_mount(mount),
+            "camera_clip": make_clip(clip),
+        }.items()
+    }
+    parts = (
+        TiedPart(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
+        TiedPart(solids["mount"], (*feet, *heads, *slides), {}),
+        TiedPart(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
+    )
+    held = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
+    return tied_motions(parts, held, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
+
+
+def tied_motions(
+    parts: Sequence[TiedPart],
+    held: Sequence[Sequence[NDArray[np.int64]]],
+    at: FloatArray,
+    feet: Sequence[int],
+    mirror_per_k: float,
+) -> DeviceMotions:
+    """Motions of all that parts carry against what is called `CAMERA`.
+
+    Parameters
+    ----------
+    parts : sequence of TiedPart
+        Those that share a screw are tied there.
+    held : sequence of sequence of (n,) arrays
+        For each part and each of its screws, the nodes that this holds.
+    at : (k, 3) array
+        Points of all screws in rig, mm.
+    feet : sequence of int
+        The screws that do not move.
+    mirror_per_k : float
+        Expansion of what is glued, per K.
+
+    Raises InputError where a screw holds too few nodes.
+    """
+    condensed = [
+        part.solid.condensed(nodes, at[list(part.screws)], part.carried)
+        for part, nodes in zip(parts, held, strict=True)
+    ]
+    return _solved(parts, condensed, at, feet, mirror_per_k)
+
+
+def _meshed(part: Part, name: str, size_mm: float) -> Tetrahedra:
+    with TemporaryDirectory() as folder:
+        step = Path(folder, f"{name}.step")
+        write_step(step, part)
+        return tetrahedra_of(step, size_mm)
+
+
+def discs(nodes: FloatArray, at: FloatArray, axes: FloatArray) -> list[NDArray[np.int64]]:
+    """The nodes around each screw, in the plane where it enters a part; each belongs to the nearest screw."""
+    away = np.linalg.norm(nodes[:, None] - at, axis=2)
+    off = np.abs(np.einsum("nsk,sk->ns", nodes[:, None] - at, axes))
+    nearest = away.argmin(axis=1)
+    return [
+        np.flatnonzero((nearest == screw) & (away[:, screw] < SCREW_MM) & (off[:, screw] < IN_PLANE_MM))
+        for screw in range(len(at))
+    ]
+
+
+def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
+    """The mirrors, each on the nodes of its seat's floor, to which it is glued."""
+    density = MIRRORS[device.hardware.cutting.material]
+    carried = {}
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        outline = Polygon(mirror.outline_in_plane_mm)
+        own = transform(inverse(mirror.rig_from_plane), nodes)
+        on_floor = np.abs(own[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
+        seat = np.flatnonzero(on_floor & outline.covers(points(own[:, :2])))
+        if len(seat) < 3:
+            raise InputError(f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected finer elements")
+        mass_g = density * outline.area * mirror.thickness_mm / 1000.0
+        centre = mirror.rig_from_plane[:3, 3]
+        middle = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
+        glue = _glue(outline.area, mirror.rig_from_plane[:3, 2], len(seat), device.hardware)
+        carried[name] = Carried(seat, centre, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, middle), glue)
+    return carried
+
+
+def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -> FloatArray:
+    """Springs (count, 3, 3) of a layer of glue, in N/mm where the plastic has 1 MPa instead of its own modulus."""
+    along = np.outer(normal, normal)
+    layer = GLUE_SHEAR_MPA * (np.eye(3) - along) + GLUE_LAYER_MPA * along
+    each = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
+    return np.tile(each, (count, 1, 1))
+
+
+def _camera(device: Device, nodes: FloatArray) -> Carried:
+    """The camera, on the nodes around the points that hold it."""
+    nest, body = device.clip.nest, body_box(device.hardware.camera)
+    rests = device.clip.board_screws if nest is None else nest.points
+    near = np.linalg.norm(nodes[:, None] - rests, axis=2).min(axis=1) < CARRIES_MM
+    middle = (body.low + body.high) / 2.0
+    return Carried(np.flatnonzero(near), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, middle)
+
+
+def _solved(
+    parts: Sequence[TiedPart],
+    condensed: Sequence[CondensedSolid],
+    at: FloatArray,
+    feet: Sequence[int],
+    mirror_per_k: float,
+) -> DeviceMotions:
+    """Join the parts at their screws; columns of loads are those of `DeviceMotions`, in its order."""
+    count = 6 * len(at)
+    stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
+    # Plastic of 1 g/cm3 weighs so many N/mm3.
+    loads = np.zeros((LOADS, 9))
+    loads[[0, 1, 2], [0, 1, 2]] = G * 1e-6
+    loads[[3, 4, 5, 6, 7], [3, 4, 5, 6, 8]] = 1.0
+    dofs = [(np.array(part.screws)[:, None] * 6 + np.arange(6)).ravel() for part in parts]
+    for own, solid in zip(dofs, condensed, strict=True):
+        stiffness[np.ix_(own, own)] += solid.stiffness
+        forces[own] += solid.forces @ loads
+    motions = np.zeros((count, 9))
+    ground = (np.array(feet)[:, None] * 6 + np.arange(6)).ravel()
+    for foot in feet:
+        motions[6 * foot : 6 * foot + 3, 7] = at[foot] - at[list(feet)].mean(axis=0)
+    free = np.setdiff1d(np.arange(count), ground)
+    pulled = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
+    motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], pulled)
+    told = {
+        name: solid.by_screws[name] @ motions[own] + solid.by_loads[name] @ loads
+        for part, own, solid in zip(parts, dofs, condensed, strict=True)
+        for name in part.carried
+    }
+    points_at = {name: each.at for part in parts for name, each in part.carried.items()}
+    camera = told.pop(CAMERA)
+    against = {}
+    for name, motion in told.items():
+        arm = points_at[name] - points_at[CAMERA]
+        shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
+        against[name] = np.vstack([shift, motion[3:] - camera[3:]])
+    return DeviceMotions(
+        plastic_weight={name: each[:, :3] for name, each in against.items()},
+        carried_weight={name: each[:, 3:6] for name, each in against.items()},
+        plastic_strain={name: each[:, 6] for name, each in against.items()},
+        ground_strain={name: each[:, 7] for name, each in against.items()},
+        mirror_strain={name: each[:, 8] for name, each in against.items()},
+        mirror_per_k=mirror_per_k,
+    )

@@ -1,0 +1,103 @@
+"""Meshes of tetrahedra of the solids in STEP files, by the program gmsh."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.processes.child_program import run_program
+from mirrorcam.core.values import FloatArray, InputError
+
+# Round shapes get this many elements around; elements are no smaller than this.
+AROUND, SMALLEST_MM = 6, 1.0
+LONGEST_S = 600.0
+NO_GMSH = (
+    'gmsh is not installed or does not start, needed for finite elements: pip install "mirrorcam[fe]"; '
+    "on Linux also libglu1-mesa, libxft2, libxcursor1, libxinerama1"
+)
+TETRAHEDRON = 4  # gmsh's type of element
+
+
+@dataclass(frozen=True)
+class Tetrahedra:
+    """Corners (n, 3) in mm and, of each tetrahedron, the indices of its own (m, 4)."""
+
+    points: FloatArray
+    corners: NDArray[np.int64]
+
+    @property
+    def volume_mm3(self) -> float:
+        """Volume of all of them."""
+        edges = self.points[self.corners[:, 1:]] - self.points[self.corners[:, :1]]
+        return float(np.abs(np.linalg.det(edges)).sum() / 6.0)
+
+
+@cache
+def gmsh_program() -> str | None:
+    """Path of gmsh: beside this Python, where pip installs it, or on the path; None where it is missing or not started.
+
+    gmsh is under the GPL: it is run as a program of its own, and neither imported nor linked. Its wheel needs libraries
+    of the system for windows that it does not open (libGLU, libXft, libXcursor, libXinerama).
+    """
+    beside = shutil.which("gmsh", path=sysconfig.get_path("scripts"))
+    for program in (beside, shutil.which("gmsh")):
+        if program and run_program([*_command(program), "--version"], timeout_s=LONGEST_S).returncode == 0:
+            return program
+    return None
+
+
+def _command(program: str) -> list[str]:
+    """How a program is started: pip's is a script for this Python, whatever Python is first on the path."""
+    with Path(program).open("rb") as opened:
+        first = opened.readline(200)
+    return [sys.executable, program] if first.startswith(b"#!") and b"python" in first else [program]
+
+
+def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
+    """Mesh the solid of a STEP file with elements of a size; raises InputError where gmsh is missing or fails."""
+    program = gmsh_program()
+    if program is None:
+        raise InputError(NO_GMSH)
+    with TemporaryDirectory() as folder:
+        mesh = Path(folder, "part.msh")
+        sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
+        asked = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
+        command = [*_command(program), *asked]
+        try:
+            ran = run_program(command, timeout_s=LONGEST_S)
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{step}: gmsh took longer than {LONGEST_S:g} s to mesh it") from None
+        if ran.returncode != 0 or not mesh.is_file():
+            output = (ran.stdout + ran.stderr).decode("utf-8", "replace")
+            told = [line for line in output.splitlines() if "Error" in line]
+            raise InputError(f"{step}: gmsh could not mesh it: {told[0] if told else f'exit code {ran.returncode}'}")
+        found = read_msh22(mesh.read_text(encoding="utf-8"))
+    if len(found.corners) == 0:
+        raise InputError(f"{step}: gmsh could not mesh it: no solid in it")
+    return found
+
+
+def read_msh22(text: str) -> Tetrahedra:
+    """The tetrahedra of a mesh in gmsh's text format 2.2 (gmsh's reference manual, chapter on file formats)."""
+    nodes = _section(text, "Nodes")
+    numbered = np.array([line.split() for line in nodes], dtype=np.float64).reshape(-1, 4)
+    index = {int(number): place for place, number in enumerate(numbered[:, 0])}
+    elements = [[int(word) for word in line.split()] for line in _section(text, "Elements")]
+    found = [[index[node] for node in element[-4:]] for element in elements if element[1] == TETRAHEDRON]
+    corners = np.array(found, dtype=np.int64).reshape(-1, 4)
+    used, places = np.unique(corners, return_inverse=True)
+    return Tetrahedra(numbered[used, 1:4], places.reshape(-1, 4))
+
+
+def _section(text: str, name: str) -> list[str]:
+    """The lines of a section, without the first, which is their number."""
+    return text.partition(f"${name}\n")[2].partition(f"$End{name}")[0].splitlines()[1:]

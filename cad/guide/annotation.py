@@ -1,0 +1,267 @@
+"""Dimensions on the views of a drawing: each in the view that shows it best, and notes of holes above the views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from shapely import LineString, MultiLineString, MultiPoint, Polygon
+
+from mirrorcam.cad.guide.dimension_lines import (
+    BESIDE_MM,
+    FIRST_TIER_MM,
+    LINE_MM,
+    TEXT_MM,
+    TIERS_MM,
+    LinearDimension,
+    draw_tiers,
+    has_room,
+    number,
+)
+from mirrorcam.cad.guide.drawing_sheet import INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.hole_places import (
+    AXIS_MM,
+    CENTRE_DASHES_MM,
+    MOST_PLACES,
+    PARALLEL,
+    draw_numbers,
+    draw_oblique,
+    hole_groups,
+    in_table,
+    oblique_holes,
+    oblique_lengths,
+)
+from mirrorcam.cad.guide.part_views import PlacedView
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.core.values import FloatArray
+
+FIRST_WORDS_MM, WORDS_PITCH_MM, WORDS_MM = 5.0, 5.0, 26.0
+# Leaders lean by this much per mm upwards, so that they differ from edges of the part.
+LEAN = 0.27
+# Share of its area by which a symmetric outline may differ from its mirror image.
+ASYMMETRY = 0.01
+# Shortest straight edge that others are measured from.
+STRAIGHT_MM = 1.0
+# Where along an aligned dimension its text is tried: the middle first.
+ALONG = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
+
+
+@dataclass(frozen=True)
+class Note:
+    """A note with a leader that ends `radius` from a point (2,) on paper."""
+
+    point: FloatArray
+    radius: float
+    words: str
+
+
+@dataclass(frozen=True)
+class AlignedDimension:
+    """An aligned dimension, parallel to what it measures: both ends (2, 2) on paper, and its text."""
+
+    ends: FloatArray
+    words: str
+
+
+@dataclass
+class Annotations:
+    """All annotations of one view."""
+
+    below: list[LinearDimension]
+    left: list[LinearDimension]
+    askew: list[AlignedDimension]
+    notes: list[Note]
+
+
+def annotate(
+    sheet: DrawingSheet,
+    placed: Sequence[PlacedView],
+    dimensions: Iterable[Length | Hole],
+    room_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
+    traces: Sequence[tuple[int, int, float]] = (),
+) -> None:
+    """Draw overall dimensions and those of the plan, each in the view that shows it best.
+
+    `room_mm` is free left of the views and below them. `traces` are those that a section may have: the number of the
+    view, the coordinate, x (0) or y (1), that is the same all along, and its value on paper.
+    """
+    jobs = [Annotations([], [], [], []) for _ in placed]
+    _overall(placed, jobs)
+    offered = tuple(dimensions)
+    lengths = [each for each in offered if isinstance(each, Length)]
+    for dimension in lengths:
+        _length(placed, jobs, dimension)
+    views = [view.view for view in placed]
+    groups = hole_groups(views, offered)
+    for (index, words), group in groups.items():
+        _holes(sheet, placed[index], jobs[index], words, group)
+    for index, hole in oblique_holes(groups, views, lengths):
+        for tier, linear in zip(
+            (jobs[index].below, jobs[index].left), oblique_lengths(placed[index], hole), strict=True
+        ):
+            _add(tier, linear)
+        draw_oblique(sheet, placed[index], hole)
+    for index, (view, job) in enumerate(zip(placed, jobs, strict=True)):
+        upright_at, level_at = ([at for where, across, at in traces if (where, across) == (index, k)] for k in (0, 1))
+        draw_tiers(sheet, view.box, job.below, room_mm[1], upright=False, traces=upright_at)
+        draw_tiers(sheet, view.box, job.left, room_mm[0], upright=True, traces=level_at)
+        for aligned in job.askew:
+            _draw_aligned(sheet, view, aligned)
+        _draw_notes(sheet, view.box, job.notes)
+
+
+def _overall(placed: Sequence[PlacedView], jobs: Sequence[Annotations]) -> None:
+    _, front, right = placed
+    for index, view, coordinate in ((1, front, 0), (1, front, 1), (2, right, 0)):
+        box = view.box
+        words = number(float(np.ptp(view.view.box[:, coordinate])))
+        across = np.full(2, box[0, 1 - coordinate])
+        (jobs[index].below, jobs[index].left)[coordinate].append(LinearDimension(box[:, coordinate], across, words))
+
+
+def _length(placed: Sequence[PlacedView], jobs: Sequence[Annotations], dimension: Length) -> None:
+    """Place a length in the first view that shows it in full, as an aligned dimension where it is oblique there."""
+    span = dimension.span_in_rig
+    real = float(np.linalg.norm(span))
+    words = f"{dimension.before}{number(real)} {dimension.text}".strip()
+    depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
+    index = int(np.argmin(np.round(depths, 3)))
+    view, job = placed[index], jobs[index]
+    points = view.paper(dimension.points_in_rig)
+    across = np.abs(view.view.axes_in_rig[:2] @ span)
+    if across[1] <= PARALLEL * real:
+        _add(job.below, LinearDimension(points[:, 0], points[:, 1], words))
+    elif across[0] <= PARALLEL * real:
+        _add(job.left, LinearDimension(points[:, 1], points[:, 0], words))
+    else:
+        start = dimension.points_in_rig[0]
+        job.askew.append(AlignedDimension(view.paper(np.array([start, start + span])), words))
+
+
+def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
+    """Add a dimension unless it is there already; of two equal ones the one with more text stays."""
+    for place, old in enumerate(tier):
+        if np.abs(np.sort(old.along) - np.sort(new.along)).max() < 1e-3:
+            tier[place] = max(old, new, key=lambda linear: len(linear.words))
+            return
+    tier.append(new)
+
+
+def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str, group: Sequence[Hole]) -> None:
+    """Draw centre marks; note all equal holes once, and dimension them from the part's edge and from each other."""
+    centres = placed.paper(np.array([hole.centre_in_rig for hole in group]))
+    radius = group[0].diameter_mm / 2.0 * placed.scale
+    arms = np.array([(-1.0, 0.0), (1.0, 0.0)]) * (radius + 1.8)
+    marks = [centre + turned for centre in centres for turned in (arms, arms[:, ::-1])]
+    sheet.lines(marks, AXIS_MM, INK, CENTRE_DASHES_MM)
+    count = f"{len(group)}x " if len(group) > 1 else ""
+    # The hole whose leader is shortest.
+    job.notes.append(Note(centres[np.lexsort((centres[:, 0], -centres[:, 1]))[0]], radius, count + words))
+    axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
+    low, origin = placed.box[0], placed.box[0]
+    if group[0].datum is not None:
+        origin = placed.paper(group[0].datum.at_in_rig)
+    if in_table(group, placed.view):
+        draw_numbers(sheet, placed, group)
+        return
+    for coordinate, tier in ((0, job.below), (1, job.left)):
+        if abs(float(placed.view.axes_in_rig[coordinate] @ axis)) > PARALLEL:
+            # Distances are foreshortened in an oblique view.
+            continue
+        places = np.unique(np.round(centres[:, coordinate], 3))
+        if len(places) > MOST_PLACES:
+            continue
+        middle = float(placed.box[:, coordinate].mean())
+        edge = float(places[0] - origin[coordinate])
+        if (
+            abs(places.mean() - middle) < 1e-2
+            and _symmetric(placed, coordinate)
+            and not (has_room(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
+        ):
+            # Symmetric, as the axis says: only how far the holes are apart.
+            _axis(sheet, placed.box, coordinate, middle)
+            stops = []
+        else:
+            stops = [(float(origin[coordinate]), float(low[1 - coordinate]))]
+        nearest = [centres[np.abs(centres[:, coordinate] - at) < 1e-2, 1 - coordinate].min() for at in places]
+        stops += [(float(at), float(start)) for at, start in zip(places, nearest, strict=True)]
+        for (here, from_here), (there, from_there) in pairwise(sorted(stops)):
+            if there - here < 1e-3:
+                continue
+            ends = np.array([here, there])
+            _add(tier, LinearDimension(ends, np.array([from_here, from_there]), number((there - here) / placed.scale)))
+
+
+def _symmetric(placed: PlacedView, coordinate: int) -> bool:
+    """Whether the outline of a view, its convex hull, is symmetric about its middle along x or y."""
+    points = np.concatenate(placed.view.visible)
+    mirrored = points.copy()
+    mirrored[:, coordinate] = placed.view.box[:, coordinate].sum() - points[:, coordinate]
+    hull, other = (MultiPoint(each).convex_hull for each in (points, mirrored))
+    return bool(hull.symmetric_difference(other).area < ASYMMETRY * hull.area)
+
+
+def _ends_straight(placed: PlacedView, coordinate: int) -> bool:
+    """Whether a view's outline begins with a straight edge along x or y, from which one can measure: no round."""
+    hull = MultiPoint(np.concatenate(placed.view.visible)).convex_hull
+    ends = np.array(hull.exterior.coords)
+    return bool(np.ptp(ends[ends[:, coordinate] < ends[:, coordinate].min() + 1e-3, 1 - coordinate]) > STRAIGHT_MM)
+
+
+def _axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, at: float) -> None:
+    """The axis of symmetry of a view, across x or y."""
+    ends = np.array([[at, box[0, 1] - 3.0], [at, box[1, 1] + 3.0]])
+    if coordinate:
+        ends = np.array([[box[0, 0] - 3.0, at], [box[1, 0] + 3.0, at]])
+    sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
+
+
+def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
+    """Draw an aligned dimension on the side where it crosses fewer edges."""
+    start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
+    along = (end - start) / np.linalg.norm(end - start)
+    normal = np.array([-along[1], along[0]])
+    edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
+
+    def in_the_way(side: float) -> float:
+        band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * BESIDE_MM * normal]
+        return float(
+            Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
+        )
+
+    side = min((1.0, -1.0), key=in_the_way)
+    out, beside = side * FIRST_TIER_MM * normal, side * BESIDE_MM * normal
+    ends = np.array([start + out, end + out])
+    over = side * 1.5 * normal
+    sheet.lines([ends, *(np.array([at + beside, at + out + over]) for at in (start, end))], LINE_MM)
+    sheet.arrow_head(ends[0], -along)
+    sheet.arrow_head(ends[1], along)
+    angle = float(np.degrees(np.arctan2(along[1], along[0])))
+    half = text_width_mm(aligned.words, TEXT_MM) / 2.0 * along
+    drawn = [line for line, _ in sheet.drawn]
+
+    def crossings(middle: FloatArray) -> int:
+        box = Polygon(
+            [middle - half, middle + half, middle + half + TEXT_MM * normal, middle - half + TEXT_MM * normal]
+        )
+        return sum(box.intersects(LineString(line)) for line in drawn)
+
+    middles = [start + out + share * (end - start) + 0.9 * normal for share in ALONG]
+    sheet.text(min(middles, key=crossings), aligned.words, TEXT_MM, align="center", turn_deg=angle)
+
+
+def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
+    """Draw notes above the view, the rightmost lowest: then no leader crosses text or another leader."""
+    pitch = min(WORDS_PITCH_MM, (WORDS_MM - FIRST_WORDS_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
+    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEAN * note.point[1]), note.words))
+    steep = np.array([LEAN, 1.0]) / np.hypot(LEAN, 1.0)
+    for row, note in enumerate(ordered):
+        height = float(box[1, 1]) + FIRST_WORDS_MM + row * pitch
+        tip = note.point + note.radius * steep
+        knee = np.array([tip[0] + LEAN * (height - tip[1]), height])
+        width = text_width_mm(note.words, TEXT_MM)
+        sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
+        sheet.arrow_head(tip, -steep)
+        sheet.text(knee + np.array([1.0, 0.8]), note.words, TEXT_MM)

@@ -1,0 +1,176 @@
+"""The assembly drawing: an exploded view with item numbers in balloons, the parts list, and the assembled device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.cad.assembly.pieces import Piece, standard_of
+from mirrorcam.cad.guide.device_pictures import IN_FRONT, view_axes
+from mirrorcam.cad.guide.drawing import draw_tables
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.labels import deepest, rows_near, uncrossed
+from mirrorcam.cad.guide.line_art import edges_of, joined, visible_lines
+from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, render
+from mirrorcam.cad.guide.title_block import (
+    A3_MM,
+    BLOCK_MM,
+    BORDER_MM,
+    PARTS_TOLERANCE,
+    Title,
+    draw_title_block,
+)
+from mirrorcam.cad.plan.dimension import DrawingTable
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+STEM = "assembly"
+"""Of the files of the assembly drawing."""
+NUMBER = "MC-00"
+PX_PER_MM = 6.0
+"""Of paper, of the pictures that say which edges are hidden."""
+
+EDGE_MM, PALE_MM, LEADER_MM = 0.25, 0.18, 0.13
+BALLOON_MM, BESIDE_MM = 4.0, 5.0
+"""Radius of a balloon, and its distance from the view."""
+TEXT_MM = 2.5
+PATH_COLOUR = "#5d6778"
+PATH_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
+
+
+@dataclass(frozen=True)
+class ListedItem:
+    """A line of the parts list: pieces that are the same item."""
+
+    number: int
+    pieces: tuple[Piece, ...]
+    description: str
+    reference: str
+
+
+def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
+    """The items of a device in the order of its pieces: printed parts, all mirrors as one, the camera, fasteners."""
+    groups: dict[str, list[Piece]] = {}
+    for piece in pieces:
+        groups.setdefault("mirrors" if piece.kind == "mirror" else piece.title, []).append(piece)
+    listed = []
+    for number, (title, group) in enumerate(groups.items(), start=1):
+        first = group[0]
+        if first.kind == "mirror":
+            names = (piece.number.removeprefix("M") for piece in (first, group[-1]))
+            title, reference = f"Mirrors {' to '.join(names)}", "mirrors/*.dxf"
+        else:
+            reference = first.number or (standard_of(title) if first.item else "")
+        listed.append(ListedItem(number, tuple(group), title, reference))
+    return tuple(listed)
+
+
+def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> DrawingSheet:
+    """Draw the assembly of a device from its pieces, as seen from in front; `revision` is for the title block."""
+    listed = listed_items(pieces)
+    sheet = DrawingSheet(*A3_MM)
+    rows = tuple(
+        (str(item.number), str(len(item.pieces)), item.description, item.reference or "as bought") for item in listed
+    )
+    table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, words=(2, 3))
+    left, low = draw_tables(sheet, (table,), 60.0)
+    bottom, top = BORDER_MM + BLOCK_MM, A3_MM[1] - BORDER_MM
+    axes = view_axes(layout, IN_FRONT)
+    apart = [(piece, piece.explode_mm) for piece in pieces]
+    margin = BESIDE_MM + 2.0 * BALLOON_MM + 2.0
+    area = np.array([(BORDER_MM + margin, bottom + 6.0), (left - margin, top - 6.0)])
+    shot, corner = _line_view(sheet, apart, axes, area)
+    _draw_paths(sheet, apart, shot, corner)
+    _draw_balloons(sheet, listed, pieces, shot, corner)
+    together = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
+    _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, together)
+    sheet.text((float(together[:, 0].mean()), bottom + 5.0), "Assembled", TEXT_MM, align="center")
+    title = Title("Assembly", NUMBER, "see parts list", None, revision, "assembly.step", PARTS_TOLERANCE)
+    draw_title_block(sheet, title)
+    return sheet
+
+
+def write_assembly_drawing(folder: Path, layout: Layout, pieces: Sequence[Piece], revision: str) -> tuple[Path, Path]:
+    """Write assembly.svg and assembly.pdf into `folder`."""
+    return draw_assembly(layout, pieces, revision).write(folder / STEM, f"{NUMBER} Assembly")
+
+
+def _line_view(
+    sheet: DrawingSheet, placed: Sequence[tuple[Piece, FloatArray]], axes: FloatArray, area: FloatArray
+) -> tuple[Shot, FloatArray]:
+    """Draw the visible edges of pieces, each moved by (3,) mm, in a rectangle (2, 2) of the sheet.
+
+    Returns the picture by which they were judged, with a body for each piece, and the rectangle's upper left corner.
+    """
+    size = np.ptp(area, axis=0)
+    bodies = [ShadedBody(np.asarray(piece.mesh.triangles) + away, (1.0, 1.0, 1.0)) for piece, away in placed]
+    points = np.concatenate([body.triangles.reshape(-1, 3) for body in bodies])
+    across, high = (round(float(side) * PX_PER_MM) for side in size)
+    shot = render(bodies, Screen.around(points, axes, (across, high), (4, 4)))
+    corner = np.array([area[0, 0], area[1, 1]])
+    for piece, away in placed:
+        lines = visible_lines(edges_of(piece.mesh, axes[2]) + away, shot)
+        sheet.lines(joined([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM)
+    return shot, corner
+
+
+def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
+    """Positions (..., 2) on the sheet of pixels (..., 2) of a view."""
+    return np.asarray(corner + pixels * (1.0, -1.0) / PX_PER_MM)
+
+
+def _draw_paths(
+    sheet: DrawingSheet, placed: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray
+) -> None:
+    """Chain lines from fasteners to their places in the parts that they join, as those are drawn."""
+    parts = {piece.name: away for piece, away in placed if piece.kind == "part"}
+    for piece, away in placed:
+        if piece.item is None:
+            continue
+        homes = [name for name in parts if any(name.startswith(join) for join in piece.item.joins)]
+        for home in homes[:1]:
+            middle = np.asarray(piece.mesh.bounds).mean(axis=0)
+            ends = np.array([[middle + away, middle + parts[home]]])
+            lines = visible_lines(ends, shot)
+            sheet.lines([_paper(line, corner) for line in lines], LEADER_MM, PATH_COLOUR, PATH_DASHES_MM)
+
+
+def _draw_balloons(
+    sheet: DrawingSheet,
+    listed: Sequence[ListedItem],
+    pieces: Sequence[Piece],
+    shot: Shot,
+    corner: FloatArray,
+) -> None:
+    """A balloon for each item, left and right of the view, its leader to the piece of it that is best seen."""
+    index = {piece.name: number for number, piece in enumerate(pieces)}
+    tips = []
+    for item in listed:
+        found = [deepest(shot.bodies == index[piece.name]) for piece in item.pieces]
+        seen = [point for point in found if point is not None]
+        if seen:
+            point = max(seen, key=lambda each: each[1])[0]
+            tips.append((item, _paper(point, corner)))
+    rows, columns = (np.flatnonzero((shot.bodies >= 0).any(axis=axis)) for axis in (1, 0))
+    box = _paper(np.array([(columns[0], rows[-1]), (columns[-1], rows[0])], dtype=np.float64), corner)
+    tips.sort(key=lambda tip: (tip[1][0], tip[0].number))
+    half = (len(tips) + 1) // 2
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = BALLOON_MM * np.column_stack([np.cos(turn), np.sin(turn)])
+    for side, group in ((-1.0, tips[:half]), (1.0, tips[half:])):
+        group = sorted(group, key=lambda tip: float(tip[1][1]))
+        pitch = 2.6 * BALLOON_MM
+        heights = rows_near([float(tip[1]) for _, tip in group], pitch, float(box[0, 1]), float(box[1, 1]))
+        x = float(box[0 if side < 0.0 else 1, 0]) + side * BESIDE_MM
+        starts = [np.array([x, height]) for height in heights]
+        order = uncrossed(starts, [tip for _, tip in group])
+        for start, place in zip(starts, order, strict=True):
+            item, tip = group[place]
+            middle = start + np.array([side * BALLOON_MM, 0.0])
+            sheet.lines([middle + circle], EDGE_MM)
+            sheet.lines([np.array([start, tip])], LEADER_MM)
+            sheet.dot(tip, 0.5)
+            sheet.text(middle - (0.0, TEXT_MM / 2.0), str(item.number), TEXT_MM, align="center", bold=True)

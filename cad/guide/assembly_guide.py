@@ -1,0 +1,223 @@
+"""The assembly guide: numbered steps with pictures, its text following the plans of the device."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from shapely import Polygon, maximum_inscribed_circle
+
+from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
+from mirrorcam.cad.assembly.tools import also_needed, tools_of
+from mirrorcam.cad.guide.assembly_steps import Stages, counted
+from mirrorcam.cad.guide.camera_measures import MEASURES
+from mirrorcam.cad.holder.glue import bead_mm, glue_amount
+from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
+from mirrorcam.cad.mirrors.stock_sheets import stock_kind
+from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
+from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
+from mirrorcam.cad.plan.hardware import Hardware, field_of_view
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.cad.plan.tightening import tightenings
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.names import markdown_text
+from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
+from mirrorcam.optics.geometry.layout import Layout
+
+WEB = Path(__file__).parents[1] / "web"
+
+
+def write_guide(
+    folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece], estimate: str = ""
+) -> None:
+    """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there.
+
+    `estimate` says what the device costs.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
+    )
+    environment.filters["number"] = lambda value: f"{value:.2f}".rstrip("0").rstrip(".")
+    environment.filters["counted"] = counted
+    environment.filters["toml"] = camera_toml
+    environment.filters["text"] = markdown_text
+    hardware = device.hardware
+    coupon = next((part for part in parts if part.name == COUPON), None)
+    text = environment.get_template("guide.md").render(
+        layout=device.layout,
+        estimate=estimate,
+        hardware=hardware,
+        back=device.back,
+        camera=hardware.camera,
+        view=field_of_view(device.layout.camera),
+        focus_mm=f"{focus_of(device.layout):.0f}",
+        more_measures=_more_measures(hardware.camera),
+        tools=[tool.name for tool in tools_of(device, bought_items(device))],
+        also=[tool.name for tool in also_needed(device)],
+        gap_mm=hardware.fit.free_mm,
+        cures=_cure_texts(device),
+        test_mm=MIRROR_MM,
+        lips=hardware.camera.held_by.kind == "lips",
+        nest=_nest_texts(device),
+        inserts=hardware.screw.kind == "insert",
+        parts=parts,
+        sliced=is_sliced(parts),
+        masses=masses_of(parts),
+        glue=glue_amount(device.holder.glue_mm3),
+        glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
+        bead_mm=bead_mm(hardware),
+        carriers=_carrier_texts(device),
+        coupon=coupon,
+        coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
+        gauges=gauges_of(hardware),
+        stages=Stages(pieces),
+        step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
+        pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
+        sheets=sorted(
+            {stock_kind(mirror.surface, mirror.thickness_mm, hardware.cutting) for mirror in device.layout.mirrors}
+        ),
+        sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
+        mirrors=_mirror_rows(device),
+        surfaces=sorted({mirror.surface for mirror in device.layout.mirrors}),
+        facings={surface: facing_of(surface, hardware.cutting.material) for surface in SURFACES},
+        glass=hardware.cutting.material == "glass",
+        settings=PRINT_SETTINGS,
+        covered=next((part.number for part in parts if part.name == COVER), ""),
+        tightening=_tightening_rows(pieces, hardware),
+        first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
+    )
+    write_text(folder / "guide.md", text)
+
+
+def focus_of(layout: Layout) -> float:
+    """Where the lens is to be in focus, mm from the pupil along the axis: best for the depths of the design, if stated.
+
+    Distances are those along the light, which are the same past the mirrors as without them.
+    """
+    best = layout.metrics.get("best_focus_mm")
+    return best.value if best is not None and best.known else layout.camera.focus_mm
+
+
+# How deep one-part silicone cures in a day of the open air, mm, least and most of data sheets; it slows with depth.
+CURES_MM = (2.0, 3.0)
+
+
+def _cure_texts(device: Device) -> dict[str, str]:
+    """How far the glue's air has to come from the edge of the mirror that is the widest, and the least time for it."""
+    deepest = max(
+        float(maximum_inscribed_circle(Polygon(mirror.outline_in_plane_mm)).length) for mirror in device.layout.mirrors
+    )
+    least, most = (math.ceil(deepest / speed) for speed in CURES_MM[::-1])
+    return {"deepest_mm": f"{deepest:.0f}", "days": f"{least} to {most}" if most > least else f"{least}"}
+
+
+# Measures of a camera that the guide's first table has rows of its own for.
+TABLED = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
+
+
+def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
+    """What else the camera's file states: what it is, its field, its value, and how it is taken."""
+    return [
+        (measure.what, measure.field, f"{getattr(camera, measure.field):g}", measure.how)
+        for measure in MEASURES
+        if measure.field not in TABLED and not (measure.field.startswith("cable") and not camera.has_cable)
+    ]
+
+
+def _nest_texts(device: Device) -> dict[str, Any]:
+    """What the step of the camera says of how it is held and repeats, as the checks have it."""
+    clip, hardware = device.clip, device.hardware
+    repeats = repeatability(clip, device.layout, hardware)
+    held_by = hardware.camera.held_by
+    texts = {
+        "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
+        "play_mm": "" if isinstance(held_by, Lips) else f"{held_by.play_mm:.2f}",
+        "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
+        "turn_deg": f"{repeats.turn_deg:.2f}",
+        "image_px": f"{repeats.image_px:.1f}",
+        "views_px": f"{repeats.between_views_px:.1f}",
+    }
+    if clip.nest is None:
+        return texts
+    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
+    held = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    for place, screw in zip(("back", "end"), clip.nest.screws, strict=True):
+        held[f"{place}_screw"] = f"M3 x {screw.length_mm:g} screw"
+    return texts | held
+
+
+def _carrier_texts(device: Device) -> dict[str, Any]:
+    """What the guide says of the mirrors' carriers; {} where mirrors are glued to the holder."""
+    holder = device.holder
+    if not isinstance(holder, ScrewedHolderPlan):
+        return {}
+    dimensions = device.hardware.holder
+    turns = [turn_deg(carrier) for carrier in holder.carriers]
+    return {
+        "gap_mm": f"{holder.adjuster.gap_mm:.1f}",
+        "spring_n": f"{holder.adjuster.force_n:.0f}",
+        "inset_mm": f"{dimensions.carrier_inset_mm:g}",
+        "adjust_deg": f"{dimensions.adjust_deg:g}",
+        "travel_turns": f"{holder.adjuster.travel_mm / PITCH_MM:.1f}",
+        "turn_least_deg": f"{min(turns):.1f}",
+        "turn_most_deg": f"{max(turns):.1f}",
+        "pitch_mm": f"{PITCH_MM:g}",
+    }
+
+
+def is_sliced(parts: Sequence[BuiltPart]) -> bool:
+    """Whether a slicer gave the mass of every part."""
+    return all("print_g" in part.checks for part in parts)
+
+
+def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
+    """Mass of every part by its name, in grams: as sliced where a slicer gave all of them, or else as solids."""
+    sliced = is_sliced(parts)
+    return {part.name: f"{part.checks['print_g'].value if sliced else part.mass.mass_g:.0f}" for part in parts}
+
+
+def camera_toml(camera: CameraBody) -> str:
+    """A camera's body as the text of its TOML file, which `read_body` reads."""
+    return tomli_w.dumps(camera.model_dump(mode="json", exclude_none=True)).rstrip()
+
+
+def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
+    """Name, width and height (mm, across and along its arrow) and number of corners of every mirror."""
+    rows = []
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
+        rows.append((name, f"{width:.1f}", f"{height:.1f}", len(mirror.outline_in_plane_mm)))
+    return rows
+
+
+def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
+    """The screws that join the same parts, with their count; these parts; how far the screws may be tightened."""
+    titled = [(piece, piece.item) for piece in pieces if piece.item is not None]
+    titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
+    groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
+    for (piece, item), tightening in zip(titled, tightenings([item for _, item in titled], hardware), strict=True):
+        if tightening is not None:
+            groups.setdefault((item.joins, tightening.text), []).append(piece)
+    return [
+        (counted(screws), " to ".join(titles.get(name, name.replace("_", " ")) for name in joins), text)
+        for (joins, text), screws in groups.items()
+    ]
+
+
+def _height_of_row(device: Device, row: int) -> float:
+    """Mean height of a row's mirrors in the device as it stands, mm."""
+    layout = device.layout
+    middles = np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors])
+    heights = -(middles @ layout.view_from_rig[1])
+    return float(heights.reshape(layout.rows, layout.cols)[row].mean())

@@ -1,0 +1,140 @@
+"""The pieces that come together at each step of the assembly; pictures and guide both follow them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.assembly.build_steps import CAMERA, CLIP, HOLDER, MOUNT, is_piece_of
+from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.core.figures.figure_texts import TIMES
+
+# All parts of a back, by the beginning of their names.
+ADAPTER = "adapter"
+# The parts behind mirrors, likewise.
+CARRIERS = "carrier_"
+
+
+def joins_of(piece: Piece) -> tuple[str, ...]:
+    """The parts that a fastener joins, outer part first; () for anything else."""
+    return piece.item.joins if piece.item else ()
+
+
+def belongs(part: Piece, name: str) -> bool:
+    """Return whether a printed part is the named one, or a piece of it: "mount_1" of "mount"."""
+    return is_piece_of(part.name, re.escape(name))
+
+
+def home_of(fastener: Piece, name: str, parts: Iterable[Piece]) -> Piece | None:
+    """The part of a name that a fastener is in: of several pieces the nearest; None where there is none."""
+    middle = np.asarray(fastener.mesh.bounds).mean(axis=0)
+
+    def distance(part: Piece) -> float:
+        low, high = np.asarray(part.mesh.bounds)
+        return float(np.linalg.norm(middle - np.clip(middle, low, high)))
+
+    return min((part for part in parts if belongs(part, name)), key=distance, default=None)
+
+
+def counted(pieces: Iterable[Piece]) -> str:
+    """A list of pieces with their counts, "4 × M3 x 12 screws, 1 × M3 nut"; "" for none."""
+    counts = Counter(piece.title for piece in pieces)
+    return ", ".join(f"{count} {TIMES} {title}{'' if count == 1 else 's'}" for title, count in counts.items())
+
+
+@dataclass(frozen=True)
+class Stages:
+    """All pieces of a device, by the step at which they are taken."""
+
+    pieces: Sequence[Piece]
+
+    def printed(self, *stems: str) -> list[Piece]:
+        """Printed parts whose names begin so: all pieces of a part that is split."""
+        return [piece for piece in self.pieces if piece.kind == "part" and piece.name.startswith(stems)]
+
+    def of_kind(self, *kinds: str) -> list[Piece]:
+        return [piece for piece in self.pieces if piece.kind in kinds]
+
+    @property
+    def holder(self) -> list[Piece]:
+        return self.printed(HOLDER)
+
+    @property
+    def mount(self) -> list[Piece]:
+        return self.printed(MOUNT)
+
+    @property
+    def clip(self) -> list[Piece]:
+        return self.printed(CLIP)
+
+    @property
+    def adapter(self) -> list[Piece]:
+        return self.printed(ADAPTER)
+
+    @property
+    def carriers(self) -> list[Piece]:
+        """Parts that mirrors are glued to, where these are not glued to the holder."""
+        return self.printed(CARRIERS)
+
+    @property
+    def carrier_screws(self) -> list[Piece]:
+        """Screws that draw the carriers to the holder, and their springs."""
+        return self.screws(CARRIERS, HOLDER)
+
+    @property
+    def mirrors(self) -> list[Piece]:
+        return self.of_kind("mirror")
+
+    @property
+    def camera(self) -> list[Piece]:
+        return self.of_kind("camera")
+
+    @property
+    def threads(self) -> list[Piece]:
+        """Inserts and captive nuts, which go in before parts are joined: all but the back's own."""
+        return [piece for piece in self.of_kind("insert", "nut") if piece.item is None or piece.item.size == "M3"]
+
+    @property
+    def back_nuts(self) -> list[Piece]:
+        """Nuts of other sizes than M3, which the back holds for what it is fastened to."""
+        return [piece for piece in self.of_kind("nut") if piece not in self.threads]
+
+    @property
+    def pins(self) -> list[Piece]:
+        """Pins between the pieces of a part that is split."""
+        return self.of_kind("pin")
+
+    def threads_in(self, parts: Iterable[Piece]) -> list[Piece]:
+        """The inserts and nuts that sit in parts: in the last that they join."""
+        held = list(parts)
+        return [piece for piece in self.threads if any(belongs(part, joins_of(piece)[-1]) for part in held)]
+
+    def screws(self, stem: str, *others: str) -> list[Piece]:
+        """Screws that join a part and others, by the beginnings of their names, with their washers and springs."""
+        return [
+            piece
+            for piece in self.of_kind("screw", "washer", "spring")
+            if any(name.startswith(stem) for name in joins_of(piece))
+            and any(name.startswith(others) for name in joins_of(piece))
+        ]
+
+    @property
+    def holder_screws(self) -> list[Piece]:
+        return self.screws(HOLDER, MOUNT)
+
+    @property
+    def camera_screws(self) -> list[Piece]:
+        """Screws of the clip that join no other part: they hold the camera."""
+        return [piece for piece in self.of_kind("screw") if set(joins_of(piece)) <= {CLIP, CAMERA}]
+
+    @property
+    def clip_screws(self) -> list[Piece]:
+        return self.screws(CLIP, MOUNT)
+
+    @property
+    def adapter_screws(self) -> list[Piece]:
+        return self.screws(ADAPTER, ADAPTER, MOUNT)

@@ -1,0 +1,180 @@
+"""The drawing of where to measure a camera: its body to scale, a letter for every measure, and what each is now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorcam.cad.guide.dimension_lines import LinearDimension, draw_tiers
+from mirrorcam.cad.guide.drawing_sheet import SOFT, DrawingSheet, fitted_text, text_width_mm
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.camera_body import CameraBody
+
+A4_MM = (297.0, 210.0)
+EDGE_MM, AXIS_MM, DASHED_MM = 0.35, 0.13, 0.2
+HIDDEN_MM, CHAIN_MM = (1.6, 0.8), (2.4, 0.6, 0.6, 0.6)
+TEXT_MM, TITLE_MM, ROW_MM = 2.5, 4.0, 6.2
+ROOM_MM = 34.0
+"""Space for dimensions left of and below each view."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure of a camera's body: its letter in the drawing, its field, what it is, and how it is taken."""
+
+    letter: str
+    field: str
+    what: str
+    how: str
+
+
+MEASURES = (
+    Measure("A", "width_mm", "length of the body along the picture's width", "calipers"),
+    Measure("B", "height_mm", "length of the body along the picture's height", "calipers"),
+    Measure("C", "depth_mm", "depth of the body, without lens ring and stand", "calipers"),
+    Measure("D", "end_radius_mm", "radius of the body's four edges; 0 where they are sharp", "radius gauge, or coins"),
+    Measure("E", "lens_x_mm", "lens axis right of the middle of the body", "calipers, from both ends"),
+    Measure("F", "lens_y_mm", "lens axis below the middle of the body", "calipers, from both sides"),
+    Measure("G", "lens_ring_mm", "diameter of the lens ring or barrel", "calipers"),
+    Measure("H", "lens_protrusion_mm", "lens ring or barrel before the front", "depth rod of the calipers"),
+    Measure("J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"),
+    Measure("K", "cable_mm", "diameter of the cable", "calipers"),
+    Measure("L", "cable_x_mm", "cable right of the lens axis, at the back", "ruler"),
+    Measure("M", "hinge_mm", "width of what sticks out of a side, such as a stand; 0 for none", "calipers"),
+    Measure("N", "hinge_from_back_mm", "how far it reaches from the back towards the front", "calipers"),
+    Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
+)
+"""All measures of a body, in the order in which they are asked; letters skip I and O."""
+
+
+def draw_camera(body: CameraBody) -> DrawingSheet:
+    """Draw a camera on an A4 sheet: from behind, as its picture shows the world, from its right side, and its measures.
+
+    Lengths of the drawing are those of the body, mm; `guessed` ones are marked.
+    """
+    sheet = DrawingSheet(*A4_MM)
+    wide = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
+    high = body.height_mm
+    # The largest scale at which both views, with their dimensions, are above the table.
+    scale = min((A4_MM[0] - 2.0 * ROOM_MM - 52.0) / wide, (A4_MM[1] - 6.0 - ROOM_MM - _table_mm() - 20.0) / high, 4.0)
+    low = _table_mm() + ROOM_MM
+    _from_behind(sheet, body, scale, np.array([ROOM_MM + 6.0, low]))
+    _from_the_side(sheet, body, scale, np.array([2.0 * ROOM_MM + 14.0 + scale * body.width_mm, low]))
+    name = fitted_text(body.name, 120.0, TITLE_MM)
+    sheet.text((12.0, A4_MM[1] - 16.0), f"{name}: where to measure, {scale:.2g} : 1", TITLE_MM, bold=True)
+    _table(sheet, body)
+    return sheet
+
+
+def _from_behind(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
+    """The body as seen by who holds it and looks along with it: its lens and cable are at the other end and here."""
+    size = scale * np.array([body.width_mm, body.height_mm])
+    sheet.lines([low + _rounded(size, scale * body.end_radius_mm)], EDGE_MM)
+    middle = low + size / 2.0
+    # y of the body is down.
+    lens = middle + scale * np.array([body.lens_x_mm, -body.lens_y_mm])
+    cable = np.array([lens[0] + scale * body.cable_x_mm, middle[1] - scale * body.cable_y_mm])
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    sheet.lines([lens + scale * body.lens_ring_mm / 2.0 * circle], DASHED_MM, SOFT, HIDDEN_MM)
+    sheet.lines([cable + scale * body.cable_mm / 2.0 * circle], EDGE_MM)
+    for point, reach in ((lens, scale * body.lens_ring_mm / 2.0 + 3.0), (middle, 5.0)):
+        cross = [np.array([point - arm, point + arm]) for arm in reach * np.eye(2)]
+        sheet.lines(cross, AXIS_MM, SOFT, CHAIN_MM)
+    across = np.full(2, low[1])
+    below = [
+        LinearDimension(np.array([low[0], low[0] + size[0]]), across, _words("A", body.width_mm)),
+        LinearDimension(np.sort([lens[0], middle[0]]), np.array([lens[1], middle[1]]), _words("E", body.lens_x_mm)),
+        LinearDimension(np.sort([lens[0], cable[0]]), np.array([lens[1], cable[1]]), _words("L", body.cable_x_mm)),
+    ]
+    beside = [
+        LinearDimension(np.array([low[1], low[1] + size[1]]), np.full(2, low[0]), _words("B", body.height_mm)),
+        LinearDimension(np.sort([lens[1], middle[1]]), np.array([lens[0], middle[0]]), _words("F", body.lens_y_mm)),
+    ]
+    _draw(sheet, np.array([low, low + size]), below, beside)
+    beside_ring = lens + (0.75 * scale * body.lens_ring_mm / 2.0 + 1.0) * np.ones(2)
+    sheet.text(beside_ring, f"Ø {_words('G', body.lens_ring_mm)}", TEXT_MM, over_lines=True)
+    caption = low + size * (0.5, 1.0) + np.array([0.0, 3.0])
+    sheet.text(caption, "from behind: what is right here is right in the picture", TEXT_MM, align="center", colour=SOFT)
+
+
+def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: FloatArray) -> None:
+    """The body from its right side, its front to the right."""
+    size = scale * np.array([body.depth_mm, body.height_mm])
+    front = low[0] + size[0]
+    sheet.rectangle((low[0], low[1]), (front, low[1] + size[1]), EDGE_MM)
+    axis = low[1] + size[1] / 2.0 - scale * body.lens_y_mm
+    half, out = scale * body.lens_ring_mm / 2.0, scale * body.lens_protrusion_mm
+    sheet.lines(
+        [
+            np.array(
+                [(front, axis - half), (front + out, axis - half), (front + out, axis + half), (front, axis + half)]
+            )
+        ],
+        EDGE_MM,
+    )
+    sheet.lines([np.array([(low[0] - 4.0, axis), (front + out + 8.0, axis)])], AXIS_MM, SOFT, CHAIN_MM)
+    pupil = front - scale * body.pupil_behind_front_mm
+    sheet.lines([np.array([(pupil, axis - 3.0), (pupil, axis + 3.0)])], 0.6)
+    across = np.full(2, low[1])
+    below = [
+        LinearDimension(np.array([low[0], front]), across, _words("C", body.depth_mm)),
+        LinearDimension(np.sort([pupil, front]), np.array([axis, low[1]]), _words("J", body.pupil_behind_front_mm)),
+    ]
+    if out > 0.0:
+        words = _words("H", body.lens_protrusion_mm)
+        below.append(LinearDimension(np.array([front, front + out]), np.array([low[1], axis - half]), words))
+    if body.hinge_mm > 0.0:
+        end = low[0] + scale * body.hinge_from_back_mm
+        foot = [(low[0], low[1]), (low[0], low[1] - 4.0), (end, low[1] - 4.0), (end, low[1])]
+        sheet.lines([np.array(foot)], DASHED_MM, SOFT, HIDDEN_MM)
+        below.append(LinearDimension(np.array([low[0], end]), across - 4.0, _words("N", body.hinge_from_back_mm)))
+    _draw(sheet, np.array([low, low + size]), below, [])
+    words = "from the right; bar: pupil"
+    middle = min(low[0] + size[0] / 2.0, A4_MM[0] - 12.0 - text_width_mm(words, TEXT_MM) / 2.0)
+    sheet.text((middle, low[1] + size[1] + 3.0), words, TEXT_MM, align="center", colour=SOFT)
+
+
+def _draw(
+    sheet: DrawingSheet, box: FloatArray, below: Sequence[LinearDimension], beside: Sequence[LinearDimension]
+) -> None:
+    """Dimensions below a view and left of it; those of no length are in the table alone."""
+    draw_tiers(sheet, box, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
+    draw_tiers(sheet, box, [each for each in beside if each.span > 0.2], ROOM_MM, upright=True)
+
+
+def _words(letter: str, value: float) -> str:
+    return f"{letter} {value:g}"
+
+
+def _rounded(size: FloatArray, radius: float) -> FloatArray:
+    """The outline (n, 2) of a rectangle from the origin on, with round corners."""
+    radius = min(radius, float(size.min()) / 2.0)
+    turn = np.linspace(0.0, np.pi / 2.0, 19)
+    arc = radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    corners = []
+    for quarter, (x, y) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
+        cosine, sine = np.cos(quarter * np.pi / 2.0), np.sin(quarter * np.pi / 2.0)
+        middle = np.array([size[0] - radius if x else radius, size[1] - radius if y else radius])
+        corners.append(middle + arc @ np.array([(cosine, sine), (-sine, cosine)]))
+    outline = np.concatenate(corners)
+    return np.concatenate([outline, outline[:1]])
+
+
+def _table_mm() -> float:
+    """Height of the table of measures."""
+    return 18.0 + ROW_MM * (len(MEASURES) / 2.0)
+
+
+def _table(sheet: DrawingSheet, body: CameraBody) -> None:
+    """All measures in two columns, with their values; a guess has a question mark."""
+    half = (len(MEASURES) + 1) // 2
+    for place, measure in enumerate(MEASURES):
+        x = 12.0 + (A4_MM[0] - 20.0) / 2.0 * (place // half)
+        y = _table_mm() - 4.0 - ROW_MM * (place % half)
+        value = f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}"
+        sheet.text((x, y), measure.letter, TEXT_MM, bold=True)
+        sheet.text((x + 21.0, y), value, TEXT_MM, align="right")
+        sheet.text((x + 25.0, y), f"{measure.what}: {measure.how}", 1.9, colour=SOFT)

@@ -1,0 +1,136 @@
+"""The page of a device: one HTML file that works from disk and offline, with the assembly in 3-D."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+
+from markdown_it import MarkdownIt
+from markupsafe import Markup
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import APART, COUPON
+from mirrorcam.cad.guide.assembly_guide import is_sliced, masses_of
+from mirrorcam.cad.guide.device_pictures import middle_ray
+from mirrorcam.cad.guide.picture_views import DevicePicture
+from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
+from mirrorcam.cad.plan.prices import summary_of
+from mirrorcam.core.disk.files import read_bytes, write_text
+from mirrorcam.core.figures.figure_texts import label_text, sentence_case
+from mirrorcam.core.html.templates import FigureTable, PageFile, render
+from mirrorcam.core.values import Metric
+
+WEB = Path(__file__).parents[1] / "web"
+PURPOSES = (
+    ("assembly.step", "the assembled device, for any CAD program"),
+    ("assembly.glb", "the assembled device, for viewers and game engines"),
+    ("plates/*.3mf", "printed together, with print settings"),
+    ("plates/*.ini", "the print settings, for PrusaSlicer and SuperSlicer"),
+    ("plates/*.json", "the print settings, for OrcaSlicer and Bambu Studio"),
+    ("mirrors/*.dxf", "the mirrors, for a laser cutter"),
+    ("mirrors/*.svg", "the mirrors, for a laser cutter that reads SVG"),
+    ("robot/*.xacro", "the device on the robot's arm, as a macro"),
+    ("robot/*.urdf", "the device for a robot, with its camera and views"),
+    ("bom.csv", "the parts list, for a spreadsheet"),
+    ("bom.json", "the parts list, for a program"),
+    ("bom.md", "the parts list, to read"),
+    ("guide.md", "the assembly guide, to print"),
+    ("source/*", "what all files here are made from"),
+    ("NOTICE.txt", "the licence of the device"),
+    ("checks.json", "every check and figure, with its value, unit and limit"),
+)
+
+
+def write_page(
+    folder: Path,
+    device: Device,
+    parts: Sequence[BuiltPart],
+    plates: Mapping[str, Sequence[str]],
+    pictures: Sequence[DevicePicture],
+    checks: Mapping[str, Metric],
+) -> None:
+    """Write index.html into `folder`, which holds assembly.glb, bom.md, guide.md and all that the page links to.
+
+    `plates` has the names of the parts on each plate, by its file's path in the folder.
+    The model is embedded in the page (a browser reads no file from disk by itself), pictures and files lie beside it.
+    """
+    layout = device.layout
+    views = len(layout.mirrors) if layout.pattern else f"{layout.rows} by {layout.cols}"
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    failed = [name for name, metric in checks.items() if not metric.passed]
+    limited = sum(metric.limit is not None for metric in checks.values())
+    rays = [middle_ray(layout, i).round(3).tolist() for i in range(len(layout.mirrors))]
+    page = render(
+        WEB,
+        "page.html",
+        title=f"A light field camera with {views} views",
+        lead=(
+            f"{len(layout.mirrors)} flat mirrors turn a {device.hardware.camera.name} into "
+            f"{views} cameras. This page has everything needed to print, cut and assemble them."
+        ),
+        summary=summary_of(checks),
+        identity=layout.identity,
+        licence=LICENCE,
+        parts=parts,
+        masses=masses_of(parts),
+        sliced=is_sliced(parts),
+        pictures=pictures,
+        others=_other_files(folder, parts, plates),
+        guide=Markup(markdown.render(_text(folder / "guide.md"))),
+        bom=Markup(markdown.render(_text(folder / "bom.md"))),
+        failed=failed,
+        verdict=(
+            f"{len(failed)} of {limited} checks failed: do not make this device"
+            if failed
+            else f"all {limited} checks pass"
+        ),
+        check_groups=_groups(checks, parts),
+        data=Markup(json.dumps({"rays_mm": rays, "not_shown": _not_shown(parts)})),
+        glb=base64.b64encode(read_bytes(folder / "assembly.glb")).decode(),
+    )
+    write_text(folder / "index.html", page)
+
+
+def _text(path: Path) -> str:
+    return read_bytes(path).decode("utf-8")
+
+
+def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, Sequence[str]]) -> list[PageFile]:
+    """The files of the device beside those of its parts, with what they are for; the checks are written last."""
+    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} | {"checks.json"}
+    return [
+        PageFile(name, _on_plate(plates[name], purpose, parts) if name in plates else purpose)
+        for pattern, purpose in PURPOSES
+        for name in sorted(names)
+        if fnmatch(name, pattern)
+    ]
+
+
+def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) -> str:
+    """The parts on a plate by number and title, then its purpose, and what is printed before it."""
+    of_name = {part.name: f"{part.number} {part.title}" for part in parts}
+    listed = ", ".join(of_name[name] for name in names)
+    coupon = next((part for part in parts if part.name == COUPON), None)
+    first = f"; {coupon.number} {coupon.title} comes first, alone, from its own file" if coupon else ""
+    return f"{listed}: {purpose}{first}"
+
+
+def _not_shown(parts: Sequence[BuiltPart]) -> str:
+    """Which printed parts the model lacks, since they are no pieces of the device in use; "" for none."""
+    apart = [f"{part.number} {part.title}" for part in parts if part.name in APART]
+    return f"Not in the model, since not in use with it: {', '.join(apart)}" if apart else ""
+
+
+def _groups(checks: Mapping[str, Metric], parts: Sequence[BuiltPart]) -> list[tuple[str, FigureTable]]:
+    """Checks by what they are of, which their names begin with; the device as a whole comes first."""
+    titles = {part.name: f"{part.number} {part.title}" for part in parts}
+    groups: dict[str, dict[str, Metric]] = {}
+    for name, metric in checks.items():
+        group, dot, rest = name.partition(".")
+        title = titles.get(group, sentence_case(label_text(group))) if dot else "Device"
+        groups.setdefault(title, {})[rest if dot else name] = metric
+    tables = [(title, FigureTable.of(metrics)) for title, metrics in groups.items()]
+    return sorted(tables, key=lambda item: item[0] in titles.values())

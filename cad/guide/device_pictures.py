@@ -1,0 +1,273 @@
+"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.guide.assembly_steps import Stages, home_of, joins_of
+from mirrorcam.cad.guide.clip_picture import FIRST_END, end_point, notes_of, screw_label, tilted, viewers
+from mirrorcam.cad.guide.picture_items import (
+    ARROW_RGB,
+    MIRROR_LIFT_MM,
+    STEP_SHARE,
+    arrow_head,
+    joined,
+    lifted,
+    mean,
+    moved,
+    name_of,
+    placed,
+    places_out,
+    put_in,
+    still,
+    triangles_of,
+)
+from mirrorcam.cad.guide.picture_views import GUIDE_RGB, DevicePicture, Item
+from mirrorcam.cad.guide.shading import ShadedBody
+from mirrorcam.cad.parts.mount_openings import longest_mark_mm
+from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
+
+# Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
+IN_FRONT = (0.95, 0.12, 1.0)
+BELOW = (0.55, 0.75, 1.0)
+BEHIND = (-0.80, -0.35, -1.0)
+LEVEL = (1.0, -0.45, 0.45)
+RAY_BEYOND_MIRROR = 1.1
+BED_GAP_MM = 14.0
+COUNT_CAPTION = "From behind; the number after a name is how many go into the part"
+# Bars that show which edge is read on a scale.
+BAR_MM = 1.4
+# How far from below their normal mirrors are seen before their seats, and where a seat's name is.
+SEATS_FROM_BELOW, SEAT_NAME_MM = 0.3, 2.0
+EDGE_TEXT = "This edge at the longest mark"
+
+
+NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
+PICTURES = 11
+"""Number of pictures of a device."""
+
+
+def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
+    """All pictures of a device, in the order in which the page shows them; those of steps have the steps' names."""
+    layout = device.layout
+    viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
+    front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
+    whole = tuple(still(piece, name_of(piece)) for piece in pieces)
+    bare = tuple(still(piece) for piece in pieces)
+    rays = tuple(middle_ray(layout, index) for index in range(len(layout.mirrors)))
+    apart = placed([(piece, piece.explode_mm) for piece in pieces])
+    stages = Stages(pieces)
+    return (
+        DevicePicture("assembled", "The device, assembled", front, whole),
+        DevicePicture("exploded", "Exploded view", front, apart),
+        DevicePicture("light", "The light: from the lens via every mirror to the scene", front, bare, rays),
+        DevicePicture("behind", "The device from behind", behind, bare),
+        DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
+        _inserts(layout, stages, behind, below),
+        _mirrors(layout, stages),
+        DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
+        _camera(device, stages),
+        DevicePicture("clip", "Clip and mount", level, _clip_on_mount(device, stages)),
+        DevicePicture("adapter", "What carries the device", front, _adapter_on_mount(stages)),
+    )
+
+
+def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> FloatArray:
+    """Rows right, up and towards the viewer (3, 3) in rig; up is the scene's."""
+    towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
+    towards /= np.linalg.norm(towards)
+    up = -layout.view_from_rig[1]
+    up = up - (up @ towards) * towards
+    up /= np.linalg.norm(up)
+    return np.array([np.cross(up, towards), up, towards])
+
+
+# The printer's bed from the front right, above: z is up.
+ISOMETRIC_AXES = Rotation.from_euler("zx", (-28.0, -52.0), degrees=True).as_matrix()
+
+
+def middle_ray(layout: Layout, index: int) -> FloatArray:
+    """Pupil, middle of a mirror, and a point towards the scene: (3, 3) in rig, mm."""
+    mirror = layout.mirrors[index]
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    direction = middle - mirror.virtual_centre_in_rig_mm
+    length = RAY_BEYOND_MIRROR * np.linalg.norm(layout.mirrors[layout.central_index].outline_in_rig_mm.mean(axis=0))
+    return np.array([np.zeros(3), middle, middle + length * direction / np.linalg.norm(direction)])
+
+
+def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
+    """As `view_axes`, of a direction (3,) in rig."""
+    return view_axes(layout, layout.view_from_rig @ viewer_in_rig)
+
+
+def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
+    """The parts with what is put into them from behind and from the front; those that carry mirrors by themselves."""
+    title = "Where inserts and nuts go"
+    carriers = stages.carriers
+    items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
+    third = None
+    if carriers:
+        ways = [np.diff(places_out(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
+        axes = axes_towards(layout, mean([way / np.linalg.norm(way) for way in ways]))
+        third = DevicePicture(
+            "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", inside=True
+        )
+    front = DevicePicture("inserts", title, below, items, caption="The same parts from the front", below=third)
+    return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, below=front)
+
+
+def _threads(stages: Stages, among: Sequence[Piece]) -> tuple[Item, ...]:
+    """Parts away from each other, their inserts and nuts at the beginning of their ways in, with arrows."""
+    parts = [part for part in among if stages.threads_in([part])]
+    carriers = {piece.name for piece in stages.carriers}
+    threads = stages.threads_in(parts)
+    homes = [home_of(thread, joins_of(thread)[-1], parts) for thread in threads]
+    counts = Counter(home.name for home in homes if home)
+    items = [
+        moved(
+            part,
+            part.explode_mm,
+            _label_with_count(part, part.name in carriers, counts[part.name]),
+            pale=True,
+        )
+        for part in parts
+    ]
+    for thread, home in zip(threads, homes, strict=True):
+        items += put_in(thread, home.explode_mm if home else np.zeros(3))
+    return tuple(items)
+
+
+def _label_with_count(part: Piece, short: bool, count: int) -> str:
+    """The name of a part in the picture of its inserts or nuts, and how many it takes."""
+    return f"{part.number if short else name_of(part)}: {count}"
+
+
+def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
+    """The mirrors before their seats, seen along their normals, and in the same view the seats by name."""
+    title = "Which mirror goes where"
+    normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
+    normal = normal / np.linalg.norm(normal)
+    axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
+    holder = tuple(still(piece, pale=True) for piece in stages.holder)
+    fasteners = [
+        moved(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder])) for piece in stages.carrier_screws
+    ]
+    before = [lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
+    lines = [
+        Item(NO_BODY, "", np.array([corner, corner + MIRROR_LIFT_MM * normal]))
+        for mirror in layout.mirrors
+        for corner in mirror.outline_in_rig_mm
+    ]
+    names = tuple(
+        (f"seat {name}", mirror.outline_in_rig_mm.mean(axis=0) + SEAT_NAME_MM * mirror.normal_in_rig)
+        for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
+    )
+    seats = DevicePicture(
+        "mirrors",
+        title,
+        axes,
+        holder,
+        notes=names,
+        inside=True,
+        caption="The seats without the mirrors, from the same side",
+    )
+    caption = "Seen from the front, from the scene: each mirror before its seat"
+    return DevicePicture(
+        "mirrors", title, axes, (*holder, *before, *fasteners, *lines), caption=caption, inside=True, below=seats
+    )
+
+
+def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
+    rest = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
+    return joined(rest, stages.mount, stages.holder_screws, stages.holder)
+
+
+def _camera(device: Device, stages: Stages) -> DevicePicture:
+    """The camera before its clip from above the lens and from behind, with what of the clip the guide speaks of."""
+    clip = device.clip
+    rest = [*stages.clip, *stages.threads_in(stages.clip)]
+    joint = joined(rest, [], stages.camera_screws, stages.clip)
+    screws = zip(joint[len(rest) :], stages.camera_screws, strict=True)
+    plain = (*joint[: len(rest)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
+    away = STEP_SHARE * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
+    new = []
+    for camera in stages.camera:
+        body = moved(camera, away, name_of(camera)).body
+        new.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
+        if clip.nest is not None:
+            end = end_point(clip.nest, body.triangles)
+            seat = end_point(clip.nest, triangles_of(camera))
+            way = (seat - end) / np.linalg.norm(seat - end)
+            head = arrow_head((end + seat) / 2.0, way)
+            new.append(Item(head, FIRST_END, np.array([end, seat])))
+    first, second = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
+    notes, title = notes_of(clip), "Camera and clip"
+    # The camera hides nothing of the clip in the lower view.
+    lower = DevicePicture("camera", title, second, plain, notes=notes, caption="The clip alone, from the camera's back")
+    return DevicePicture(
+        "camera", title, first, (*plain, *new), notes=notes, caption="From above the lens", below=lower
+    )
+
+
+def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
+    """The clip with its camera before the mount; a red bar on each says what is read against what."""
+    rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
+    new = [*stages.clip, *stages.camera, *stages.camera_screws]
+    items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)
+    away = STEP_SHARE * (mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount]))
+    inside = [moved(thread, away) for thread in stages.threads_in(stages.clip)]
+    edge, mark = scale_edges(device)
+    bars = (ShadedBody(edge + away, ARROW_RGB), ShadedBody(mark, ARROW_RGB))
+    between = np.array([mark.mean(axis=(0, 1)), edge.mean(axis=(0, 1)) + away])
+    return (*items, *inside, Item(bars[0], EDGE_TEXT, between), Item(bars[1], ""))
+
+
+def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
+    """Bars (n, 3, 3) as triangles in rig: along the clip's edge that reads the scale, and along the longest mark."""
+    clip, mount = device.clip, device.mount
+    longest = longest_mark_mm(clip, mount.half_width_mm, device.hardware)
+    ends = np.array([mount.half_width_mm - longest, mount.half_width_mm])
+    bar = trimesh.creation.box((float(np.ptp(ends)), BAR_MM, BAR_MM))
+    bar.apply_translation((float(ends.mean()), clip.slide_y_mm, clip.top_mm))
+    triangles = np.asarray(bar.triangles, dtype=np.float64)
+    return triangles, triangles
+
+
+def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
+    held = stages.threads_in(stages.adapter)
+    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *held)}
+    rest = [piece for piece in stages.pieces if piece.name not in new]
+    items = joined(rest, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
+    # Inserts and nuts are in the adapter already.
+    base = mean([piece.explode_mm for piece in stages.mount])
+    homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in held]
+    return (*items, *(moved(thread, STEP_SHARE * (home.explode_mm - base)) for thread, home in homes if home))
+
+
+def _on_bed(parts: Sequence[BuiltPart]) -> tuple[Item, ...]:
+    """The parts as printed, in rows on a floor, as wide as deep."""
+
+    meshes = [(part, trimesh.load_mesh(part.stl)) for part in parts]
+    laid = [(part, transform(part.print_from_rig, np.asarray(mesh.triangles))) for part, mesh in meshes]
+    sizes = [np.ptp(triangles.reshape(-1, 3), axis=0) for _, triangles in laid]
+    row_end = 1.05 * np.sqrt(sum((size[0] + BED_GAP_MM) * (size[1] + BED_GAP_MM) for size in sizes))
+    x = y = deepest = 0.0
+    items = []
+    for (part, triangles), size in zip(laid, sizes, strict=True):
+        if x > 0.0 and x + size[0] > row_end:
+            x, y, deepest = 0.0, y - deepest - BED_GAP_MM, 0.0
+        shift = np.array([x, y - size[1], 0.0]) - triangles.reshape(-1, 3).min(axis=0)
+        items.append(Item(ShadedBody(triangles + shift, part.rgb), f"{part.number} {part.title}"))
+        x, deepest = x + size[0] + BED_GAP_MM, max(deepest, float(size[1]))
+    return tuple(items)

@@ -1,0 +1,279 @@
+"""The drawing of a part: three views and an isometric on an A3 sheet, dimensions, tables and title block."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from build123d import Part
+
+from mirrorcam.cad.guide.annotation import WORDS_MM, annotate
+from mirrorcam.cad.guide.dimension_lines import TIERS_MM
+from mirrorcam.cad.guide.drawing_sheet import SOFT, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.geometrical_tolerances import (
+    RESERVED_MM,
+    draw_frames,
+    draw_holder_datums,
+    holder_tolerances,
+    tolerance_notes,
+)
+from mirrorcam.cad.guide.holder_drawing import seat_names, seat_table
+from mirrorcam.cad.guide.hole_callouts import PRESSED, called_out
+from mirrorcam.cad.guide.hole_places import hole_groups, hole_tables
+from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
+from mirrorcam.cad.guide.plan_dimensions import offered
+from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
+from mirrorcam.cad.guide.title_block import (
+    A3_MM,
+    BLOCK_MM,
+    BORDER_MM,
+    GAUGE_TOLERANCE,
+    GENERAL_TOLERANCE,
+    Title,
+    draw_title_block,
+    printed_of,
+    ratio,
+)
+from mirrorcam.cad.holder.carriers import CarrierPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.parts.coupon import CouponPlan
+from mirrorcam.cad.plan.cuts import PiecePlan
+from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
+from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.tolerances import Tolerances
+
+SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+VISIBLE_MM, SMALL_MM, HIDDEN_MM = 0.35, 0.25, 0.18
+HIDDEN_DASHES_MM = (1.6, 0.8)
+HIDDEN_COLOUR = "#5d6778"
+TEXT_MM, NOTE_MM = 2.5, 2.0
+ROW_MM = 4.4
+CLEAR_MM = 4.0
+NAME_MM = 8.0
+"""Height of the name of a section over it."""
+
+
+def write_drawing(
+    folder: Path, solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw
+) -> tuple[Path, Path]:
+    """Write NAME.svg and NAME.pdf into `folder`: the part as it lies on the printer's bed, third-angle projection."""
+    return draw(solid, part, printer, screw).write(folder / part.name, f"{part.number} {part.title}")
+
+
+def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> DrawingSheet:
+    """Draw a part on a drawing sheet; `screw` says which of its holes are for inserts and nuts."""
+    bed_from_rig = part.print_from_rig[:3, :3]
+    top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
+    isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
+    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    # Of a holder with carriers these have the seats.
+    seats = isinstance(whole, HolderPlan) and bool(whole.cores)
+    dimensions = dimensions_of(part, solid, screw)
+    views = (top, front, right)
+    seated = (seat_table(whole, bed_from_rig),) if seats or isinstance(whole, CarrierPlan) else ()
+    tables = (*seated, *hole_tables(hole_groups(views, dimensions), views))
+    sheet = DrawingSheet(*A3_MM)
+    table_left, table_low = draw_tables(sheet, tables, RESERVED_MM if seats else 0.0)
+    if seats:
+        built = Tolerances()
+        table_low = draw_frames(
+            sheet, table_left + 7.5, table_low, holder_tolerances(whole, built), tolerance_notes(built)
+        )
+    placed, scale, room_mm = _arrange(top, front, right, table_left)
+    section = _section_of(part, solid, dimensions)
+    for view in placed:
+        _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
+    traces = {
+        index: trace
+        for index, view in enumerate(placed)
+        if section and (trace := trace_in(view, section, bed_from_rig))
+    }
+    crossed = [(index, trace.across, float(trace.ends[0, trace.across])) for index, trace in traces.items()]
+    annotate(sheet, placed, dimensions, room_mm, crossed)
+    free = _free(sheet, placed, table_left, table_low)
+    cut_at, corner_low, corner_high = _place_section(section, free, scale)
+    _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
+    if section and cut_at:
+        hatch(sheet, section.faces, cut_at.scale, cut_at.shift)
+        _draw_view(sheet, cut_at, VISIBLE_MM if cut_at.scale >= 1.0 else SMALL_MM)
+        _draw_section_marks(sheet, tuple(traces.values()), cut_at, scale)
+    if seats:
+        draw_holder_datums(sheet, placed[1])
+        low, high = placed[0].box
+        for name, middle in seat_names(whole):
+            at = placed[0].paper(middle)
+            # Not those on another piece of a holder that is split.
+            if (at > low).all() and (at < high).all():
+                base = at - (0.0, TEXT_MM / 2.0)
+                sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
+    material, model = printed_of(printer.plastic), f"parts/{part.name}.step"
+    tolerance = GAUGE_TOLERANCE if isinstance(whole, CouponPlan) else GENERAL_TOLERANCE
+    draw_title_block(sheet, Title(part.title, part.number, material, scale, part.identity, model, tolerance))
+    return sheet
+
+
+def _draw_view(sheet: DrawingSheet, placed: PlacedView, width_mm: float) -> None:
+    """Draw a view's edges; small views have theirs close together, and want thin lines."""
+    visible, hidden = on_paper(placed.view, placed.scale)
+    if hidden:
+        sheet.lines([line + placed.shift for line in hidden], HIDDEN_MM, HIDDEN_COLOUR, HIDDEN_DASHES_MM)
+    sheet.lines([line + placed.shift for line in visible], width_mm)
+
+
+def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length | Hole, ...]:
+    """The dimensions of a part's plan, without those on other pieces of a part that is split."""
+    lengths = [each for each in offered(part.plan) if isinstance(each, Length)]
+    holes = (each for each in offered(part.plan) if isinstance(each, Hole))
+    pressed = "" if isinstance(part.plan, CouponPlan) else PRESSED
+    dimensions: tuple[Length | Hole, ...] = (*called_out(holes, solid, screw, pressed), *lengths)
+    if not isinstance(part.plan, PiecePlan):
+        return dimensions
+    box = solid.bounding_box()
+    low, high = np.array(tuple(box.min)) - 0.1, np.array(tuple(box.max)) + 0.1
+
+    def inside(dimension: Length | Hole) -> bool:
+        points = dimension.points_in_rig if isinstance(dimension, Length) else dimension.centre_in_rig[None]
+        return bool(((points >= low) & (points <= high)).all())
+
+    return tuple(dimension for dimension in dimensions if inside(dimension))
+
+
+def _arrange(
+    top: PartView, front: PartView, right: PartView, right_end: float
+) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
+    """Place the views at the largest scale of the standard that leaves space for their dimensions.
+
+    Returns them, the scale, and what is free left of and below each, mm.
+    """
+    bottom = BORDER_MM + BLOCK_MM
+    free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
+    wide, deep = np.ptp(top.box, axis=0)
+    high = float(np.ptp(front.box, axis=0)[1])
+    spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
+    scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
+    # What is left over goes around the views in equal shares.
+    loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
+    room_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
+    left = BORDER_MM + room_mm[0]
+    low = bottom + room_mm[1]
+    upper = low + scale * high + WORDS_MM + room_mm[1]
+    beside = left + scale * wide + room_mm[0] + 4.0
+
+    def at(view: PartView, x: float, y: float) -> PlacedView:
+        return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
+
+    return (at(top, left, upper), at(front, left, low), at(right, beside, low)), scale, room_mm
+
+
+def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
+    """The isometric fills a rectangle that is left free."""
+    scale = min(float(((high - low) / np.ptp(view.box, axis=0)).min()), 1.3 * placed[0].scale)
+    return PlacedView(view, scale, (low + high) / 2.0 - view.box.mean(axis=0) * scale)
+
+
+def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]) -> Section | None:
+    """The section that shows the cavities of a part."""
+    bed_from_rig = part.print_from_rig[:3, :3]
+    whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
+    plane = section_plane(whole, [each for each in dimensions if isinstance(each, Hole)], bed_from_rig)
+    return cut(solid, *plane, bed_from_rig) if plane else None
+
+
+def _free(
+    sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
+) -> tuple[FloatArray, ...]:
+    """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, all clear of words."""
+    top, _, right = placed
+    high_y = A3_MM[1] - BORDER_MM - 8.0
+    above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + WORDS_MM + 4.0), (right_end - 6.0, high_y)])
+    low_y = BORDER_MM + BLOCK_MM + 8.0
+    beside = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + WORDS_MM - 8.0)])
+    below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
+    return _clear_of_words(sheet, above), _clear_of_words(sheet, beside), below
+
+
+def _clear_of_words(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
+    """The larger of what is right of and what is below the words that reach into a rectangle (2, 2) from its left."""
+    boxes = np.array([(words.corners.min(axis=0), words.corners.max(axis=0)) for words in sheet.words])
+    inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
+    if not inside.any():
+        return rectangle
+    right, below = rectangle.copy(), rectangle.copy()
+    right[0, 0] = boxes[inside, 1, 0].max() + CLEAR_MM
+    below[1, 1] = boxes[inside, 0, 1].min() - CLEAR_MM
+    return max(right, below, key=lambda each: float(np.prod(np.maximum(each[1] - each[0], 0.0))))
+
+
+def _place_section(
+    section: Section | None, free: Sequence[FloatArray], scale: float
+) -> tuple[PlacedView | None, FloatArray, FloatArray]:
+    """Place a section at the views' scale or the next ones; returns it and the rectangle left for the isometric."""
+    above, beside, below = free
+    if section is None:
+        return None, above[0], above[1]
+    for smaller in (each for each in SCALES if each <= scale):
+        size = np.ptp(section.view.box, axis=0) * smaller + (0.0, NAME_MM)
+        for rectangle in (below, beside):
+            if (size <= rectangle[1] - rectangle[0]).all():
+                return _in_rectangle(section.view, smaller, rectangle), above[0], above[1]
+        room = above[1] - above[0]
+        for axis, share in ((0, 0.55), (1, 0.6)):
+            if size[axis] <= share * room[axis] and size[1 - axis] <= room[1 - axis]:
+                # Left of the isometric, or below it.
+                end = above[1].copy()
+                end[axis] = above[0, axis] + size[axis]
+                low = above[0].copy()
+                low[axis] = end[axis] + 8.0
+                return _in_rectangle(section.view, smaller, np.array([above[0], end])), low, above[1]
+    return None, above[0], above[1]
+
+
+def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
+    """A view in the middle of a rectangle (2, 2), with room for its name over it."""
+    middle = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
+    return PlacedView(view, scale, middle - view.box.mean(axis=0) * scale)
+
+
+def _draw_section_marks(sheet: DrawingSheet, traces: Sequence[Trace], cut_at: PlacedView, scale: float) -> None:
+    """The name of a section over it, with its scale where that is not the views', and one of its traces."""
+    name = "A-A" if cut_at.scale == scale else f"A-A ({ratio(cut_at.scale)})"
+    box = cut_at.box
+    sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)
+    draw_trace(sheet, traces, "A")
+
+
+def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
+    """Draw tables in the upper right corner, below each other; returns where the area left of and below them ends."""
+    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    left = right
+    for table in tables:
+        cells = [table.head, *table.rows]
+        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
+        height = min(TEXT_MM, 0.6 * pitch)
+        widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.head))]
+        lines = [
+            text_width_mm(table.title, TEXT_MM, bold=True),
+            *(text_width_mm(line, NOTE_MM) for line in table.notes),
+        ]
+        start = right - max(sum(widths), max(lines) + 4.0)
+        sheet.text((start + 1.5, top - 5.0), table.title, TEXT_MM, bold=True)
+        y = top - 7.0
+        ends = right - sum(widths) + np.cumsum(widths)
+        for number, row in enumerate(cells):
+            for column, (end, cell) in enumerate(zip(ends, row, strict=True)):
+                words = column in table.words
+                at = (end - widths[column] + 2.5 if words else end - 1.5, y - 0.72 * pitch)
+                sheet.text(at, cell, height, align="left" if words else "right", bold=number == 0)
+            y -= pitch
+            sheet.lines([np.array([(start, y), (right, y)])], 0.35 if number == 0 else 0.1)
+        for line in table.notes:
+            sheet.text((start + 1.5, y - 4.0), line, NOTE_MM)
+            y -= 3.6
+        left, top = min(left, start), y - 6.0
+    if tables:
+        left -= 6.0
+        sheet.lines([np.array([(left, BORDER_MM + BLOCK_MM), (left, A3_MM[1] - BORDER_MM)])], 0.1, SOFT)
+    return left, top

@@ -1,0 +1,158 @@
+"""A drawing sheet in mm, origin in its lower left corner: lines, arrows and text, written as SVG and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.patches import Circle, Polygon
+from matplotlib.textpath import TextPath
+
+from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.sheet_text import drawable, fitted
+from mirrorcam.core.values import FloatArray
+
+MM_PER_INCH = 25.4
+POINTS_PER_MM = 72.0 / MM_PER_INCH
+FONT = FontProperties(family="DejaVu Sans")
+BOLD = FontProperties(family="DejaVu Sans", weight="bold")
+# Height of a capital over the size of the font.
+CAPITALS = 0.73
+INK = "#10151f"
+SOFT = "#8b94a5"
+ARROW_MM = (2.6, 0.42)
+Align = Literal["left", "center", "right"]
+
+
+@dataclass(frozen=True)
+class Words:
+    """A text on the sheet, with the corners (4, 2) of the area that it covers, mm."""
+
+    text: str
+    corners: FloatArray
+
+
+def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
+    """Width of a text whose capitals are about `height_mm` high."""
+    return _width_of_size_1(text, bold) * height_mm / CAPITALS
+
+
+def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
+    """A text of any characters, cut to a width and with marks for what the font lacks."""
+    drawn = drawable(text, get_font(findfont(FONT)).get_charmap())
+    return fitted(drawn, width_mm, lambda part: text_width_mm(part, height_mm))
+
+
+@cache
+def _width_of_size_1(text: str, bold: bool) -> float:
+    if not text.strip():
+        return 0.0  # matplotlib makes no path without a glyph
+    corners = TextPath((0.0, 0.0), text.replace("$", r"\$"), size=100.0, prop=BOLD if bold else FONT).vertices
+    return float(np.ptp(corners[:, 0])) / 100.0
+
+
+class DrawingSheet:
+    """A drawing sheet of `width_mm` x `height_mm`, and what is on it: words, and lines with their width."""
+
+    def __init__(self, width_mm: float, height_mm: float) -> None:
+        self.size_mm = (width_mm, height_mm)
+        self.words: list[Words] = []
+        self.drawn: list[tuple[FloatArray, float]] = []
+        self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
+        self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        self._axes.set(xlim=(0.0, width_mm), ylim=(0.0, height_mm))
+        self._axes.axis("off")
+
+    def lines(
+        self, lines: Sequence[FloatArray], width_mm: float, colour: str = INK, dashes_mm: Sequence[float] = ()
+    ) -> None:
+        """Draw polylines (n, 2); dashes are alternately drawn and left out."""
+        self.drawn += [(line, width_mm) for line in lines]
+        width = width_mm * POINTS_PER_MM
+        style: Any = (0.0, [dash / width_mm for dash in dashes_mm]) if dashes_mm else "solid"
+        collection = LineCollection(
+            [np.asarray(line) for line in lines],
+            linewidths=width,
+            colors=colour,
+            linestyles=[style],
+            capstyle="butt" if dashes_mm else "round",
+            joinstyle="round",
+        )
+        self._axes.add_collection(collection, autolim=False)
+
+    def rectangle(self, low: tuple[float, float], high: tuple[float, float], width_mm: float) -> None:
+        """Draw an upright rectangle."""
+        (x0, y0), (x1, y1) = low, high
+        self.lines([np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])], width_mm)
+
+    def arrow_head(self, tip: FloatArray, direction: FloatArray) -> None:
+        """A filled arrow head that points along `direction` (2,) and ends in `tip` (2,)."""
+        along = direction / np.linalg.norm(direction)
+        across = np.array([-along[1], along[0]])
+        length, half = ARROW_MM
+        corners = [tip, tip - length * along + half * across, tip - length * along - half * across]
+        self._axes.add_patch(Polygon(corners, closed=True, facecolor=INK, edgecolor="none"))
+
+    def dot(self, middle: FloatArray, radius: float) -> None:
+        """A filled dot about `middle` (2,): the end of a leader within an outline."""
+        self._axes.add_patch(Circle((float(middle[0]), float(middle[1])), radius, facecolor=INK, edgecolor="none"))
+
+    def text(
+        self,
+        at: FloatArray | tuple[float, float],
+        text: str,
+        height_mm: float,
+        *,
+        align: Align = "left",
+        bold: bool = False,
+        colour: str = INK,
+        turn_deg: float = 0.0,
+        over_lines: bool = False,
+    ) -> None:
+        """Write a line of text on its base line at `at` (2,), turned about that; 90 deg is read from the right.
+
+        `over_lines` clears the paper behind it.
+        """
+        width = text_width_mm(text, height_mm, bold=bold)
+        self._axes.text(
+            float(at[0]),
+            float(at[1]),
+            text,
+            parse_math=False,
+            fontproperties=BOLD if bold else FONT,
+            fontsize=height_mm / CAPITALS * POINTS_PER_MM,
+            ha=align,
+            va="baseline",
+            rotation=turn_deg,
+            rotation_mode="anchor",
+            color=colour,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0} if over_lines else None,
+        )
+        left = {"left": 0.0, "center": -width / 2.0, "right": -width}[align]
+        low, high = -0.25 * height_mm, 1.05 * height_mm
+        corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
+        cosine, sine = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+        corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
+        self.words.append(Words(text, corners + np.asarray(at)))
+
+    def write(self, stem: Path, title: str) -> tuple[Path, Path]:
+        """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""
+        fixed: dict[str, dict[str, Any]] = {
+            "svg": {"Date": None, "Creator": "MirrorCam", "Title": title},
+            "pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": title},
+        }
+        settings: dict[Any, Any] = {"svg.hashsalt": "mirrorcam", "svg.fonttype": "path", "pdf.fonttype": 42}
+        svg, pdf = (stem.with_suffix(f".{kind}") for kind in fixed)
+        with mpl.rc_context(settings):
+            for path, (kind, metadata) in zip((svg, pdf), fixed.items(), strict=True):
+                with atomic(path) as temporary:
+                    self._figure.savefig(temporary, format=kind, metadata=metadata)
+        return svg, pdf

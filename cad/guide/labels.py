@@ -1,0 +1,183 @@
+"""Labels around a picture, each with a leader to what it names; no leader crosses another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.cad.guide.shading import Pixels, Shot
+from mirrorcam.core.values import FloatArray
+
+INK = (28, 33, 45)
+SOFT = (104, 112, 128)
+TEXT_PX = 22
+SMALLEST_TEXT_PX = 15
+ROW_OF_TEXT = 1.9
+MARGIN_PX = 26
+SHIFT = 4
+# What is nearer than a point by more than this hides it.
+HIDDEN_MM = 1.0
+# Of the font, regular: left out, it is that of the last text that anything in this process drew.
+WEIGHT = 400
+CAPTION_PX, BOLD = 26, 700
+CAPTION_ROOM_PX = MARGIN_PX + TEXT_PX + 16
+"""From the upper edge down to where a picture with a caption may begin."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A name for a body (by its index) of a picture, or for a point (3,) in rig: of that body, or with -1 of any."""
+
+    body: int
+    text: str
+    at: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class _Line:
+    start: FloatArray
+    end: FloatArray
+
+    def crosses(self, other: _Line) -> bool:
+        def side(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+            return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+        return (
+            side(self.start, self.end, other.start) * side(self.start, self.end, other.end) < 0.0
+            and side(other.start, other.end, self.start) * side(other.start, other.end, self.end) < 0.0
+        )
+
+
+def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
+    """The pixel (column, row) deepest inside of an area (h, w), and how deep it is, px; None where there is none."""
+    if not seen.any():
+        return None
+    inside = cv2.distanceTransform(np.pad(seen.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    row, column = np.unravel_index(int(inside.argmax()), inside.shape)
+    return np.array([column, row], dtype=np.float64), float(inside[row, column])
+
+
+def anchor(shot: Shot, body: int) -> FloatArray | None:
+    """The pixel (column, row) deepest inside of what is seen of a body, or None where it is hidden."""
+    found = deepest(shot.bodies == body)
+    return found[0] if found else None
+
+
+def place_of(shot: Shot, label: Label) -> FloatArray | None:
+    """The pixel (column, row) that a label names, or None where it is hidden or outside of the picture.
+
+    Of a body's point it is the pixel of the body that is nearest to it.
+    """
+    if label.at is None:
+        return anchor(shot, label.body)
+    column, row, near = shot.screen.pixels(label.at)
+    if label.body >= 0:
+        rows, columns = np.nonzero(shot.bodies == label.body)
+        if not len(rows):
+            return None
+        nearest = int(np.argmin((columns - column) ** 2 + (rows - row) ** 2))
+        return np.array([columns[nearest], rows[nearest]], dtype=np.float64)
+    height, width = shot.bodies.shape
+    if not (0 <= column < width and 0 <= row < height):
+        return None
+    hidden = shot.bodies[int(row), int(column)] >= 0 and shot.nearness[int(row), int(column)] > near + HIDDEN_MM
+    return None if hidden else np.array([column, row])
+
+
+def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
+    """The picture with its names in columns at its left and right sides, `top_px` down; what is hidden gets none."""
+    found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
+    image = shot.image.copy()
+    height, width = image.shape[:2]
+    # Halved by where they are, lines to the left and to the right never meet.
+    found.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
+    half = (len(found) + 1) // 2
+    rows = max(half, len(found) - half)
+    size = int(min(TEXT_PX, max(SMALLEST_TEXT_PX, (height - 2 * MARGIN_PX) / max(rows, 1) / ROW_OF_TEXT)))
+    font = cv2.FontFace("sans")
+    for left, group in ((True, found[:half]), (False, found[half:])):
+        group = sorted(group, key=lambda item: (item[1][1], item[0].text))
+        places = rows_near([float(point[1]) for _, point in group], size * ROW_OF_TEXT, top_px, height - MARGIN_PX)
+        boxes = [cv2.getTextSize((width, height), label.text, (0, 0), font, size, WEIGHT) for label, _ in group]
+        starts = [
+            np.array([MARGIN_PX + box[2] + 8.0 if left else width - MARGIN_PX - box[2] - 8.0, place])
+            for box, place in zip(boxes, places, strict=True)
+        ]
+        order = uncrossed(starts, [point for _, point in group])
+        # A name that changes rows keeps its own width.
+        for place, index in zip(places, order, strict=True):
+            label, point = group[index]
+            box = boxes[index]
+            x = MARGIN_PX if left else width - MARGIN_PX - box[2]
+            start = np.array([x + box[2] + 8.0 if left else x - 8.0, place])
+            _leader(image, start, point)
+            # A long name may reach over what is drawn: on white it can be read there too.
+            ground = ((int(x) - 4, int(place - 0.6 * size)), (int(x + box[2]) + 4, int(place + 0.6 * size)))
+            cv2.rectangle(image, *ground, (255, 255, 255), -1)
+            cv2.putText(image, label.text, (int(x), int(place + 0.36 * size)), INK, font, size, WEIGHT)
+    return image
+
+
+def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
+    """The picture with each name in the middle of what it names, on white; what is hidden gets none."""
+    image = shot.image.copy()
+    height, width = image.shape[:2]
+    font = cv2.FontFace("sans")
+    for label in labels:
+        if (point := place_of(shot, label)) is None:
+            continue
+        box = cv2.getTextSize((width, height), label.text, (0, 0), font, TEXT_PX, WEIGHT)
+        x, y = int(point[0] - box[2] / 2.0), int(point[1])
+        ground = ((x - 6, int(y - 0.7 * TEXT_PX)), (x + box[2] + 6, int(y + 0.7 * TEXT_PX)))
+        cv2.rectangle(image, *ground, (255, 255, 255), -1)
+        cv2.putText(image, label.text, (x, int(y + 0.36 * TEXT_PX)), INK, font, TEXT_PX, WEIGHT)
+    return image
+
+
+def captioned(image: Pixels, caption: str) -> Pixels:
+    """The picture with a caption at its upper left; "" leaves it as it is."""
+    if not caption:
+        return image
+    drawn = image.copy()
+    cv2.putText(drawn, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, cv2.FontFace("sans"), CAPTION_PX, BOLD)
+    return drawn
+
+
+def uncrossed(starts: Sequence[FloatArray], ends: Sequence[FloatArray]) -> list[int]:
+    """An end for each start, so that no two lines cross: crossing ones swap ends, which makes both shorter."""
+    order = list(range(len(starts)))
+    swapped = True
+    while swapped:
+        swapped = False
+        for i, j in combinations(range(len(order)), 2):
+            if _Line(starts[i], ends[order[i]]).crosses(_Line(starts[j], ends[order[j]])):
+                order[i], order[j] = order[j], order[i]
+                swapped = True
+    return order
+
+
+def rows_near(wanted: Sequence[float], pitch: float, begins: float, ends: float) -> list[float]:
+    """Rows near the wanted ones (ascending), at least a pitch apart, and half of one inside a range."""
+    low, high = begins + pitch / 2.0, ends - pitch / 2.0
+    rows: list[float] = []
+    for value in wanted:
+        rows.append(max(value, low if not rows else rows[-1] + pitch))
+    limit = high
+    for index in reversed(range(len(rows))):
+        rows[index] = min(rows[index], limit)
+        limit = rows[index] - pitch
+    return rows
+
+
+def _leader(image: Pixels, start: FloatArray, end: FloatArray) -> None:
+    scale = 1 << SHIFT
+    tail, tip = ([round(float(value) * scale) for value in point] for point in (start, end))
+    cv2.line(image, tail, tip, (255, 255, 255), 4, cv2.LINE_AA, SHIFT)
+    cv2.line(image, tail, tip, SOFT, 1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, tip, 5 * scale, (255, 255, 255), -1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, tip, 4 * scale, INK, -1, cv2.LINE_AA, SHIFT)

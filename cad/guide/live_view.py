@@ -1,0 +1,110 @@
+"""What the live camera must show once all is assembled: a picture of it, and its outlines to lay over the live one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.guide.labels import WEIGHT
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+PICTURE, OVERLAY = "live_view", "live_overlay"
+"""Stems of the two files in `pictures/`; the overlay has the size of the camera's frames and is clear but for lines."""
+
+AROUND, PART, MIRROR = 226, 46, 203
+"""Grey levels: past all parts, printed parts seen squarely, and the scene in the mirrors."""
+
+LINE_RGB = (240, 120, 20)
+TEXT_RGB = (28, 33, 45)
+# Fractions of a pixel in which corners are drawn, in bits.
+SHIFT = 4
+NEAREST_MM = 1.0
+WIDEST_PX = 1400
+# The largest names are as high as the frame's width over this.
+LARGEST_OF_WIDTH = 32.0
+
+
+def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> None:
+    """Write `pictures/live_view.png` and `pictures/live_overlay.png` below a device's folder."""
+    image = live_view(layout, pieces)
+    scale = min(1.0, WIDEST_PX / image.shape[1])
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    write_image(folder / "pictures" / f"{PICTURE}.png", np.asarray(small, dtype=np.uint8))
+    done, data = cv2.imencode(".png", live_overlay(layout))
+    if not done:
+        raise OSError("the PNG encoder failed")
+    write_bytes(folder / "pictures" / f"{OVERLAY}.png", data.tobytes())
+
+
+def live_view(layout: Layout, pieces: Iterable[Piece]) -> NDArray[np.uint8]:
+    """The frame (h, w, 3) of the layout's camera: printed parts, the scene in each mirror, and the mirrors' names."""
+    camera = layout.camera
+    image = np.full((camera.height_px, camera.width_px, 3), AROUND, dtype=np.uint8)
+    triangles = [np.asarray(piece.mesh.triangles) for piece in pieces if piece.kind == "part"]
+    if triangles:
+        _fill_parts(image, layout, np.concatenate(triangles))
+    for index, name in enumerate(layout.mirror_names):
+        usable = layout.outline_px(index, usable=True)
+        if len(usable):
+            cv2.fillPoly(image, [_drawn(usable)], (MIRROR,) * 3, cv2.LINE_AA, SHIFT)
+        outline = layout.outline_px(index)
+        cv2.polylines(image, [_drawn(outline)], True, LINE_RGB, _line_px(layout), cv2.LINE_AA, SHIFT)
+        _name(image, name, outline, TEXT_RGB)
+    return image
+
+
+def live_overlay(layout: Layout) -> NDArray[np.uint8]:
+    """The same outlines and names on nothing, as BGRA (h, w, 4)."""
+    camera = layout.camera
+    image = np.zeros((camera.height_px, camera.width_px, 4), dtype=np.uint8)
+    colour = (*LINE_RGB[::-1], 255)
+    for index, name in enumerate(layout.mirror_names):
+        outline = layout.outline_px(index)
+        cv2.polylines(image, [_drawn(outline)], True, colour, _line_px(layout), cv2.LINE_8, SHIFT)
+        _name(image, name, outline, colour)
+    return image
+
+
+def _fill_parts(image: NDArray[np.uint8], layout: Layout, triangles: FloatArray) -> None:
+    """Draw triangles (n, 3, 3) in rig as the camera sees them, the farthest first, darker where they face away."""
+    seen = triangles[(triangles[..., 2] > NEAREST_MM).all(axis=1)]
+    normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
+    middles = seen.mean(axis=1)
+    facing = -(normals * middles).sum(axis=1)
+    sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(middles, axis=1)
+    shown = facing > 1e-6 * sizes
+    corners = layout.camera.project(seen[shown])
+    order = np.argsort(-middles[shown, 2], kind="stable")
+    shade = 0.35 + 0.65 * facing[shown] / sizes[shown]
+    for index in order:
+        if np.isfinite(corners[index]).all():
+            grey = int(PART * shade[index] * 1.6)
+            cv2.fillConvexPoly(image, _drawn(corners[index]), (grey,) * 3, cv2.LINE_AA, SHIFT)
+
+
+def _drawn(points_px: FloatArray) -> NDArray[np.int32]:
+    """Points (n, 2) as integers of OpenCV, with `SHIFT` bits behind the point; far ones are cut to what these hold."""
+    return np.asarray(np.round(np.clip(points_px, -1e5, 1e5) * (1 << SHIFT)), dtype=np.int32)
+
+
+def _line_px(layout: Layout) -> int:
+    return max(2, round(layout.camera.width_px / 640))
+
+
+def _name(image: NDArray[np.uint8], name: str, outline: FloatArray, colour: tuple[int, ...]) -> None:
+    """Write a mirror's name in the middle of its outline, as large as a sixth of its height at most."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    height, width = image.shape[:2]
+    size = int(np.clip((high[1] - low[1]) / 6.0, 12.0, width / LARGEST_OF_WIDTH))
+    font = cv2.FontFace("sans")
+    box = cv2.getTextSize((width, height), name, (0, 0), font, size, WEIGHT)
+    at = (low + high) / 2.0 - (box[2] / 2.0, -0.36 * size)
+    cv2.putText(image, name, (int(at[0]), int(at[1])), colour, font, size, WEIGHT)

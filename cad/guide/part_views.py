@@ -1,0 +1,128 @@
+"""Orthographic views of a part: visible and hidden edges as polylines, to scale."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from build123d import Edge, Part
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.GeomAbs import GeomAbs_CurveType
+from shapely import LineString, MultiLineString, STRtree
+
+from mirrorcam.core.values import FloatArray
+
+CURVE_STEPS = 32
+# On paper, in mm: hidden lines along visible ones, and those shorter than two dashes (the step of a fit behind a rim),
+# are left out.
+ALONG_VISIBLE_MM = 0.12
+SHORTEST_HIDDEN_MM = 1.6
+# Longest hidden lines over the visible ones, in all of a view.
+MOST_HIDDEN = 2.5
+
+# Rows right, up and towards the viewer, in the axes of the part as printed. Third angle: the view from above lies
+# above the front view, the one from the right to its right.
+TOP = np.eye(3)
+FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+RIGHT = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+ISOMETRIC = np.array(
+    [
+        [1.0 / np.sqrt(2.0), 1.0 / np.sqrt(2.0), 0.0],
+        [-1.0 / np.sqrt(6.0), 1.0 / np.sqrt(6.0), 2.0 / np.sqrt(6.0)],
+        [1.0 / np.sqrt(3.0), -1.0 / np.sqrt(3.0), 1.0 / np.sqrt(3.0)],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class PartView:
+    """Polylines (n, 2), mm, of a view: right and up along the first rows of `axes_in_rig` (3, 3)."""
+
+    axes_in_rig: FloatArray
+    visible: tuple[FloatArray, ...]
+    hidden: tuple[FloatArray, ...]
+
+    @property
+    def box(self) -> FloatArray:
+        """Lowest and highest corner (2, 2)."""
+        corners = np.concatenate([*self.visible, *self.hidden])
+        return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class PlacedView:
+    """A view on the drawing sheet: paper = scale * view + shift."""
+
+    view: PartView
+    scale: float
+    shift: FloatArray
+
+    @property
+    def box(self) -> FloatArray:
+        """Lowest and highest corner (2, 2) on paper."""
+        return self.view.box * self.scale + self.shift
+
+    def paper(self, points_in_rig: FloatArray) -> FloatArray:
+        """Positions (..., 2) on paper, mm, of points (..., 3)."""
+        return points_in_rig @ self.view.axes_in_rig[:2].T * self.scale + self.shift
+
+
+def project(solid: Part, axes_in_rig: FloatArray, *, hidden_too: bool = True) -> PartView:
+    """Project a solid along the third row of `axes_in_rig` by the kernel's hidden-line algorithm."""
+    _, up, towards = axes_in_rig
+    visible, hidden = solid.project_to_viewport(tuple(1e4 * towards), tuple(up), (0.0, 0.0, 0.0))
+    return PartView(axes_in_rig, tuple(_flat(visible)), tuple(_flat(hidden) if hidden_too else ()))
+
+
+def _flat(edges: Iterable[Edge]) -> list[FloatArray]:
+    return [line[:, :2] for line in polylines(edges)]
+
+
+def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
+    """Edges as polylines (n, 3), mm."""
+    lines = []
+    for edge in edges:
+        # What build123d offers for this takes ten times as long, and there are thousands.
+        curve = BRepAdaptor_Curve(edge.wrapped)
+        count = 2 if curve.GetType() == GeomAbs_CurveType.GeomAbs_Line else CURVE_STEPS + 1
+        points = [curve.Value(step) for step in np.linspace(curve.FirstParameter(), curve.LastParameter(), count)]
+        lines.append(np.array([(point.X(), point.Y(), point.Z()) for point in points]))
+    return lines
+
+
+def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without what is too small to be read.
+
+    Hidden lines are left out where they are so many that nothing could be read of them.
+    """
+    visible = _joined(view.visible, scale)
+    hidden = _joined(view.hidden, scale)
+    if hidden.length > MOST_HIDDEN * visible.length:
+        return [np.array(line.coords) for line in visible.geoms], []
+    clear = shapely.line_merge(MultiLineString(_away_from(visible, hidden)))
+    lines = [line for line in _lines(clear) if line.length >= SHORTEST_HIDDEN_MM]
+    return [np.array(line.coords) for line in visible.geoms], [np.array(line.coords) for line in lines]
+
+
+def _away_from(visible: MultiLineString, hidden: MultiLineString) -> list[LineString]:
+    """Hidden lines without their stretches along visible ones."""
+    zones = shapely.buffer(np.array(visible.geoms), ALONG_VISIBLE_MM, quad_segs=2)
+    tree = STRtree(zones)
+    left = []
+    for line in hidden.geoms:
+        near = tree.query(line, predicate="intersects")
+        left += _lines(line.difference(shapely.union_all(zones[np.sort(near)])) if len(near) else line)
+    return left
+
+
+def _joined(lines: Sequence[FloatArray], scale: float) -> MultiLineString:
+    strings = [LineString(line * scale) for line in lines if np.ptp(line, axis=0).max() * scale > 1e-4]
+    merged = shapely.line_merge(shapely.unary_union(strings, grid_size=1e-4))
+    return MultiLineString(_lines(merged))
+
+
+def _lines(geometry: shapely.Geometry) -> list[LineString]:
+    parts = shapely.get_parts(geometry)
+    return [part for part in parts if isinstance(part, LineString) and not part.is_empty]

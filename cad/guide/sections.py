@@ -1,0 +1,214 @@
+"""Sections: a part cut by a plane, what is seen behind it, and the hatched faces of the cut (ISO 128)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from build123d import Compound, Face, GeomType, Keep, Part, Plane
+from shapely import LineString, MultiLineString, Polygon
+
+from mirrorcam.cad.guide.drawing_sheet import INK, DrawingSheet
+from mirrorcam.cad.guide.hole_callouts import DEPTH
+from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
+from mirrorcam.cad.guide.title_block import BLOCK_MM, BORDER_MM
+from mirrorcam.cad.parts.dust_cover import CoverPlan
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.core.values import FloatArray
+
+HATCH_MM, HATCH_LINE_MM = 2.0, 0.12
+TRACE_MM, TRACE_END_MM = 0.18, 0.5
+TRACE_DASHES_MM = (6.0, 0.8, 0.8, 0.8)
+TRACE_BEYOND_MM = (4.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0, 28.0)
+"""How far the trace of a cut may go beyond its view: the first of these that has room for arrow and letter."""
+
+LETTER_MM = 3.5
+ON_PLANE_MM = 1e-4
+# A plane through blind holes shows more than one through others.
+BLIND = 10
+# By the axis of the bed that a plane is square to, the axes of the view that looks at it.
+AXES = (RIGHT, FRONT, TOP)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part cut square to axis `normal` of the bed at `at_mm` along it; the view, and the hatched faces in it, mm."""
+
+    normal: int
+    at_mm: float
+    view: PartView
+    faces: tuple[Polygon, ...]
+
+
+def section_plane(plan: Any, holes: Sequence[Hole], bed_from_rig: FloatArray) -> tuple[int, float] | None:
+    """The plane that shows the cavities of a part: the axis of the bed that it is square to, and its place, mm.
+
+    A mount and a cover are cut through their middles, any other part through the axes of most of its holes, blind ones
+    first. None for a part without holes. `bed_from_rig` is a rotation (3, 3).
+    """
+    if isinstance(plan, MountPlan):
+        return 2, float(bed_from_rig[2] @ plan.slide)
+    if isinstance(plan, CoverPlan):
+        return 0, float(bed_from_rig[0] @ plan.rig_from_front[:3, 3])
+    scores: Counter[tuple[int, float]] = Counter()
+    for place, hole in {_axis_of(hole): hole for hole in holes}.items():
+        axis = bed_from_rig @ hole.axis_in_rig
+        for normal in range(3):
+            if abs(axis[normal]) < 1e-6:
+                at = round(float(bed_from_rig[normal] @ np.array(place[:3])), 3)
+                scores[normal, at] += BLIND if DEPTH in hole.text else 1
+    return min(scores, key=lambda plane: (-scores[plane], plane)) if scores else None
+
+
+def _axis_of(hole: Hole) -> tuple[float, ...]:
+    """A hole's axis as its point nearest to the origin, and its direction whichever way: one of holes in line."""
+    axis = hole.axis_in_rig / np.linalg.norm(hole.axis_in_rig)
+    axis = axis * np.sign(axis[np.abs(axis).argmax()])
+    foot = hole.centre_in_rig - axis * (hole.centre_in_rig @ axis)
+    return tuple(np.round(np.concatenate([foot, axis]), 3).tolist())
+
+
+def cut(solid: Part, normal: int, at_mm: float, bed_from_rig: FloatArray) -> Section | None:
+    """Cut a solid and look at what is left behind the plane; None where the plane misses it."""
+    axes = AXES[normal] @ bed_from_rig
+    towards = axes[2]
+    along = bed_from_rig[normal]
+    origin = at_mm * along
+    left = solid.split(Plane(origin=tuple(origin), z_dir=tuple(towards)), keep=Keep.BOTTOM)
+    kept = left if isinstance(left, list) else [left]
+    solids = [each for piece in kept if piece is not None for each in piece.solids()]
+    faces = [
+        area
+        for each in solids
+        for face in each.faces()
+        if _lies_on(face, towards, float(origin @ towards))
+        for area in _areas(face, axes)
+    ]
+    if not faces:
+        return None
+    view = project(Part(Compound(children=solids).wrapped), axes, hidden_too=False)
+    return Section(normal, at_mm, view, tuple(faces))
+
+
+def _lies_on(face: Face, towards: FloatArray, level_mm: float) -> bool:
+    if face.geom_type != GeomType.PLANE:
+        return False
+    return all(abs(np.array(tuple(corner)) @ towards - level_mm) < ON_PLANE_MM for corner in face.vertices())
+
+
+def _areas(face: Face, axes: FloatArray) -> list[Polygon]:
+    """A face of the cut in the view."""
+    lines = [line @ axes[:2].T for line in polylines(face.edges())]
+    # Ends that meet are joined to a ten-thousandth.
+    strings = shapely.set_precision(MultiLineString([LineString(line) for line in lines]), 1e-4)
+    area = shapely.build_area(shapely.unary_union(strings))
+    return [part for part in shapely.get_parts(area) if isinstance(part, Polygon)]
+
+
+def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: FloatArray) -> None:
+    """Hatch the faces of a cut at 45 deg, all lines of one grid."""
+    lines: list[FloatArray] = []
+    for face in faces:
+        area = shapely.transform(face, lambda corners: corners * scale + shift)
+        low_x, low_y, high_x, high_y = area.bounds
+        step = HATCH_MM * np.sqrt(2.0)
+        for level in np.arange(np.ceil((low_y - high_x) / step), (high_y - low_x) / step) * step:
+            line = LineString([(low_x, low_x + level), (high_x, high_x + level)])
+            parts = shapely.get_parts(area.intersection(line))
+            lines += [np.array(part.coords) for part in parts if isinstance(part, LineString) and part.length > 0.2]
+    sheet.lines(lines, HATCH_LINE_MM, INK)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The trace of a section in a view: its ends (2, 2) on paper, the way (2,) that the section looks."""
+
+    ends: FloatArray
+    look: FloatArray
+
+    @property
+    def across(self) -> int:
+        """The coordinate, x (0) or y (1), that is the same at both ends."""
+        return int(np.argmin(np.abs(self.ends[1] - self.ends[0])))
+
+    @property
+    def feet(self) -> FloatArray:
+        """Where the arrows begin (2, 2)."""
+        inward = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
+        return self.ends + 1.2 * np.array([inward, -inward])
+
+    @property
+    def marks(self) -> tuple[Polygon, ...]:
+        """What the letters and arrows at both ends cover."""
+        return tuple(
+            LineString([foot - (2.6 + LETTER_MM / 2.0) * self.look, foot + 6.0 * self.look]).buffer(
+                0.75 * LETTER_MM + 0.3
+            )
+            for foot in self.feet
+        )
+
+    def longer(self, beyond_mm: tuple[float, float]) -> Trace:
+        """The trace with each of its ends so far beyond the view."""
+        along = (self.ends[1] - self.ends[0]) / np.linalg.norm(self.ends[1] - self.ends[0])
+        return replace(self, ends=self.ends + np.array([-along, along]) * np.array(beyond_mm)[:, None])
+
+
+def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> Trace | None:
+    """The trace of a section across a view, None in one that does not see its plane edge on."""
+    axes, box = parent.view.axes_in_rig, parent.box
+    normal = bed_from_rig[section.normal]
+    along = axes[:2] @ normal
+    if np.abs(along).max() < 0.5:
+        return None
+    across = int(np.argmax(np.abs(along)))
+    look = np.zeros(2)
+    look[across] = np.sign(axes[across] @ -(AXES[section.normal] @ bed_from_rig)[2])
+    ends = np.empty((2, 2))
+    ends[:, across] = section.at_mm * along[across] * parent.scale + parent.shift[across]
+    ends[:, 1 - across] = box[:, 1 - across]
+    return Trace(ends, look)
+
+
+def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
+    """Draw the trace that is least in the way of what the sheet has: its line, thick ends, arrows and letters.
+
+    Each end goes beyond its view as far as arrow and letter need to be clear.
+    """
+    boxes = np.array([Polygon(words.corners) for words in sheet.words])
+    lines = np.array([LineString(line) for line, _ in sheet.drawn])
+
+    def in_the_way(trace: Trace, end: int) -> tuple[int, int]:
+        # The trace's own line may cross the view and its dimensions, but no text.
+        mark = trace.marks[end]
+        covered = shapely.union_all([mark, LineString([trace.ends.mean(axis=0), trace.ends[end]])])
+        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, lines).sum())
+
+    found = []
+    for trace in traces:
+        ways = [
+            min((*in_the_way(trace.longer((far, far)), end), far) for far in TRACE_BEYOND_MM if _on(sheet, trace, far))
+            for end in (0, 1)
+        ]
+        found.append((np.sum(ways, axis=0).tolist(), trace.longer((ways[0][2], ways[1][2]))))
+    _, trace = min(found, key=lambda each: each[0])
+    sheet.lines([trace.ends], TRACE_MM, INK, TRACE_DASHES_MM)
+    for end, foot in zip(trace.ends, trace.feet, strict=True):
+        sheet.lines([np.array([end, end + 2.5 * (foot - end)])], TRACE_END_MM)
+        tip = foot + 6.0 * trace.look
+        sheet.lines([np.array([foot, tip])], TRACE_MM)
+        sheet.arrow_head(tip, trace.look)
+        middle = foot - 2.6 * trace.look
+        sheet.text((middle[0], middle[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
+
+
+def _on(sheet: DrawingSheet, trace: Trace, beyond_mm: float) -> bool:
+    """Whether a trace that goes so far beyond its view has its marks within the border and over the title block."""
+    low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
+    high = np.array(sheet.size_mm) - BORDER_MM - 1.0
+    bounds = np.array([mark.bounds for mark in trace.longer((beyond_mm, beyond_mm)).marks])
+    return beyond_mm == TRACE_BEYOND_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())

@@ -1,0 +1,237 @@
+"""Shaded orthographic pictures of triangles by a z-buffer in numpy: the same on every machine, without a display."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.values import FloatArray
+
+Rgb = tuple[float, float, float]
+Pixels = NDArray[np.uint8]
+SUPERSAMPLING = 2
+# Fragments that are worked on at once: bounds the memory.
+FRAGMENTS = 1_500_000
+# Neighbouring pixels show an edge where the surface turns by more than this (cosine) or jumps by this many pixels.
+EDGE_COSINE = 0.97
+EDGE_JUMP_PX = 9.0
+EDGE_DARKNESS = 0.62
+# A line in a surface is drawn; rounding must not hide it.
+LINE_BEFORE_SURFACE_MM = 0.3
+# Two lights, as seen by the viewer (right, up, towards), and how bright they are; the rest comes from everywhere.
+LIGHTS = ((np.array([-0.45, 0.60, 0.66]), 0.42), (np.array([0.70, 0.10, 0.50]), 0.16))
+AMBIENT = 0.50
+# Corners are darker: a pixel is compared with the mean nearness of squares of these sizes, mm.
+CORNER_MM = (3.0, 9.0)
+CORNER_DARKNESS = 0.55
+
+
+@dataclass(frozen=True)
+class ShadedBody:
+    """Triangles (n, 3, 3) in rig, mm, counter-clockwise from outside, of one colour (0 to 1); `shine` for mirrors."""
+
+    triangles: FloatArray
+    rgb: Rgb
+    shine: bool = False
+
+
+@dataclass(frozen=True)
+class Screen:
+    """An orthographic view: `axes` (3, 3) rows right, up, towards the viewer; its centre (2,) mm and px per mm."""
+
+    axes: FloatArray
+    centre: FloatArray
+    px_per_mm: float
+    size_px: tuple[int, int]
+
+    @classmethod
+    def around(
+        cls, points_in_rig: FloatArray, axes: FloatArray, size_px: tuple[int, int], margins_px: tuple[int, int]
+    ) -> Screen:
+        """The view that shows all points (n, 3), at least `margins_px` (x, y) from the picture's sides."""
+        seen = points_in_rig @ axes[:2].T
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        free = np.array(size_px) - 2.0 * np.array(margins_px)
+        return cls(axes, (low + high) / 2.0, float((free / np.maximum(high - low, 1e-6)).min()), size_px)
+
+    def pixels(self, points_in_rig: FloatArray) -> FloatArray:
+        """Column, row (px) and nearness (mm, larger is nearer) (..., 3) of points (..., 3)."""
+        seen = points_in_rig @ self.axes.T
+        scale = np.array([self.px_per_mm, -self.px_per_mm])
+        flat = (seen[..., :2] - self.centre) * scale + np.array(self.size_px) / 2.0
+        return np.concatenate([flat, seen[..., 2:]], axis=-1)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture (h, w, 3), and which body (index, -1: none) and how near (mm) each of its pixels shows."""
+
+    image: Pixels
+    bodies: NDArray[np.int32]
+    nearness: NDArray[np.float32]
+    screen: Screen
+
+
+def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
+    """Draw bodies, and polylines (points (n, 3) in rig, colour, width in px) where nothing is nearer, on white."""
+    fine = Screen(
+        screen.axes,
+        screen.centre,
+        screen.px_per_mm * SUPERSAMPLING,
+        (screen.size_px[0] * SUPERSAMPLING, screen.size_px[1] * SUPERSAMPLING),
+    )
+    triangles = np.concatenate([body.triangles for body in bodies])
+    owners = np.repeat(np.arange(len(bodies)), [len(body.triangles) for body in bodies])
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    seen = (lengths > 1e-12) & (normals @ screen.axes[2] > 1e-9 * lengths)
+    triangles, owners, normals = triangles[seen], owners[seen], normals[seen] / lengths[seen, None]
+    nearness, index = _rasterise(fine.pixels(triangles), fine.size_px)
+    image = _shade(bodies, owners, normals @ screen.axes.T, index, nearness, fine.px_per_mm)
+    for points, rgb, width in lines:
+        _draw_line(image, nearness, fine, points, rgb, max(1, round(width * SUPERSAMPLING)))
+    size = screen.size_px
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    shown = index[::SUPERSAMPLING, ::SUPERSAMPLING]
+    owner = np.where(shown >= 0, owners[shown], -1).astype(np.int32)
+    pixels = np.asarray(np.clip(np.round(small * 255.0), 0, 255), dtype=np.uint8)
+    return Shot(pixels, owner, nearness[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
+
+
+def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Nearness (h, w) and which triangle is nearest (h, w), -1 where there is none, of corners (n, 3, 3) in px, mm."""
+    width, height = size_px
+    nearness = np.full(width * height, -np.inf, dtype=np.float32)
+    index = np.full(width * height, -1, dtype=np.int32)
+    for triangle, pixel, depth in _fragments(corners, width, height):
+        before = nearness[pixel]
+        np.maximum.at(nearness, pixel, depth)
+        won = (depth == nearness[pixel]) & (depth > before)
+        index[pixel[won]] = triangle[won]
+    return nearness.reshape(height, width), index.reshape(height, width)
+
+
+def _fragments(
+    corners: FloatArray, width: int, height: int
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.float32]]]:
+    """Blocks of (triangle, pixel, nearness) of every pixel whose middle lies in a triangle, row by row of each."""
+    flat = corners[..., :2]
+    edge_a, edge_b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = edge_a[:, 0] * edge_b[:, 1] - edge_a[:, 1] * edge_b[:, 0]
+    rise = corners[:, 1:, 2] - corners[:, :1, 2]
+    good = np.abs(area) > 1e-9
+    safe = np.where(good, area, 1.0)
+    slope_x = (rise[:, 0] * edge_b[:, 1] - rise[:, 1] * edge_a[:, 1]) / safe
+    slope_y = (rise[:, 1] * edge_a[:, 0] - rise[:, 0] * edge_b[:, 0]) / safe
+    top = np.clip(np.ceil(flat[..., 1].min(axis=1) - 0.5), 0, height).astype(int)
+    bottom = np.clip(np.floor(flat[..., 1].max(axis=1) - 0.5) + 1, 0, height).astype(int)
+    rows = np.where(good, np.maximum(bottom - top, 0), 0)
+    triangle = np.repeat(np.arange(len(corners)), rows)
+    row = np.arange(len(triangle)) - np.repeat(np.cumsum(rows) - rows, rows) + top[triangle]
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    y = row + 0.5
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        a, b = flat[triangle, first], flat[triangle, second]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+        crossed = (np.minimum(a[:, 1], b[:, 1]) <= y) & (y <= np.maximum(a[:, 1], b[:, 1])) & (a[:, 1] != b[:, 1])
+        left, right = np.where(crossed, np.minimum(left, x), left), np.where(crossed, np.maximum(right, x), right)
+    crossed = left <= right
+    # Slightly outside the triangle too, so that no crack shows between neighbours.
+    start = np.clip(np.ceil(np.where(crossed, left, 0.0) - 0.5 - 1e-4), 0, width).astype(int)
+    stop = np.clip(np.floor(np.where(crossed, right, -1.0) - 0.5 + 1e-4) + 1, 0, width).astype(int)
+    counts = np.maximum(stop - start, 0)
+    ends = np.cumsum(counts)
+    total = int(ends[-1]) if len(ends) else 0
+    cuts = np.searchsorted(ends, np.arange(FRAGMENTS, total + FRAGMENTS, FRAGMENTS))
+    for low, high in pairwise([0, *(min(int(cut) + 1, len(counts)) for cut in cuts)]):
+        part = np.s_[low:high]
+        span = counts[part]
+        owner = np.repeat(triangle[part], span)
+        column = np.arange(len(owner)) - np.repeat(np.cumsum(span) - span, span) + np.repeat(start[part], span)
+        line = np.repeat(row[part], span)
+        depth = (
+            corners[owner, 0, 2]
+            + slope_x[owner] * (column + 0.5 - corners[owner, 0, 0])
+            + slope_y[owner] * (line + 0.5 - corners[owner, 0, 1])
+        )
+        yield owner.astype(np.int32), line * width + column, depth.astype(np.float32)
+
+
+def _shade(
+    bodies: Sequence[ShadedBody],
+    owners: NDArray[np.int64],
+    normals_seen: FloatArray,
+    index: NDArray[np.int32],
+    nearness: NDArray[np.float32],
+    px_per_mm: float,
+) -> NDArray[np.float32]:
+    """Colours (h, w, 3): two lights, darker corners, dark edges; a mirror shows a sky that is brighter upwards."""
+    light = np.full(len(owners), AMBIENT)
+    for direction, strength in LIGHTS:
+        light += strength * np.maximum(normals_seen @ (direction / np.linalg.norm(direction)), 0.0)
+    colours = np.array([body.rgb for body in bodies])[owners] * light[:, None]
+    shines = np.array([body.shine for body in bodies])[owners]
+    # A mirror seen along -z reflects to 2 n_z n - z.
+    mirrored_up = 2.0 * normals_seen[:, 2] * normals_seen[:, 1]
+    sky = np.array([0.52, 0.66, 0.80]) + np.array([0.40, 0.30, 0.19]) * (0.5 + 0.5 * mirrored_up)[:, None]
+    colours = np.where(shines[:, None], sky, colours)
+    colours = np.vstack([colours, np.ones(3)]).astype(np.float32)
+    normals = np.vstack([normals_seen, np.zeros(3)]).astype(np.float32)
+    image = colours[index]
+    shown = index >= 0
+    ground = np.float32(nearness[shown].min()) if shown.any() else np.float32(0.0)
+    level = np.where(shown, nearness, ground)
+    dark = np.zeros(index.shape, dtype=np.float32)
+    weight = shown.astype(np.float32)
+    height = level - ground
+    for size in CORNER_MM:
+        kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
+        share = np.maximum(cv2.blur(weight, kernel), 1e-3)
+        around = cv2.blur(height, kernel) / share + ground
+        # In a corner the surroundings are a little nearer; what is much nearer only stands in front.
+        nearer = np.maximum(around - level, 0.0) / size
+        dark += nearer / (1.0 + nearer**2)
+    image *= (1.0 - CORNER_DARKNESS * dark * shown)[..., None]
+    far = np.where(shown, nearness, np.float32(-1e9))
+    edge = np.zeros(index.shape, dtype=bool)
+    for here, there in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
+        # Few neighbours show different triangles: the rest is left alone.
+        differs = index[here] != index[there]
+        one, other = index[here][differs], index[there][differs]
+        turned = np.einsum("nc,nc->n", normals[one], normals[other]) < EDGE_COSINE
+        jumped = np.abs(far[here][differs] - far[there][differs]) > EDGE_JUMP_PX / px_per_mm
+        differs[differs] = turned | jumped
+        edge[here] |= differs
+        edge[there] |= differs
+    image[edge] *= 1.0 - EDGE_DARKNESS
+    image[edge & ~shown] *= 0.7
+    return image
+
+
+def _draw_line(
+    image: NDArray[np.float32],
+    nearness: NDArray[np.float32],
+    screen: Screen,
+    points_in_rig: FloatArray,
+    rgb: Rgb,
+    width_px: int,
+) -> None:
+    brush = np.arange(width_px) - width_px // 2
+    dx, dy = (offset.ravel() for offset in np.meshgrid(brush, brush))
+    wide, high = screen.size_px
+    for start, end in pairwise(points_in_rig):
+        count = int(np.linalg.norm((screen.pixels(end) - screen.pixels(start))[:2])) + 2
+        points = screen.pixels(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start))
+        columns = np.round(points[:, :1]).astype(int) + dx
+        rows = np.round(points[:, 1:2]).astype(int) + dy
+        depth = np.broadcast_to(points[:, 2:], rows.shape)
+        on = (columns >= 0) & (columns < wide) & (rows >= 0) & (rows < high)
+        columns, rows, depth = columns[on], rows[on], depth[on]
+        seen = depth > nearness[rows, columns] - LINE_BEFORE_SURFACE_MM
+        image[rows[seen], columns[seen]] = rgb

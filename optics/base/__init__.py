@@ -1,1 +1,0 @@
-"""Values that validate themselves, and files that are written atomically."""

@@ -1,0 +1,90 @@
+"""aniposelib's `calibration.toml`, also of Anipose and lightning-pose: cameras `cam_0`, `cam_1`, … of cut pictures.
+
+The file that `mirrorcam cameras` writes says in a comment how the pictures of each camera are made, which places them
+in the frame, and is in mm. aniposelib drops comments when it writes a file.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.core.disk.files import tables_of
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures, RigCamera, numbers_of, size_of
+from mirrorcam.optics.camera_files.read.file_text import entry, read_text, table
+from mirrorcam.optics.camera_files.read.opencv import lens_of
+from mirrorcam.optics.camera_files.write.pose_cameras import DIRECT, FFMPEG
+from mirrorcam.optics.geometry.transforms import rigid
+
+FORMAT, SUFFIX = "anipose", ".toml"
+FLIPS: dict[str, Pictures] = {"hflip": "left-right", "vflip": "top-bottom"}
+_MADE = re.compile(
+    rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # the latter in files of 0.2.0
+    r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "
+)
+_CAMERA = re.compile(r"^\[(cam_\d+)\]\s*$")
+
+
+def is_anipose(value: Any) -> bool:
+    """Whether the value of a TOML file holds cameras as aniposelib writes them."""
+    return isinstance(value, dict) and isinstance(value.get("cam_0"), dict) and "matrix" in value["cam_0"]
+
+
+def read_value(path: Path) -> Any:
+    """What a TOML file states; InputError in one line where it is none."""
+    return tables_of(path, read_text(path).encode())
+
+
+def read_anipose(path: Path) -> CameraRig:
+    """The mirrors in a file; raises InputError in one line for anything else."""
+    values = table(read_value(path), str(path))
+    made = _made(read_text(path))
+    cameras, flips = [], set()
+    for key in (key for key in values if re.fullmatch(r"cam_\d+", key)):
+        where = f"{path}: {key}"
+        part = table(values[key], where)
+        name = str(part.get("name", key))[:100]
+        if name == DIRECT:
+            continue
+        flip, first = made.get(key, (None, None))
+        flips.add(flip)
+        cameras.append(_camera(part, name, where, first))
+    if not cameras:
+        raise InputError(f"{path}: no mirror in it, expected cameras such as view_0_0")
+    notes = (
+        [f"the camera {DIRECT} is not scored"] if len(cameras) < sum(key.startswith("cam_") for key in values) else []
+    )
+    if not made:
+        notes.append("poses are taken for mm, as no unit is stated")
+    flip = flips.pop() if len(flips) == 1 else None
+    return CameraRig(
+        FORMAT, tuple(cameras), unit_mm=1.0, pictures=None if flip is None else FLIPS[flip], notes=tuple(notes)
+    )
+
+
+def _camera(part: dict[str, Any], name: str, where: str, first: tuple[int, int] | None) -> RigCamera:
+    """A camera of its cut picture; of the whole flipped frame, where the first pixel is known."""
+    size = size_of(entry(part, "size", where), f"{where}: size")
+    model = "fisheye" if part.get("fisheye") is True else "pinhole"
+    lens = lens_of(where, entry(part, "matrix", where), entry(part, "distortions", where), model, size)
+    turn, shift = (numbers_of(entry(part, key, where), f"{where}: {key}", 3) for key in ("rotation", "translation"))
+    pose = rigid(Rotation.from_rotvec(turn).as_matrix(), shift)
+    if first is None:
+        return RigCamera(name, lens, pose, size)
+    return RigCamera(name, lens.replaced(cx_px=lens.cx_px + first[0], cy_px=lens.cy_px + first[1]), pose, None)
+
+
+def _made(text: str) -> dict[str, tuple[str | None, tuple[int, int]]]:
+    """The flip, and the first pixel in the flipped frame, of the pictures of each camera whose comment says so."""
+    found: dict[str, tuple[str | None, tuple[int, int]]] = {}
+    camera = ""
+    for line in text.splitlines():
+        if named := _CAMERA.match(line):
+            camera = named[1]
+        elif camera and (made := _MADE.match(line)):
+            found[camera] = made[1], (int(made[2]), int(made[3]))
+    return found

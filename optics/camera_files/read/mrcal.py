@@ -1,0 +1,88 @@
+"""mrcal's `.cameramodel` files, one a camera: a Python literal, read as data. Poses are rt_fromref, in metres."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.core.disk.files import read_bytes
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, Projection, RigCamera, camera_of, numbers_of, size_of
+from mirrorcam.optics.camera_files.read.file_text import entry, table
+from mirrorcam.optics.camera_files.sphere_lens import SphereLens
+from mirrorcam.optics.geometry.transforms import rigid
+
+FORMAT, SUFFIX = "mrcal", ".cameramodel"
+PREFIX = "LENSMODEL_"
+OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
+LARGEST_BYTES = 50_000_000
+"""Files carry the inputs of their optimisation, which are not read."""
+LARGEST_OUTLINE_BYTES = 300_000
+"""Of a file without the texts in it, which those inputs are: Python's parser takes half a second for this much."""
+_TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
+POSE_KEYS = ("extrinsics", "rt_cam_ref")
+
+
+def read_mrcal(paths: Sequence[Path]) -> CameraRig:
+    """The cameras of some files, each named as its file."""
+    return CameraRig(FORMAT, tuple(_camera(path) for path in paths), unit_mm=1000.0)
+
+
+def _camera(path: Path) -> RigCamera:
+    where = str(path)
+    values = table(_literal(path), where)
+    pose_key = next((key for key in POSE_KEYS if key in values), POSE_KEYS[0])
+    rt = np.array(numbers_of(entry(values, pose_key, where), f"{where}: {pose_key}", 6))
+    size = size_of(entry(values, "imagersize", where), f"{where}: imagersize")
+    pose = rigid(Rotation.from_rotvec(rt[:3]).as_matrix(), rt[3:])
+    return RigCamera(path.name.removesuffix(SUFFIX), _lens(values, where, size), pose, size)
+
+
+def _literal(path: Path) -> Any:
+    raw = read_bytes(path, LARGEST_BYTES)
+    if len(_TEXTS.sub(b"", raw)) > LARGEST_OUTLINE_BYTES:
+        raise InputError(f"{path}: no camera model of mrcal: holds more than the numbers of one")
+    try:
+        with catch_warnings(action="ignore"):  # of odd escapes and comparisons
+            tree = ast.parse(raw.decode("utf-8-sig").strip(" \t\r\n"), mode="eval")
+        if not all(map(_is_plain, ast.walk(tree))):
+            raise ValueError("a set, or a key that is no text")
+        return ast.literal_eval(tree)
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
+        reason = " ".join(str(error).partition(": <ast")[0].split())  # without the address of the part
+        raise InputError(shortened(f"{path}: no camera model of mrcal: {reason}", 200)) from None
+
+
+def _is_plain(node: ast.AST) -> bool:
+    """Whether a part of a literal hashes nothing but texts: numbers could all have one hash."""
+    if isinstance(node, ast.Dict):
+        return all(isinstance(key, ast.Constant) and isinstance(key.value, str) for key in node.keys)
+    return not isinstance(node, ast.Set)
+
+
+def _lens(values: dict[str, Any], where: str, size: tuple[int, int]) -> Projection:
+    model = str(values.get("lens_model", values.get("lensmodel", "")))
+    name = model.removeprefix(PREFIX)
+    given = numbers_of(entry(values, "intrinsics", where), f"{where}: intrinsics")
+    expected = 4 + OPENCV.get(name, 0)
+    if name not in (*OPENCV, "PINHOLE", "STEREOGRAPHIC"):
+        known = ", ".join(PREFIX + each for each in ("PINHOLE", "STEREOGRAPHIC", *OPENCV))
+        raise InputError(f"{where}: lens_model {model[:60]!r}, expected one of {known}")
+    if len(given) != expected:
+        raise InputError(f"{where}: intrinsics: {len(given)} numbers, expected {expected} of {model}")
+    core, distortion = given[:4], given[4:]
+    if name == "STEREOGRAPHIC":  # 2 tan(a / 2) = 2 r / (z + d)
+        core = [2.0 * core[0], 2.0 * core[1], *core[2:]]
+        return SphereLens("unified", np.array([1.0]), camera_of(where, core, "brown_conrady", [0.0] * 5, size))
+    lens = {8: "rational", 12: "thin_prism"}.get(len(distortion), "brown_conrady")
+    if lens == "brown_conrady":
+        distortion = [*distortion, *[0.0] * (5 - len(distortion))]
+    return camera_of(where, core, lens, distortion, size)

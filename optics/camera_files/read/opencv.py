@@ -1,0 +1,207 @@
+"""OpenCV's FileStorage (YAML or JSON) in the layouts that its own programs and this project write.
+
+- our `opencv.yaml`: a list `views` of cameras with `name`, `camera_matrix`, `distortion_coefficients`, `R`, `T`;
+- the sample `calibration`: one camera a file, `camera_matrix` and `distortion_coefficients`, named as the file;
+- the sample `stereo_calib`: `M1`, `D1`, `M2`, `D2` with `R`, `T`, in one file or in `intrinsics` and `extrinsics`;
+- cameras by their names: a mapping each, with the same keys.
+
+A pose is `R` or `rvec`, and `T` or `tvec` (or `rotation`, `translation`): x_camera = R x_rig + T. Its unit is that of
+the board in `calibrateCamera`; a key `unit` says which, else it is taken for mm.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_json
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.camera_files.camera_rig import (
+    CameraRig,
+    Pictures,
+    RigCamera,
+    camera_of,
+    number_of,
+    numbers_of,
+    orthogonal,
+    size_of,
+)
+from mirrorcam.optics.camera_files.read.file_text import entry, read_yaml, table
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.transforms import rigid
+
+FORMAT = "opencv"
+LENSES = {4: "brown_conrady", 5: "brown_conrady", 8: "rational", 12: "thin_prism", 14: "thin_prism"}
+FISHEYE = ("fisheye", "equidistant", "kannala_brandt")
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+FLIPS: dict[int, Pictures] = {0: "top-bottom", 1: "left-right"}
+"""Codes of `cv2.flip`."""
+CORE = np.array([[True, False, True], [False, True, True], [False, False, False]])
+"""Where a camera matrix has fx, fy, cx and cy."""
+KEYS = ("camera_matrix", "K", "cameraMatrix")
+DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "distortion")
+TURN_KEYS, SHIFT_KEYS = ("R", "rvec", "rotation"), ("T", "tvec", "translation", "t")
+
+
+def is_opencv(value: Any) -> bool:
+    """Whether the value of a YAML or JSON file holds cameras as OpenCV's programs write them."""
+    return bool(isinstance(value, dict) and (_cameras_in(value) or {"M1", "M2"} & value.keys()))
+
+
+def _cameras_in(values: dict[str, Any]) -> bool:
+    return bool(
+        isinstance(values.get("views"), list)
+        or _first(values, KEYS) is not None
+        or any(isinstance(each, dict) and _first(each, KEYS) is not None for each in values.values())
+    )
+
+
+def read_value(path: Path) -> Any:
+    """What a FileStorage of YAML or JSON holds, with matrices as mappings; InputError in one line otherwise."""
+    if path.suffix.lower() == ".xml":
+        raise InputError(f"{path}: a FileStorage as XML, expected YAML or JSON")
+    if path.suffix.lower() == ".json":
+        return read_json(path, LARGEST_LAYOUT_BYTES)  # it may be a layout of ours
+    return read_yaml(path)
+
+
+def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
+    """The cameras of one file, of the two of `stereo_calib`, or of files of one camera each."""
+    files = [(path, table(read_value(path), str(path))) for path in paths]
+    if any("M1" in values for _, values in files):
+        return _stereo(files)
+    cameras: list[RigCamera] = []
+    for path, values in files:
+        cameras += _cameras_of(path, values, by_file=len(files) > 1)
+    if not cameras:
+        raise InputError(f"{paths[0]}: no camera in it, expected camera_matrix and distortion_coefficients")
+    posed = [camera.camera_from_rig is not None for camera in cameras]
+    if any(posed) and not all(posed):
+        name = cameras[posed.index(False)].name
+        raise InputError(f"{paths[0]}: camera {name[:40]!r} has no pose, expected R and T of all or of none")
+    flips = {
+        int(number_of(values["flip_code"], f"{path}: flip_code")) for path, values in files if "flip_code" in values
+    }
+    if not flips <= FLIPS.keys() or len(flips) > 1:
+        raise InputError(f"{paths[0]}: flip_code {sorted(flips)}, expected 0 or 1 of all pictures")
+    return CameraRig(
+        FORMAT,
+        tuple(cameras),
+        unit_mm=_unit_mm(files),
+        pictures=FLIPS[flips.pop()] if flips else None,
+        notes=_unit_note(files) if any(posed) else (),
+    )
+
+
+def _unit_note(files: list[tuple[Path, dict[str, Any]]]) -> tuple[str, ...]:
+    return () if any("unit" in values for _, values in files) else ("poses are taken for mm, as no unit is stated",)
+
+
+def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
+    for path, values in files:
+        if "unit" in values:
+            if values["unit"] not in UNITS_MM:
+                raise InputError(f"{path}: unit {str(values['unit'])[:40]!r}, expected one of {', '.join(UNITS_MM)}")
+            return UNITS_MM[values["unit"]]
+    return UNITS_MM["mm"]
+
+
+def _cameras_of(path: Path, values: dict[str, Any], *, by_file: bool) -> list[RigCamera]:
+    """The cameras of a file; `by_file` names the only one as the file."""
+    if isinstance(values.get("views"), list):
+        parts = [table(each, f"{path}: views") for each in values["views"]]
+        named = [(str(entry(part, "name", f"{path}: views")), part) for part in parts]
+    elif _first(values, KEYS) is not None:
+        named = [(str(values.get("camera_name", path.stem)) if not by_file else path.stem, values)]
+    else:
+        named = [(name, each) for name, each in values.items() if isinstance(each, dict) and _first(each, KEYS)]
+    return [_camera(path, name, {**_shared(values), **part}) for name, part in named]
+
+
+def _shared(values: dict[str, Any]) -> dict[str, Any]:
+    """What all cameras of a file have in common."""
+    return {key: values[key] for key in ("image_width", "image_height", "distortion_model") if key in values}
+
+
+def _camera(path: Path, name: str, part: dict[str, Any]) -> RigCamera:
+    where = f"{path}: {name[:60]}"
+    sizes = [part[key] for key in ("image_width", "image_height") if key in part]
+    size = size_of(sizes, f"{where}: image_width, image_height") if sizes else None
+    found = _first(part, DISTORTION_KEYS)
+    found = [0.0] * 5 if found is None else found
+    lens = lens_of(where, _first(part, KEYS), found, str(part.get("distortion_model")), size)
+    return RigCamera(name, lens, _pose(part, where), size)
+
+
+def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: tuple[int, int] | None) -> Camera:
+    """A camera from OpenCV's camera matrix and distortion coefficients, 4 of which may be of its fisheye module."""
+    k = matrix_of(camera_matrix, f"{where}: camera_matrix")
+    if k.shape != (3, 3) or not np.array_equal(k * ~CORE, np.diag([0.0, 0.0, 1.0])):
+        raise InputError(f"{where}: camera_matrix: expected [fx 0 cx; 0 fy cy; 0 0 1]")
+    values = matrix_of(distortion, f"{where}: distortion").ravel().tolist()
+    core = [k[0, 0], k[1, 1], k[0, 2], k[1, 2]]
+    if model.lower() in FISHEYE:
+        if len(values) != 4:
+            raise InputError(f"{where}: distortion: {len(values)} numbers, expected 4 of a fisheye")
+        return camera_of(where, core, "fisheye", values, size)
+    values = values or [0.0] * 5
+    if len(values) not in LENSES:
+        raise InputError(f"{where}: distortion: {len(values)} numbers, expected 4, 5, 8, 12 or 14")
+    if any(values[12:]):
+        raise InputError(f"{where}: distortion: a tilted sensor (tau_x, tau_y), expected none: 12 numbers or fewer")
+    values = values[:12] + [0.0] * (len(values) == 4)
+    return camera_of(where, core, LENSES[max(len(values), 5)], values, size)
+
+
+def matrix_of(value: Any, where: str) -> FloatArray:
+    """A matrix of FileStorage, or nested lists."""
+    if isinstance(value, dict):
+        data = numbers_of(entry(value, "data", where), where)
+        if "sizes" in value:  # of an array with one axis, as OpenCV 5 writes it
+            return np.array(data)
+        rows, cols = (int(number_of(entry(value, key, where), where)) for key in ("rows", "cols"))
+        if rows < 0 or cols < 0 or rows * cols != len(data):
+            raise InputError(f"{where}: {len(data)} numbers in {rows} x {cols}")
+        return np.array(data).reshape(rows, cols)
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        rows_of = [numbers_of(row, where) for row in value]
+        if len({len(row) for row in rows_of}) != 1:
+            raise InputError(f"{where}: rows of different lengths, expected a matrix")
+        return np.array(rows_of)
+    return np.array(numbers_of(value, where))
+
+
+def _pose(part: dict[str, Any], where: str) -> FloatArray | None:
+    turn, shift = _first(part, TURN_KEYS), _first(part, SHIFT_KEYS)
+    if turn is None and shift is None:
+        return None
+    if turn is None or shift is None:
+        raise InputError(f"{where}: expected both R and T")
+    rotation, translation = matrix_of(turn, f"{where}: R"), matrix_of(shift, f"{where}: T").ravel()
+    if rotation.size == 3:
+        rotation = Rotation.from_rotvec(rotation.ravel()).as_matrix()
+    if translation.shape != (3,):
+        raise InputError(f"{where}: T: {translation.size} numbers, expected 3")
+    return rigid(orthogonal(rotation, f"{where}: R"), translation)
+
+
+def _stereo(files: list[tuple[Path, dict[str, Any]]]) -> CameraRig:
+    """Two cameras, `first` and `second`, as the sample `stereo_calib` writes them."""
+    path, joint = files[0][0], {key: value for _, values in files for key, value in values.items()}
+    model = str(joint.get("distortion_model"))
+    cameras = []
+    for number, name in ((1, "first"), (2, "second")):
+        where = f"{path}: {name} camera"
+        matrix, distortion = (entry(joint, f"{letter}{number}", where) for letter in "MD")
+        pose = np.eye(4) if number == 1 else _pose(joint, where)
+        if pose is None:
+            raise InputError(f"{path}: no R and T beside M1 and M2, expected extrinsics too")
+        cameras.append(RigCamera(name, lens_of(where, matrix, distortion, model, None), pose, None))
+    return CameraRig(FORMAT, tuple(cameras), unit_mm=_unit_mm(files), notes=_unit_note(files))
+
+
+def _first(values: dict[str, Any], keys: tuple[str, ...]) -> Any:
+    return next((values[key] for key in keys if values.get(key) is not None), None)

@@ -1,0 +1,178 @@
+"""Which format a calibration is in, and the reader of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from mirrorcam.core.disk.files import is_inside
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig
+from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
+from mirrorcam.optics.camera_files.read.file_text import LARGEST_BYTES, YAML_SUFFIXES, read_yaml
+
+FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
+FORMATS: tuple[FormatName, ...] = get_args(FormatName)
+UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none": None}
+"""What `--unit` may say: `none` of poses that have no scale."""
+SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
+"""Where `mirrorcam cameras` puts files of several."""
+FARTHEST = 1e12
+"""No number of a pose is larger, whatever its unit."""
+MOST_FILES = 1000
+"""Files of a folder that are looked at."""
+UNREAD = {
+    ".pickle": "a pickle, such as DeepLabCut's, is never opened",
+    ".urdf": "a URDF has poses alone, which are read with the camera_info files beside it (ros/)",
+    ".ini": "what camera_calibration writes as .ini it writes as .yaml, too, which is read",
+    "ost.txt": "what camera_calibration writes as ost.txt it writes as ost.yaml, too, which is read",
+    "transforms.json": "nerfstudio's cameras do not say where their pictures lie in the frame",
+    "rig_config.json": "COLMAP's rig_config.json has no lenses of its own, its model has (colmap/sparse)",
+    **dict.fromkeys(
+        (f"{name}.{ending}" for name in ("images", "rigs", "frames", "points3D") for ending in ("txt", "bin")),
+        "a file of a COLMAP model, which is given as its folder",
+    ),
+}
+"""What `mirrorcam cameras` and other tools write that holds no cameras to score, by the name or the ending."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A calibration of a format: its files, or its folder."""
+
+    format: FormatName
+    paths: tuple[Path, ...]
+
+
+READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
+    "kalibr": lambda paths: kalibr.read_kalibr(paths[0]),
+    "opencv": opencv.read_opencv,
+    "ros": ros.read_ros,
+    "colmap": lambda paths: colmap.read_colmap(paths[0]),
+    "mrcal": mrcal.read_mrcal,
+    "anipose": lambda paths: anipose.read_anipose(paths[0]),
+    "mirrorcam": lambda paths: mirrorcam_layout.read_layout(paths[0]),
+}
+
+
+def read_rig(path: Path, format: FormatName | None = None, unit: str | None = None) -> CameraRig:
+    """Read a calibration.
+
+    Parameters
+    ----------
+    path
+        Its file, or the folder that holds nothing else in a format of these.
+    format
+        Which format; None: as the content says.
+    unit
+        Unit of poses, one of `UNITS_MM`; None: that of the format or the file.
+
+    Raises
+    ------
+    InputError
+        In one line where nothing of a known format is there, or several are.
+    """
+    found = _found(path)
+    if format is not None:
+        found = [each for each in found if each.format == format] or _in_subfolder(path, format)
+    if not found:
+        expected = " or ".join(FORMATS) if format is None else format
+        why = unread(path)
+        known = f"no calibration in a known format, expected {expected}"
+        raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
+    if len(found) > 1:
+        names = ", ".join(each.format for each in found)
+        raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
+    rig = READERS[found[0].format](found[0].paths)
+    for camera in rig.cameras:
+        if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
+            raise InputError(
+                f"{path}: camera {camera.name[:40]!r} is beyond all bounds, expected a pose near the others"
+            )
+    return rig if unit is None else replace(rig, unit_mm=UNITS_MM[unit], notes=rig.notes)
+
+
+def formats_in(path: Path) -> tuple[FormatName, ...]:
+    """The formats of the calibrations in a file or folder; raises InputError for a file that cannot be read."""
+    return tuple(each.format for each in _found(path))
+
+
+def _found(path: Path) -> list[Found]:
+    return _in_folder(path) if path.is_dir() else _of_file(path)
+
+
+def unread(path: Path) -> str:
+    """Why a file, or one in a folder, is of a known kind and no calibration; empty where it is not."""
+    names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MOST_FILES]
+    return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
+
+
+def _in_subfolder(path: Path, format: FormatName) -> list[Found]:
+    name = SUBFOLDERS.get(format)
+    inner = None if name is None or not is_inside(path, name) else path / name
+    if inner is None or not inner.is_dir():
+        return []
+    return [each for each in _in_folder(inner) if each.format == format]
+
+
+def _kind(path: Path) -> FormatName | None:
+    """The format of one file; None of what is in none of them."""
+    suffix = path.suffix.lower()
+    if suffix == mrcal.SUFFIX:
+        return "mrcal"
+    if suffix == anipose.SUFFIX:
+        return "anipose" if anipose.is_anipose(anipose.read_value(path)) else None
+    if suffix == ".json":
+        return _kind_of(opencv.read_value(path))
+    return _kind_of(read_yaml(path)) if suffix in YAML_SUFFIXES else None
+
+
+def _kind_of(value: Any) -> FormatName | None:
+    if mirrorcam_layout.is_layout(value):
+        return "mirrorcam"
+    if kalibr.is_kalibr(value):
+        return "kalibr"
+    if ros.is_ros(value):
+        return "ros"
+    return "opencv" if opencv.is_opencv(value) else None
+
+
+def _of_file(path: Path) -> list[Found]:
+    if path.suffix.lower() == ".xml":
+        opencv.read_value(path)  # refuses it
+    if path.name.startswith("cameras.") and colmap.model_folder(path.parent) == path.parent / ".":
+        return [Found("colmap", (path.parent,))]
+    kind = _kind(path)
+    return [] if kind is None else [Found(kind, (path,))]
+
+
+def _in_folder(folder: Path) -> list[Found]:
+    """What a folder holds: a format a time, those of several files as one calibration."""
+    files: dict[FormatName, list[Path]] = {}
+    names = sorted(path for path in folder.iterdir() if path.is_file())
+    if sum(path.stat().st_size for path in names[:MOST_FILES] if path.suffix.lower() in YAML_SUFFIXES) > LARGEST_BYTES:
+        most = LARGEST_BYTES // 1_000_000
+        raise InputError(f"{folder}: holds more than {most} MB of YAML, expected the files of one calibration")
+    for path in names[:MOST_FILES]:
+        kind = _kind(path)
+        if kind is not None:
+            files.setdefault(kind, []).append(path)
+    if "opencv" in files and (stereo := _extrinsics(names)) is not None and stereo not in files["opencv"]:
+        files["opencv"].append(stereo)
+    single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
+    for kind in single:
+        if len(files.get(kind, ())) > 1:
+            listed = ", ".join(path.name for path in files[kind][:5])
+            raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")
+    found = [Found(kind, tuple(paths)) for kind, paths in files.items()]
+    model = colmap.model_folder(folder)
+    return found if model is None else [*found, Found("colmap", (model,))]
+
+
+def _extrinsics(names: list[Path]) -> Path | None:
+    """The extrinsics of `stereo_calib`, which name no camera."""
+    return next((path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES), None)

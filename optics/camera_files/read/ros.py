@@ -1,0 +1,165 @@
+"""ROS: `camera_info` files, as `camera_calibration` and `camera_info_manager` write them, one a camera.
+
+A message as `ros2 topic echo` (or `rostopic echo`) prints it is such a file, too: its names are shorter.
+They hold no poses. Those are of the optical frames in a URDF, or in the `/tf_static` message as YAML, in the same
+folder or the one above; without them, cameras are judged each alone. In metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, RigCamera, number_of, numbers_of, size_of
+from mirrorcam.optics.camera_files.read.file_text import YAML_SUFFIXES, entry, read_text, read_yaml, table
+from mirrorcam.optics.camera_files.read.opencv import lens_of
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.transforms import inverse, rigid
+
+FORMAT = "ros"
+MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4, "fisheye": 4}
+KEYS = {"image_width": "width", "image_height": "height", "camera_matrix": "k", "distortion_coefficients": "d"}
+"""Names in a message, by those in a file of one camera."""
+MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP"))
+"""What messages of ROS 2 and ROS 1 have."""
+ABBREVIATED = "..."
+DEEPEST = 1000
+"""Links from the root of a robot to a camera, at most."""
+
+
+def is_ros(value: Any) -> bool:
+    """Whether the value of a YAML file is a camera_info."""
+    if not isinstance(value, dict):
+        return False
+    return {"camera_matrix", "projection_matrix"} <= value.keys() or any(each <= value.keys() for each in MESSAGES)
+
+
+def is_tf(value: Any) -> bool:
+    """Whether the value of a YAML file is a message of transforms."""
+    return isinstance(value, dict) and isinstance(value.get("transforms"), list)
+
+
+def read_ros(paths: Sequence[Path]) -> CameraRig:
+    """The cameras of some camera_info files, with poses where a URDF or transforms beside them have their frames."""
+    found = [(path, _camera_info(path)) for path in paths]
+    frames = _frames_beside(paths[0].parent)
+    cameras, lost = [], []
+    for path, values in found:
+        name = str(values.get("camera_name", path.stem))[:100]
+        size = size_of([entry(values, key, str(path)) for key in ("image_width", "image_height")], str(path))
+        stems = (name, path.stem)
+        names = (str(values.get("frame_id", "")), *(f"{stem}_optical_frame" for stem in stems), *stems)
+        pose = next((frames[each] for each in names if each in frames), None)
+        if pose is None:
+            lost.append(name)
+        cameras.append(RigCamera(name, _lens(path, values, size), None if pose is None else inverse(pose), size))
+    if frames and len(lost) not in (0, len(cameras)):
+        raise InputError(f"{paths[0].parent}: the URDF or the transforms lack a frame of camera {lost[0]}")
+    note = "no pose in it, and no URDF or tf_static beside it: each camera is judged alone"
+    return CameraRig(FORMAT, tuple(cameras), unit_mm=1000.0, notes=(note,) if lost else ())
+
+
+def _camera_info(path: Path) -> dict[str, Any]:
+    """The values of a camera_info by their names in files, also of a message."""
+    values = table(read_yaml(path), str(path))
+    if not any(each <= values.keys() for each in MESSAGES):
+        return values
+    found = {name: values[key if key in values else key.upper()] for name, key in KEYS.items()}
+    found |= {key: values[key] for key in ("distortion_model",) if key in values}
+    frame = values["header"].get("frame_id") if isinstance(values["header"], dict) else None
+    if frame:
+        found |= {"camera_name": str(frame).removesuffix("_optical_frame"), "frame_id": frame}
+    for name in ("camera_matrix", "distortion_coefficients"):
+        if isinstance(found[name], list) and ABBREVIATED in found[name]:
+            raise InputError(f"{path}: {name} is abbreviated, expected what `ros2 topic echo --full-length` prints")
+    return found | {"camera_matrix": {"rows": 3, "cols": 3, "data": found["camera_matrix"]}}
+
+
+def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
+    model = str(values.get("distortion_model", "plumb_bob"))
+    if model not in MODELS:
+        raise InputError(f"{path}: distortion_model {model[:40]!r}, expected one of {', '.join(MODELS)}")
+    coefficients = values.get("distortion_coefficients")
+    if isinstance(coefficients, dict):  # a vector, of which some tools state 1 x 5 whatever its length
+        coefficients = coefficients.get("data")
+    zeros = [0.0] * MODELS[model]
+    return lens_of(str(path), entry(values, "camera_matrix", str(path)), coefficients or zeros, model, size)
+
+
+def _frames_beside(folder: Path) -> dict[str, FloatArray]:
+    """root_from_frame (4, 4), m, by names of frames in a URDF or in transforms, of this folder or the one above."""
+    for place in (folder, folder.parent):
+        urdfs = sorted(place.glob("*.urdf"))
+        if len(urdfs) > 1:
+            raise InputError(f"{place}: {len(urdfs)} URDF files, expected one")
+        if urdfs:
+            return _of_urdf(urdfs[0])
+        for path in sorted(place.glob("*tf*")):
+            if path.suffix.lower() in YAML_SUFFIXES and is_tf(value := read_yaml(path)):
+                return _of_tf(path, value)
+    return {}
+
+
+def _of_urdf(path: Path) -> dict[str, FloatArray]:
+    text = read_text(path)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"{path}: has a document type, expected a plain URDF")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: not valid XML: {error}") from None
+    edges = {}
+    for joint in root.iter("joint"):
+        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
+        if parent is None or child is None:
+            continue
+        where = f"{path}: joint {str(joint.get('name'))[:60]!r}"
+        xyz, rpy = (
+            numbers_of((("0 0 0" if origin is None else origin.get(key)) or "0 0 0").split(), where, 3)
+            for key in ("xyz", "rpy")
+        )
+        pose = rigid(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+        edges[str(child.get("link"))] = str(parent.get("link")), pose
+    return _from_root(edges, path)
+
+
+def _of_tf(path: Path, value: dict[str, Any]) -> dict[str, FloatArray]:
+    edges = {}
+    for each in value["transforms"]:
+        given = table(each, f"{path}: transforms")
+        child = str(entry(given, "child_frame_id", f"{path}: transforms"))
+        where = f"{path}: {child[:60]}"
+        header, moved = (table(entry(given, key, where), where) for key in ("header", "transform"))
+        shift, turn = (table(entry(moved, key, where), where) for key in ("translation", "rotation"))
+        xyz = [number_of(entry(shift, axis, where), where) for axis in "xyz"]
+        quaternion = [number_of(entry(turn, axis, where), where) for axis in "xyzw"]
+        if not any(quaternion):
+            raise InputError(f"{where}: rotation is zero, expected a quaternion")
+        pose = rigid(Rotation.from_quat(quaternion).as_matrix(), xyz)
+        edges[child] = str(entry(header, "frame_id", where)), pose
+    return _from_root(edges, path)
+
+
+def _from_root(edges: dict[str, tuple[str, FloatArray]], path: Path) -> dict[str, FloatArray]:
+    poses = {}
+    roots = set()
+    for frame in edges:
+        pose, at = np.eye(4), frame
+        for _ in range(DEEPEST):
+            if at not in edges:
+                break
+            at, step = edges[at]
+            pose = step @ pose
+        else:
+            raise InputError(f"{path}: frame {frame[:60]!r} is below itself, expected a tree")
+        roots.add(at)
+        poses[frame] = pose
+    if len(roots) > 1:
+        raise InputError(f"{path}: {len(roots)} trees of frames, expected one")
+    return poses

@@ -1,0 +1,6 @@
+"""A calibrated layout in the files of other tools: every mirror as a separate camera."""
+
+from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.camera_files.write.write_exports import write_exports
+
+__all__ = ["VirtualCamera", "virtual_cameras", "write_exports"]

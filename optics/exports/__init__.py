@@ -1,6 +1,0 @@
-"""A calibrated layout in the files of other tools: every mirror as a separate camera."""
-
-from mirrorcam.optics.exports.virtual_cameras import VirtualCamera, virtual_cameras
-from mirrorcam.optics.exports.write_exports import write_exports
-
-__all__ = ["VirtualCamera", "virtual_cameras", "write_exports"]

@@ -1,0 +1,62 @@
+"""Checks of frames and videos before they are decoded: size, and the layout that they were taken with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_json
+from mirrorcam.core.images.jpeg import DamagedPicture
+from mirrorcam.core.images.pictures import agree_on_bits, check_size, is_picture, picture_size
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.video import Video
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import check_belongs
+
+# The manifests of rendered sets, and how their schemas begin.
+MANIFESTS = {"dataset.json": "mirrorcam.dataset/", "scene.json": "mirrorcam.scene/"}
+
+
+def layout_identity_of(path: Path) -> str | None:
+    """Identity of the layout that a frame or video was rendered with, by the manifest of its set; None without one."""
+    for folder in path.resolve().parents[:2]:
+        for name, schema in MANIFESTS.items():
+            if (folder / name).is_file():
+                try:
+                    manifest = read_json(folder / name, LARGEST_FILE_BYTES)
+                except InputError:
+                    continue  # of another program, which may call a file of its own so
+                if isinstance(manifest, dict) and str(manifest.get("schema", "")).startswith(schema):
+                    if not isinstance(identity := manifest.get("layout_identity"), str):
+                        raise InputError(f"{folder / name}: layout_identity is missing, expected that of a layout")
+                    return identity
+    return None
+
+
+def check_frames(
+    paths: Sequence[Path], layout: Layout, layout_path: Path, tell: Callable[[str], None] = lambda line: None
+) -> None:
+    """Read the headers of pictures and videos: raise InputError for one that cannot be read or is not of the layout.
+
+    A damaged picture is none of those: it is found when its turn comes. Pictures of 16 bits are taken for one set, of
+    which `tell` takes a line.
+    """
+    identities: dict[Path, str | None] = {}
+    for path in paths:
+        try:
+            size = picture_size(path) if is_picture(path) else video_size(path)
+        except DamagedPicture:
+            continue
+        check_size(path, size, (layout.camera.width_px, layout.camera.height_px), f"{layout_path}'s camera")
+        folder = path.resolve().parent
+        if folder not in identities:
+            identities[folder] = layout_identity_of(path)
+        if (identity := identities[folder]) is not None:
+            check_belongs(layout, identity, str(path))
+    agree_on_bits(paths, tell)
+
+
+def video_size(path: Path) -> tuple[int, int]:
+    """Width and height of a video in px, as it states them."""
+    video = Video(path)
+    return video.width_px, video.height_px

@@ -1,0 +1,296 @@
+"""A calibrator tried on the sets of a suite: its command is run on each without the truth, and its result is scored."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from mirrorcam.bench.blind_sets import write_blind_set
+from mirrorcam.bench.calibrator_result import COVARIANCE, LOG, calibration_of, take_result
+from mirrorcam.bench.calibrator_run import RESULT, run_calibrator
+from mirrorcam.bench.scores.attempt import TriedSet
+from mirrorcam.bench.scores.calibration_score import CalibrationScore
+from mirrorcam.bench.scores.figure_limits import Limits
+from mirrorcam.bench.scores.matched_views import ViewsFile
+from mirrorcam.bench.scores.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of
+from mirrorcam.bench.scoring import ScoreRequest, score_set
+from mirrorcam.bench.suite_folder import FinishedSuite, SuiteSet
+from mirrorcam.core.disk.work_folder import remove_stale, work_folder
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.names import Line
+from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import InputError, Value
+
+RESULTS = "results"
+READING_S = 10.0
+"""Time to read and score a result, where the command has left less of its own."""
+RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
+"""Room on the disk for the files of an evaluation, which a command that fills the disk does not get."""
+WATCHED = "rms_px"
+"""The figure that is compared with an earlier evaluation."""
+
+
+class Change(Value):
+    """A figure of a set against an earlier evaluation of the same set."""
+
+    set: str
+    figure: str
+    before: float
+    now: float
+    most: float | None
+    passed: bool
+
+    @property
+    def factor(self) -> float:
+        """How many times the figure is what it was."""
+        return self.now / self.before if self.before > 0.0 else (1.0 if self.now == 0.0 else float("inf"))
+
+
+class Evaluation(Value):
+    """The content of `evaluation.json`."""
+
+    schema_id: Literal["mirrorcam.evaluation/1"] = Field(default="mirrorcam.evaluation/1", alias="schema")
+    suite: str
+    version: int
+    command: Line
+    tried: tuple[TriedSet, ...]
+    scores: ScoreReport | None = Field(description="of the sets that have a score; none where no set has")
+    changes: tuple[Change, ...]
+    passed: bool
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Why sets have no score, by their names."""
+        return {each.name: each.failure for each in self.tried if each.failure}
+
+    @property
+    def scored(self) -> dict[str, ScoredSet]:
+        """The scores, by the names of the sets."""
+        return {} if self.scores is None else {each.name: each for each in self.scores.sets}
+
+    def text(self) -> str:
+        """The JSON."""
+        return self.model_dump_json(indent=1, by_alias=True) + "\n"
+
+
+@dataclass(frozen=True)
+class EvaluationRequest:
+    """A command, and how its results are judged.
+
+    Attributes
+    ----------
+    command
+        A line for the shell, which finds the set in $MIRRORCAM_SET, and puts its calibration into $MIRRORCAM_RESULT.
+    timeout_s
+        Time that it may take on one set, with that in which its result is read and scored: READING_S at least.
+    reading
+        How its results are read; sets and calibrations in it are not used.
+    baseline
+        An earlier evaluation; None: none.
+    worse_by
+        The factor by which the RMS error of a set may exceed that of the baseline; None: any.
+    """
+
+    command: str
+    timeout_s: float
+    reading: ScoreRequest
+    baseline: Evaluation | None = None
+    worse_by: float | None = None
+
+
+class EvaluationStopped(InputError):
+    """An evaluation that could not go on, because this machine has no more room or lost a folder; the message says why.
+
+    Attributes
+    ----------
+    evaluation, scores
+        As `evaluate` returns them. Sets that it has not come to are failures.
+    """
+
+    def __init__(self, reason: str, evaluation: Evaluation, scores: dict[str, CalibrationScore]) -> None:
+        super().__init__(reason)
+        self.evaluation, self.scores = evaluation, scores
+
+
+def evaluate(
+    suite: FinishedSuite, request: EvaluationRequest, folder: Path, progress: Progress = no_progress
+) -> tuple[Evaluation, dict[str, CalibrationScore]]:
+    """Run a command on each set of a suite, in temporary folders, and score what it leaves.
+
+    Logs and results go to `folder / RESULTS`. Returns the evaluation, and the scores by the names of the sets. A
+    command that fails, or whose result cannot be read, fails the set, not the evaluation. Raises InputError for limits
+    or views that cannot be read, and EvaluationStopped.
+    """
+    reading = request.reading
+    views = None if reading.views is None else ViewsFile.load(reading.views)
+    limits = NO_LIMITS if reading.limits is None else Limits.load(reading.limits)
+    tried: list[TriedSet] = []
+    scored: list[ScoredSet] = []
+    scores: dict[str, CalibrationScore] = {}
+    stopped = ""
+    remove_stale()
+    folder = folder.absolute()  # a command may remove the folder that this process works in
+    folder.mkdir(parents=True, exist_ok=True)
+    reserve = folder / "reserve"
+    reserve.write_bytes(os.urandom(RESERVED_BYTES + RESERVED_BYTES_PER_SET * len(suite.folders)))
+    worker = WorkerProcess(preload=("mirrorcam.bench.scoring",))
+    progress(0, len(suite.folders))
+    try:
+        worker.start()
+        for done, (entry, place) in enumerate(zip(suite.manifest.sets, suite.folders, strict=True), start=1):
+            seconds, failure = 0.0, f"not run: {stopped}" if stopped else ""
+            kept = folder / RESULTS / entry.name
+            try:
+                if not stopped:
+                    seconds, failure = _run(request, place, kept)
+                if not failure:
+                    reads = _Reading(entry.name, place, kept, reading, views, limits)
+                    of_set, score = _scored(worker, reads, max(READING_S, request.timeout_s - seconds))
+                    scored.append(of_set)
+                    scores[entry.name] = score
+            except _NoScore as error:
+                failure = str(error)
+            except OSError as error:
+                stopped = f"{error.filename or kept}: {error.strerror or error}"
+                failure = f"not kept: {stopped}"
+            tried.append(_tried(entry, seconds, failure))
+            progress(done, len(suite.folders))
+    finally:
+        worker.close()
+        reserve.unlink()
+    report = report_of(scored, list(scores.values()), limits) if scored else None
+    changes = changes_of(request, suite, {each.name: each for each in scored})
+    passed = len(scored) == len(tried) and (report is None or report.passed) and all(each.passed for each in changes)
+    evaluation = Evaluation(
+        suite=suite.manifest.name,
+        version=suite.manifest.version,
+        command=_line(request.command),
+        tried=tuple(tried),
+        scores=report,
+        changes=changes,
+        passed=passed and bool(tried),
+    )
+    if stopped:
+        raise EvaluationStopped(stopped, evaluation, scores)
+    return evaluation, scores
+
+
+def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:
+    """The watched figure of each set that the baseline has, too; none for sets rendered otherwise."""
+    if request.baseline is None:
+        return ()
+    before = request.baseline.scored
+    the_same = {each.name: each.dataset_sha256 for each in request.baseline.tried}
+    found = []
+    for entry in suite.manifest.sets:
+        if entry.name not in scored or entry.name not in before or the_same.get(entry.name) != entry.dataset_sha256:
+            continue
+        watched = [each[entry.name].figures[WATCHED] for each in (scored, before)]
+        if not all(figure.known for figure in watched):
+            continue
+        now, then = (figure.value for figure in watched)
+        passed = request.worse_by is None or now <= request.worse_by * then
+        found.append(Change(set=entry.name, figure=WATCHED, before=then, now=now, most=request.worse_by, passed=passed))
+    return tuple(found)
+
+
+def _tried(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
+    return TriedSet(
+        name=entry.name,
+        why=entry.why,
+        dataset_sha256=entry.dataset_sha256,
+        seconds=round(seconds, 2),
+        failure=_line(failure),
+    )
+
+
+def _line(text: str) -> str:
+    return shortened(" ".join("".join(char if char.isprintable() else " " for char in text).split()))
+
+
+def _run(request: EvaluationRequest, place: Path, kept: Path) -> tuple[float, str]:
+    """Run the command on one set, and keep its log and its result; its time, and why it failed, or nothing.
+
+    Raises OSError where this machine cannot make or keep files.
+    """
+    kept.mkdir(parents=True)
+    with work_folder() as work:
+        seen, result = work / "set", work / "result" / kept.name
+        for each in (seen, result):
+            each.mkdir(parents=True)
+        try:
+            write_blind_set(place, seen)
+        except InputError as error:
+            return 0.0, str(error)
+        ran = run_calibrator(request.command, seen, result, request.timeout_s)
+        failure = ran.failure
+        try:
+            take_result(result, kept)
+        except InputError as error:
+            failure = failure or str(error)
+    (kept / LOG).write_bytes(ran.log)
+    return ran.seconds, failure
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What `score_set` reads of one set."""
+
+    name: str
+    place: Path
+    kept: Path
+    reading: ScoreRequest
+    views: ViewsFile | None
+    limits: Limits
+
+    def score(self) -> tuple[ScoredSet, CalibrationScore]:
+        covariance = self.kept / COVARIANCE
+        return score_set(
+            self.place,
+            calibration_of(self.kept),
+            self.reading,
+            name=self.name,
+            covariance=covariance if covariance.exists() else None,
+            views=self.views,
+            limits=self.limits,
+        )
+
+
+class _NoScore(Exception):
+    """A result that has no score; the message says why."""
+
+
+def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[ScoredSet, CalibrationScore]:
+    """The score of what a command has left; raises _NoScore.
+
+    It is read in another process, which is killed after a time, and whose end by what it reads ends nothing else.
+    """
+    worker.start()  # so that the time finds a process to kill
+    began = time.monotonic()
+    timer = threading.Timer(limit_s, worker.kill)
+    timer.start()
+    try:
+        found: tuple[ScoredSet, CalibrationScore] = worker.call(_Reading.score, reads)
+        return found
+    except InputError as error:
+        raise _NoScore(str(error).replace(f"{reads.kept}", f"${RESULT}")) from None
+    except WorkerDied as error:
+        if time.monotonic() - began >= limit_s:
+            raise _NoScore(f"to read and score its result took longer than {limit_s:.0f} s") from None
+        raise _NoScore(f"the process that read its result ended {error}") from None
+    except RuntimeError as error:  # a fault of this program, which is not to lose the other sets
+        with (reads.kept / LOG).open("a", encoding="utf-8") as log:
+            log.write(f"\n{error}")
+        reason = str(error).strip().splitlines()[-1]
+        raise _NoScore(f"its result could not be scored, as {LOG} explains: {reason}") from None
+    finally:
+        timer.cancel()
+        timer.join()

@@ -1,0 +1,127 @@
+"""An evaluation for continuous integration: Markdown for the summary of a job, and JUnit's XML for its tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
+
+from mirrorcam.bench.evaluation import Change, Evaluation
+from mirrorcam.bench.scores.report_texts import NOT_GIVEN, junit, limit_text, markdown, value_text
+from mirrorcam.bench.scores.score_report import ScoreReport
+from mirrorcam.core.names import markdown_text
+from mirrorcam.core.values import Metric
+
+COLUMNS = {
+    "rms_px": "RMS px",
+    "worst_view_rms_px": "worst view px",
+    "rms_mm": "RMS mm",
+    "focal_error_rms_percent": "focal length %",
+    "baseline_error_rms_mm": "baselines mm",
+    "angle_error_rms_deg": "angles deg",
+    "triangulation_rms_mm": "triangulation mm",
+    "nees": "NEES",
+}
+"""Columns of the table of sets in the summary."""
+SHORT_COLUMNS = {name: COLUMNS[name] for name in ("rms_px", "worst_view_rms_px", "rms_mm", "nees")}
+"""Those of a terminal."""
+PICTURES = "pictures"
+
+
+def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> str:
+    """The summary as Markdown: what failed first, a row for each set, and details that open.
+
+    `pictures` are the names of sets that have one in the folder `pictures`, which a reader of the folder sees.
+    """
+    verdict, count = "passed" if evaluation.passed else "failed", len(evaluation.tried)
+    heads, *rows = set_rows(evaluation, COLUMNS)
+    named = [[f"`{name}`", *cells] for name, *cells in rows]
+    parts = [
+        f"# Calibration on the suite {evaluation.suite}, version {evaluation.version}: {verdict}\n",
+        f"{len(evaluation.scored)} of {count} sets scored, by `{evaluation.command.replace('`', '_')}`.\n",
+        *(f"- {markdown_text(line)}" for line in failed_lines(evaluation)),
+        "",
+        "\n".join(f"| {' | '.join(row)} |" for row in [heads, ["---"] * len(heads), *named]) + "\n",
+        _chart(evaluation),
+        *(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n" for name in pictures),
+    ]
+    if evaluation.scores is not None:
+        figures = markdown(evaluation.scores, "Limits", level=2)
+        parts.append(f"<details><summary>All figures</summary>\n\n{figures}\n</details>\n")
+    return "\n".join(parts)
+
+
+def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[str]]:
+    """Heads of a table, and a row of texts for each set: its name first, then figures, time, and change."""
+    scored = evaluation.scored
+    factors = {each.set: f"{each.factor:.2f} \N{MULTIPLICATION SIGN}" for each in evaluation.changes}
+    rows = [["set", *columns.values(), "time s", *(["RMS / baseline"] if factors else [])]]
+    for tried in evaluation.tried:
+        figures = scored[tried.name].figures if tried.name in scored else {}
+        change = [factors.get(tried.name, "")] if factors else []
+        rows.append([tried.name, *(_cell(figures.get(name)) for name in columns), f"{tried.seconds:.1f}", *change])
+    return rows
+
+
+def failed_lines(evaluation: Evaluation) -> list[str]:
+    """A line for each set without a score, and for each limit that is not kept."""
+    lines = [f"{name} has no score: {why}" for name, why in evaluation.failures.items()]
+    over = () if evaluation.scores is None else evaluation.scores.checks_over_sets
+    checked = [(name, scored.checks) for name, scored in evaluation.scored.items()]
+    for name, checks in (*checked, ("over all sets", over)):
+        for check in checks:
+            if not check.passed:
+                value = NOT_GIVEN if check.value is None else f"{value_text(check.value)} {check.unit}".rstrip()
+                lines.append(f"{name}: {check.figure} is {value}, expected {limit_text(check)}")
+    return lines + [f"{change.set}: {_worse(change)}" for change in evaluation.changes if not change.passed]
+
+
+def _worse(change: Change) -> str:
+    before, most = value_text(change.before), f"{change.most:g}"
+    return f"{change.figure} is {change.factor:.2f} times the {before} of the baseline, expected {most} times at most"
+
+
+def _cell(metric: Metric | None) -> str:
+    return "" if metric is None else value_text(metric.value, 3)
+
+
+def _chart(evaluation: Evaluation) -> str:
+    """The RMS of every set as bars, with those of the baseline as a line, in the language of Mermaid."""
+    scored = {name: each for name, each in evaluation.scored.items() if each.figures["rms_px"].known}
+    if not scored:
+        return ""
+    names = ", ".join(f'"{name}"' for name in scored)
+    values = [scored[name].figures["rms_px"].value for name in scored]
+    before = {each.set: each.before for each in evaluation.changes}
+    lines = [
+        "```mermaid",
+        "xychart-beta",
+        f"    x-axis [{names}]",
+        '    y-axis "RMS px"',
+        f"    bar [{', '.join(f'{value:.5g}' for value in values)}]",
+    ]
+    if len(before) == len(scored):
+        lines.append(f"    line [{', '.join(f'{before[name]:.5g}' for name in scored)}]")
+    return "\n".join([*lines, "```\n"])
+
+
+def junit_text(evaluation: Evaluation) -> str:
+    """JUnit's XML: the tests of the scores, one for each set without a score, and one for each change."""
+    report = evaluation.scores
+    if report is None:
+        report = ScoreReport(sets=(), over_sets={}, checks_over_sets=(), passed=False)
+    root = fromstring(junit(report))
+    root.set("name", f"mirrorcam evaluate {evaluation.suite}")
+    others = {f"{name}: scored": why for name, why in evaluation.failures.items()}
+    others |= {f"{each.set}: against the baseline": "" if each.passed else _worse(each) for each in evaluation.changes}
+    if others:
+        failed = sum(map(bool, others.values()))
+        counts = {"tests": f"{len(others)}", "failures": f"{failed}", "errors": "0", "skipped": "0", "time": "0"}
+        suite = SubElement(root, "testsuite", {"name": "evaluation", **counts})
+        for name, wrong in others.items():
+            case = SubElement(suite, "testcase", classname="mirrorcam.evaluate", name=name, time="0")
+            if wrong:
+                SubElement(case, "failure", message=wrong, type="evaluation").text = wrong
+        root.set("tests", f"{int(root.get('tests', '0')) + len(others)}")
+        root.set("failures", f"{int(root.get('failures', '0')) + failed}")
+    indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'

@@ -1,0 +1,293 @@
+"""The score of one calibration of one set: how far it is from the true device in what can be measured by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mirrorcam.bench.scores.consistency import Nees, nees
+from mirrorcam.bench.scores.gauge import Gauge, centre, gauges
+from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched_views
+from mirrorcam.bench.scores.score_points import score_points, with_slopes
+from mirrorcam.bench.scores.triangulation import triangulated
+from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
+from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import transform
+
+NO_POSES = "the calibration has no poses"
+ONE_VIEW = "the calibration has one view"
+NO_COVARIANCE = "the calibration has no covariance"
+NO_SCALE = "its poses have no scale"
+NOT_SEEN = "no point is in all views"
+NOT_AT_DISTANCE = "the calibration shows nothing at the working distance"
+P95 = 95.0
+
+
+@dataclass(frozen=True)
+class CalibrationScore:
+    """What one calibration of one set scores.
+
+    Attributes
+    ----------
+    figures
+        Of all views together, and of each view as `view_ROW_COLUMN_…`.
+    not_given
+        Figures that cannot be measured, each with the reason.
+    views
+        Names of the views that were scored, and of the camera of each.
+    missing
+        Names of the views that the calibration has no camera of.
+    alignment
+        `rigid`, `similarity`, or `each view alone`; before it, the world was mirrored where `mirrored`.
+    nees
+        The error in units of the covariance, where there is one.
+    distance_mm
+        The working distance.
+    notes
+        What was assumed of the calibration.
+    placed
+        The views where the best motion has them, with the points that were compared.
+    """
+
+    figures: dict[str, Metric]
+    not_given: dict[str, str]
+    views: dict[str, str]
+    missing: tuple[str, ...]
+    alignment: str
+    mirrored: bool
+    nees: Nees | None
+    distance_mm: float
+    notes: tuple[str, ...]
+    placed: tuple[Gauge, ...]
+
+
+def score_calibration(
+    rig: CameraRig,
+    truth: Layout,
+    nominal: Layout,
+    distance_mm: float,
+    *,
+    views: ViewsFile | None = None,
+    pictures: Pictures | None = None,
+) -> CalibrationScore:
+    """Compare a calibration with the true device.
+
+    Parameters
+    ----------
+    rig
+        The calibration.
+    truth
+        The layout as built.
+    nominal
+        The layout that the calibrator knew, which says how pictures are flipped and cut.
+    distance_mm
+        Working distance from the virtual centre of each view.
+    views, pictures
+        Which camera is which mirror, and how pictures came from frames, where names and sizes do not say it.
+
+    Raises
+    ------
+    InputError
+        In one line where cameras and mirrors do not fit together.
+    """
+    sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (truth, nominal)]
+    if sizes[0] != sizes[1] or len(truth.mirrors) != len(nominal.mirrors):
+        raise InputError("the true layout and the nominal one are of different devices")
+    if rig.layout is not None and (rig.layout.rows, rig.layout.cols) != (truth.rows, truth.cols):
+        raise InputError(
+            f"the calibration has {rig.layout.arrangement.text} mirrors, expected {truth.arrangement.text} as the set"
+        )
+    matched = matched_views(rig, truth, nominal, views, pictures)
+    numbers = [view.view for view in matched]
+    points = score_points(truth, numbers, distance_mm)
+    placed = gauges(matched, points, scaled=rig.unit_mm is None)
+    joint = placed[0] if rig.posed and len(matched) > 1 else None
+    figures, not_given = _pixel_figures(placed)
+    for part in (_geometry(joint), _triangulation(joint, truth, scaled=rig.unit_mm is None)):
+        figures |= part[0]
+        not_given |= part[1]
+    if joint is None:
+        not_given |= dict.fromkeys((*GEOMETRY, *TRIANGULATION), ONE_VIEW if rig.posed else NO_POSES)
+    found = nees(placed, rig)
+    if found is None:
+        not_given["nees"] = NO_COVARIANCE if rig.uncertainty is None else "its covariance predicts no error"
+    else:
+        low, high = found.interval
+        figures |= {"nees": Metric(value=found.mean, unit="1"), "nees_low": Metric(value=low, unit="1")}
+        figures |= {"nees_high": Metric(value=high, unit="1"), "nees_freedom": Metric(value=found.freedom, unit="1")}
+    names = [view_name(*divmod(number, truth.cols)) for number in range(len(truth.mirrors))]
+    alone = "rigid" if rig.unit_mm is not None else "similarity"
+    return CalibrationScore(
+        figures=figures | _view_figures(placed),
+        not_given=not_given,
+        views={view.name: view.camera.name for view in matched},
+        missing=tuple(name for number, name in enumerate(names) if number not in numbers),
+        alignment=alone if rig.posed else "each view alone",
+        mirrored=placed[0].mirrored,
+        nees=found,
+        distance_mm=distance_mm,
+        notes=rig.notes,
+        placed=tuple(placed),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """Errors of pixels (n, 2), calibration minus truth; those at the working distance (m,) also in mm."""
+
+    pixels: FloatArray
+    mm: FloatArray
+    shown_share: float
+
+    @classmethod
+    def of(cls, placed: Sequence[Gauge], view: int | None = None) -> _Errors:
+        """Of all views, or of one."""
+        errors, mm, shown = [], [], []
+        for gauge in placed:
+            points = gauge.points
+            error = gauge.pixels - points.pixels
+            finite = np.asarray(np.isfinite(error).all(axis=1))
+            chosen = np.ones(len(error), dtype=bool) if view is None else points.view == view
+            across: FloatArray = np.linalg.pinv(points.by_point).astype(np.float64)
+            shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, np.where(finite[:, None], error, 0.0)), axis=1)
+            errors.append(error[chosen & finite])
+            mm.append(shifts[chosen & finite & points.at_distance])
+            shown.append(finite[chosen])
+        return cls(np.concatenate(errors), np.concatenate(mm), float(np.concatenate(shown).mean()))
+
+    def figures(self, prefix: str = "") -> dict[str, Metric]:
+        """Root mean square, median, 95th percentile, largest, mm, bias, and the share of points that are shown."""
+        length = np.linalg.norm(self.pixels, axis=1)
+        bias = self.pixels.mean(axis=0)
+        found = {
+            "rms_px": (_rms(length), "px"),
+            "median_px": (float(np.median(length)), "px"),
+            "p95_px": (float(np.percentile(length, P95)), "px"),
+            "max_px": (float(length.max()), "px"),
+            "bias_x_px": (float(bias[0]), "px"),
+            "bias_y_px": (float(bias[1]), "px"),
+            "shown_share": (self.shown_share, "1"),
+        }
+        if len(self.mm):
+            found["rms_mm"] = (_rms(self.mm), "mm")
+        return {f"{prefix}{name}": Metric(value=value, unit=unit) for name, (value, unit) in found.items()}
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _pixel_figures(placed: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str, str]]:
+    focal = [error for gauge in placed for error in _focal_errors(gauge).values()]
+    figures = _Errors.of(placed).figures()
+    figures["worst_view_rms_px"] = max(
+        (_Errors.of([gauge], view.view).figures()["rms_px"] for gauge in placed for view in gauge.views),
+        key=lambda metric: metric.value,
+    )
+    figures["focal_error_percent"] = Metric(value=float(np.mean(focal)), unit="percent")
+    figures["focal_error_rms_percent"] = Metric(value=_rms(np.array(focal)), unit="percent")
+    return figures, {} if "rms_mm" in figures else {"rms_mm": NOT_AT_DISTANCE}
+
+
+def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
+    figures: dict[str, Metric] = {}
+    for gauge in placed:
+        focal = _focal_errors(gauge)
+        for view in gauge.views:
+            figures |= _Errors.of([gauge], view.view).figures(f"{view.name}_")
+            figures[f"{view.name}_focal_error_percent"] = Metric(value=focal[view.view], unit="percent")
+    return figures
+
+
+def _focal_errors(gauge: Gauge) -> dict[int, float]:
+    """Relative error, %, of the scale of each view's picture: px for a turn of the ray to the middle of the sub-image.
+
+    Of a pinhole, that is in proportion to the focal length. It needs no lens model, and so compares any with the truth.
+    """
+    found = {}
+    for view in gauge.views:
+        of_view = np.flatnonzero((gauge.points.view == view.view) & gauge.points.at_distance)
+        pixels = gauge.points.pixels[of_view]
+        middle = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
+        point = gauge.points.points_in_rig[[middle]]
+        true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
+        own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
+        own_centre = transform(gauge.true_from_rig, centre(own_pose))
+        _, by_point = with_slopes(partial(view.truth.project, mirror_index=view.view), point)
+        sizes = [
+            _picture_scale(slopes, point[0] - seen_from)
+            for slopes, seen_from in ((by_point[0], true_centre), (gauge.by_point[middle], own_centre))
+        ]
+        found[view.view] = 100.0 * (sizes[1] / sizes[0] - 1.0)
+    return found
+
+
+def _picture_scale(slopes: FloatArray, along: FloatArray) -> float:
+    """Pixels for a turn of a ray (3,), the geometric mean over its directions, from derivatives (2, 3) by its end."""
+    across = np.linalg.svd(along[None])[2][1:]
+    return float(np.sqrt(abs(np.linalg.det(slopes @ across.T))) * np.linalg.norm(along))
+
+
+GEOMETRY = (
+    *("baseline_error_rms_mm", "baseline_error_max_mm", "baseline_error_percent"),
+    *("angle_error_rms_deg", "angle_error_max_deg"),
+)
+TRIANGULATION = ("triangulation_rms_mm", "triangulation_median_mm", "triangulation_max_mm", "scale_error_percent")
+
+
+def _geometry(gauge: Gauge | None) -> tuple[dict[str, Metric], dict[str, str]]:
+    """Errors of distances and of angles between the views, over all pairs."""
+    if gauge is None:
+        return {}, dict.fromkeys(GEOMETRY, NO_POSES)
+    poses = np.array([_pose(view) for view in gauge.views])
+    true_poses = np.array([view.true_camera_from_rig for view in gauge.views])
+    first, second = np.triu_indices(len(poses), 1)
+    lengths, true_lengths = (
+        np.linalg.norm(centres[first] - centres[second], axis=1)
+        for centres in (np.array([centre(pose) for pose in some]) for some in (poses, true_poses))
+    )
+    if gauge.scaled:
+        lengths = lengths / gauge.scale
+    turns, true_turns = (some[first, :3, :3] @ some[second, :3, :3].transpose(0, 2, 1) for some in (poses, true_poses))
+    angles = np.degrees(Rotation.from_matrix(turns @ true_turns.transpose(0, 2, 1)).magnitude())
+    error = lengths - true_lengths
+    figures = {
+        "baseline_error_rms_mm": (_rms(error), "mm"),
+        "baseline_error_max_mm": (float(np.abs(error).max()), "mm"),
+        "baseline_error_percent": (100.0 * float(lengths.sum() / true_lengths.sum() - 1.0), "percent"),
+        "angle_error_rms_deg": (_rms(angles), "deg"),
+        "angle_error_max_deg": (float(angles.max()), "deg"),
+    }
+    not_given = {}
+    if gauge.scaled:
+        del figures["baseline_error_percent"]
+        not_given["baseline_error_percent"] = NO_SCALE
+    return {name: Metric(value=value, unit=unit) for name, (value, unit) in figures.items()}, not_given
+
+
+def _pose(view: MatchedView) -> FloatArray:
+    assert view.camera_from_rig is not None
+    return view.camera_from_rig
+
+
+def _triangulation(gauge: Gauge | None, truth: Layout, *, scaled: bool) -> tuple[dict[str, Metric], dict[str, str]]:
+    """Errors of points that all views show, and of the scale of what they make."""
+    found = None if gauge is None else triangulated(gauge, truth)
+    if found is None:
+        return {}, dict.fromkeys(TRIANGULATION, NO_POSES if gauge is None else NOT_SEEN)
+    lengths = np.linalg.norm(found.error_mm, axis=1)
+    figures = {
+        "triangulation_rms_mm": Metric(value=_rms(lengths), unit="mm"),
+        "triangulation_median_mm": Metric(value=float(np.median(lengths)), unit="mm"),
+        "triangulation_max_mm": Metric(value=float(lengths.max()), unit="mm"),
+    }
+    if scaled:
+        return figures, {"scale_error_percent": NO_SCALE}
+    figures["scale_error_percent"] = Metric(value=100.0 * found.scale_error, unit="percent")
+    return figures, {}

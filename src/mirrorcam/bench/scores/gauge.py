@@ -1,0 +1,167 @@
+"""Where a calibration's rig stands: the motion from the true rig to it, which no measurement by the device tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.bench.scores.matched_views import MatchedView
+from mirrorcam.bench.scores.score_points import ScorePoints, project_each
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.calibration.diagnostics.projection_motion import best_motion, by_motion
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+UNLIKELY_SCALE = 20.0
+"""Cameras that lie this many times farther apart than the true ones are given in another unit."""
+SHOWN = 0.5
+"""Least share of its points that a view shows when its calibration is the right one, more or less."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gauge:
+    """A group of views that one motion places.
+
+    Attributes
+    ----------
+    views
+        The views: all, or one alone that has no pose.
+    rig_from_true
+        The motion (4, 4) from the true rig to that of the calibration; with a factor where it has no scale, and a
+        reflection where it describes a mirrored world.
+    scaled
+        Whether the factor was free.
+    mirrored
+        Whether the calibration's world is mirrored.
+    points
+        The points of its views.
+    pixels
+        Where the calibration shows them (n, 2), px of the frame; NaN where it does not.
+    by_point
+        Derivatives (n, 2, 3) of these by the points in the true rig.
+    weights
+        Weights (n,) of the points in the motion.
+    """
+
+    views: tuple[MatchedView, ...]
+    rig_from_true: FloatArray
+    scaled: bool
+    mirrored: bool
+    points: ScorePoints
+    pixels: FloatArray
+    by_point: FloatArray
+    weights: FloatArray
+
+    @property
+    def true_from_rig(self) -> FloatArray:
+        """The motion (4, 4) back to the true rig."""
+        return np.asarray(np.linalg.inv(self.rig_from_true), dtype=np.float64)
+
+    @property
+    def scale(self) -> float:
+        """Length in the calibration's rig, about mm where it has no scale of its own, of a true mm."""
+        return float(np.cbrt(abs(np.linalg.det(self.rig_from_true[:3, :3]))))
+
+    @property
+    def motion_columns(self) -> FloatArray:
+        """Derivatives (n, 2, 6 or 7) of the pixels by the motion, of points that are shown."""
+        middle = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
+        lever_mm = float(np.linalg.norm(middle, axis=1).max())
+        return by_motion(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
+
+
+def gauges(views: Sequence[MatchedView], points: ScorePoints, *, scaled: bool) -> tuple[Gauge, ...]:
+    """The gauge of all views that have poses, or that of each view where they have none.
+
+    Raises InputError where a calibration shows hardly anything of what a view does, or is in another unit.
+    """
+    if all(view.camera_from_rig is not None for view in views):
+        return (_gauge(_in_mm(views) if scaled else tuple(views), points, scaled=scaled),)
+    return tuple(_gauge((view,), points.where(points.view == view.view), scaled=False) for view in views)
+
+
+def _gauge(views: tuple[MatchedView, ...], points: ScorePoints, *, scaled: bool) -> Gauge:
+    start = _start(views)
+    mirrored = bool(np.linalg.det(start[:3, :3]) < 0.0)
+    # A mirrored world is a reflection of ours that is then moved.
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0]) if mirrored else np.eye(4)
+    reflected = transform(mirror, points.points_in_rig)
+
+    def project(points_in_rig: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return project_each(views, points.view, points_in_rig)
+
+    moved, weights = best_motion(points.pixels, points.view, reflected, project, start @ mirror, scaled=scaled)
+    rig_from_true = moved @ mirror
+    pixels, by_own_point = project(transform(rig_from_true, points.points_in_rig))
+    _refuse_unlike(views, points, pixels)
+    return Gauge(
+        views=views,
+        rig_from_true=rig_from_true,
+        scaled=scaled,
+        mirrored=mirrored,
+        points=points,
+        pixels=pixels,
+        by_point=by_own_point @ rig_from_true[:3, :3],
+        weights=weights,
+    )
+
+
+def _in_mm(views: Sequence[MatchedView]) -> tuple[MatchedView, ...]:
+    """Views without a scale, about as far apart as the true ones."""
+    factor = _factor(views)
+    found = []
+    for view in views:
+        pose = np.array(view.camera_from_rig)
+        pose[:3, 3] /= factor
+        found.append(replace(view, camera_from_rig=pose))
+    return tuple(found)
+
+
+def _start(views: tuple[MatchedView, ...]) -> FloatArray:
+    """The motion by which one view's pose is exact, of the view with which the others agree best."""
+    factor = _factor(views)
+    if max(factor, 1.0 / factor) > UNLIKELY_SCALE:
+        raise InputError(
+            f"the cameras lie {factor:.3g} times as far apart as the set's mirrors, expected another unit (--unit)"
+        )
+    poses, true_poses = _poses(views)
+    turns = np.array([pose[:3, :3].T @ true[:3, :3] for pose, true in zip(poses, true_poses, strict=True)])
+    apart = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3))
+    best = int(np.median(apart, axis=1).argmin())
+    return rigid(turns[best], centre(poses[best]) - turns[best] @ centre(true_poses[best]))
+
+
+def _poses(views: Sequence[MatchedView]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Poses of the calibration, the identity of a view without one, and true ones."""
+    own = [np.eye(4) if view.camera_from_rig is None else view.camera_from_rig for view in views]
+    return own, [view.true_camera_from_rig for view in views]
+
+
+def centre(camera_from_rig: FloatArray) -> FloatArray:
+    """Centre of projection (3,) in the rig of an orthogonal transform (4, 4)."""
+    return np.asarray(-camera_from_rig[:3, :3].T @ camera_from_rig[:3, 3])
+
+
+def _factor(views: Sequence[MatchedView]) -> float:
+    """How many times as far apart the cameras lie as the true ones; 1 where there is one alone."""
+    lengths, true_lengths = (
+        np.linalg.norm(centres[:, None] - centres[None], axis=2)[np.triu_indices(len(centres), 1)]
+        for centres in (np.array([centre(pose) for pose in some]) for some in _poses(views))
+    )
+    if not len(lengths):
+        return 1.0
+    factor = float(np.median(lengths / true_lengths))
+    if not factor > 0.0:
+        raise InputError("all cameras are at one place, expected the poses of different mirrors")
+    return factor
+
+
+def _refuse_unlike(views: tuple[MatchedView, ...], points: ScorePoints, pixels: FloatArray) -> None:
+    for view in views:
+        shown = np.isfinite(pixels[points.view == view.view]).all(axis=1).mean()
+        if shown < SHOWN:
+            raise InputError(
+                f"camera {view.camera.name[:40]!r} shows {shown:.0%} of what {view.name} does, expected this "
+                "mirror, and pictures as --pictures says"
+            )

@@ -1,0 +1,223 @@
+"""Which camera of a calibration is which mirror, and which pixels of the frame its pictures are.
+
+A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam cameras`
+states. It is the whole flipped frame, or a part of it: one whose size is that of the mirror's part in the nominal
+layout, as `mirrorcam cameras` cuts it, or one that a file of views places.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from mirrorcam.core.bounds import LINE_PX
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures, RigCamera
+from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
+from mirrorcam.optics.camera_files.write.virtual_cameras import (
+    Flip,
+    Rectangle,
+    flip_axes,
+    flipped_pixels,
+    upright_flip,
+    view_name,
+    virtual_cameras,
+)
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+
+class Place(Value):
+    """Where the pictures of a camera are in the frame, flipped as `pictures` says: their first pixel."""
+
+    view: str = Field(max_length=40)
+    x: int = LINE_PX.field(0)
+    y: int = LINE_PX.field(0)
+
+
+class ViewsFile(Value):
+    """The content of a file of views: which camera of a calibration is which mirror."""
+
+    cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
+    pictures: Pictures | None = None
+
+    @classmethod
+    def load(cls, path: Path) -> ViewsFile:
+        """Read a TOML or JSON file; raises InputError in one line."""
+        return read_model(cls, path)
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedView:
+    """A camera of a calibration and the mirror that it is.
+
+    `flip` is how its pictures came from the frame (None: as it is), and `first_px` (2,) their first pixel in the
+    flipped frame. `camera_from_rig` is that of the camera, with mm for its unit where that is known.
+    """
+
+    view: int
+    camera: RigCamera
+    camera_from_rig: FloatArray | None
+    flip: Flip | None
+    first_px: FloatArray
+    truth: Layout
+
+    def project(self, points_in_camera: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of the frame, as it is, of points (n, 3) in the frame of the camera."""
+        pixels = self.camera.lens.project(points_in_camera) + self.first_px
+        return pixels if self.flip is None else flipped_pixels(pixels, self.truth.camera, self.flip)
+
+    @property
+    def mirror(self) -> Mirror:
+        """The true mirror."""
+        return self.truth.mirrors[self.view]
+
+    @property
+    def name(self) -> str:
+        """The name of the view in files."""
+        return view_name(*divmod(self.view, self.truth.cols))
+
+    @property
+    def true_camera_from_rig(self) -> FloatArray:
+        """The orthogonal transform (4, 4) that a perfect calibration of these pictures has, in mm and the true rig."""
+        axes = np.eye(3) if self.flip is None else flip_axes(self.flip)
+        apparent = self.mirror.apparent
+        return rigid(axes @ apparent.reflection, axes @ apparent.virtual_centre_in_rig_mm)
+
+    def project_in_rig(self, points_in_rig: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of the frame of points (n, 3) in the calibration's rig; without a pose, in the camera's."""
+        pose = self.camera_from_rig
+        return self.project(points_in_rig if pose is None else transform(pose, points_in_rig))
+
+
+def matched_views(
+    rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: Pictures | None = None
+) -> tuple[MatchedView, ...]:
+    """The cameras of a calibration by the mirrors that they are, in the order of the mirrors.
+
+    Parameters
+    ----------
+    rig
+        The calibration.
+    truth, nominal
+        The layout as built, and the one that the calibrator knew.
+    views
+        What a file of views says.
+    pictures
+        How pictures came from frames, where the user says so; else as the files say, else flipped upright.
+
+    Raises
+    ------
+    InputError
+        In one line for a camera of no mirror, two of one, and pictures of another size.
+    """
+    said = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
+    if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
+        raise InputError(f"--pictures {pictures}, but the calibration is of pictures {rig.pictures}")
+    flip = _flip(said, nominal)
+    places = {} if views is None else views.cameras
+    unknown = sorted(places.keys() - {camera.name for camera in rig.cameras})
+    if unknown:
+        names = ", ".join(camera.name[:30] for camera in rig.cameras[:6])
+        raise InputError(
+            f"camera {unknown[0][:40]!r} of the file of views is not in the calibration, which has {names}"
+        )
+    found: dict[int, MatchedView] = {}
+    for camera in rig.cameras:
+        place = places.get(camera.name)
+        if places and place is None:
+            continue
+        place = Place(view=place) if isinstance(place, str) else place
+        view = view_of(camera.name if place is None else place.view, nominal)
+        if view in found:
+            both = f"{found[view].camera.name[:40]!r} and {camera.name[:40]!r}"
+            raise InputError(f"cameras {both} are both {view_name(*divmod(view, nominal.cols))}, expected one of each")
+        first = np.array(_first_pixel(camera, view, flip, nominal, place), dtype=np.float64)
+        found[view] = MatchedView(view, camera, _pose_mm(camera, rig), flip, first, truth)
+    if not found:
+        raise InputError("no camera of the calibration is a mirror of the set")
+    return tuple(found[view] for view in sorted(found))
+
+
+def _pose_mm(camera: RigCamera, rig: CameraRig) -> FloatArray | None:
+    if camera.camera_from_rig is None:
+        return None
+    pose = camera.camera_from_rig.copy()
+    pose[:3, 3] *= rig.unit_mm or 1.0
+    return pose
+
+
+def _flip(pictures: Pictures, nominal: Layout) -> Flip | None:
+    if pictures == "as-is":
+        return None
+    return upright_flip(nominal) if pictures == "flipped" else pictures
+
+
+def view_of(name: str, layout: Layout) -> int:
+    """The mirror that a name means: `view_ROW_COLUMN` in it, "ROW-COLUMN", or a number at its end, row by row."""
+    count = len(layout.mirrors)
+    named = re.findall(r"view_(\d{1,4})_(\d{1,4})", name)
+    if len(named) == 1:
+        row, column = (int(part) for part in named[0])
+        if row < layout.rows and column < layout.cols:
+            return row * layout.cols + column
+    elif name in layout.mirror_names:
+        return layout.mirror_names.index(name)
+    elif not named and (number := re.search(r"(\d{1,6})$", name)) and int(number[1]) < count:
+        return int(number[1])
+    last = view_name(*divmod(count - 1, layout.cols))
+    raise InputError(
+        f"camera {name[:40]!r} is of no mirror, expected view_0_0 to {last}, a number to {count - 1}, or --views FILE"
+    )
+
+
+def _first_pixel(
+    camera: RigCamera, view: int, flip: Flip | None, nominal: Layout, place: Place | None
+) -> tuple[int, int]:
+    """The first pixel of a camera's pictures in the flipped frame."""
+    width, height = nominal.camera.width_px, nominal.camera.height_px
+    size = camera.size_px or (width, height)
+    if place is not None and (place.x or place.y):
+        if place.x + size[0] > width or place.y + size[1] > height:
+            raise InputError(
+                f"camera {camera.name[:40]!r}: {size[0]}x{size[1]} px at ({place.x}, {place.y}) is beyond the frame of "
+                f"{width}x{height} px"
+            )
+        return place.x, place.y
+    if size == (width, height):
+        return 0, 0
+    parts = _parts(nominal, view, flip)
+    for part in parts:
+        if size == (part.width, part.height):
+            return part.x, part.y
+    known = " or ".join(f"{part.width}x{part.height}" for part in parts)
+    raise InputError(
+        f"camera {camera.name[:40]!r}: pictures of {size[0]}x{size[1]} px, expected the frame's {width}x{height}, the "
+        f"view's {known}, or x and y in --views FILE"
+    )
+
+
+def _parts(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
+    """The parts of the flipped frame that `mirrorcam cameras` cuts for a view: tight, and with a margin."""
+    views = virtual_cameras(nominal)
+    name = views[view].name
+    cuts = [views[view].sub_image, *(each.crop for each in pose_cameras(nominal, views) if each.name == name)]
+    if flip == views[view].flip:
+        return cuts
+    return [_turned(_turned(cut, nominal, views[view].flip), nominal, flip) for cut in cuts]
+
+
+def _turned(part: Rectangle, layout: Layout, flip: Flip | None) -> Rectangle:
+    """A part of the frame as one of the flipped frame; its own inverse."""
+    x, y = part.x, part.y
+    if flip == "left-right":
+        x = layout.camera.width_px - part.x - part.width
+    if flip == "top-bottom":
+        y = layout.camera.height_px - part.y - part.height
+    return Rectangle(x, y, part.width, part.height)

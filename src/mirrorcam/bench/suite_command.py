@@ -1,0 +1,201 @@
+"""`mirrorcam suite`: a named list of rendered sets, what it takes said beforehand; what is there is kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+import tyro
+from pydantic import Field, model_validator
+
+from mirrorcam.core.bounds import PICTURES, WORKERS
+from mirrorcam.core.console.progress import long_work, print_table, say
+from mirrorcam.core.extras import require
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.progress import no_progress
+from mirrorcam.core.values import InputError, InvalidValue, Value
+
+if TYPE_CHECKING:
+    from mirrorcam.bench.suite_run import Plan, Workers
+    from mirrorcam.bench.suite_store import Store
+    from mirrorcam.core.disk.output_folder import OutputFolder
+    from mirrorcam.render_scenes.suites.suite import Suite
+
+COPIES = PICTURES.cut(least=1)
+
+
+class SuiteOptions(Value):
+    """Render the sets of a suite that are not there yet: many cameras, boards and hard cases, each with its truth.
+
+    Without a name, list the suites that come with the program.
+    """
+
+    name: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[NAME|FILE]", help_behavior_hint="")] = (
+        Field(default=None, description="smoke, standard, or a TOML file like theirs")
+    )
+    copies: int = COPIES.field(1, "render so many of each set, which differ in their seeds alone")
+    plan: bool = Field(default=False, description="render nothing; list the sets, what is there, and what they take")
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
+        None, "number of sets rendered at the same time on this machine"
+    )
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
+        default=None, description="Dask scheduler whose workers render them instead, such as tcp://host:8786"
+    )
+    fetch: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
+        default=None,
+        description="copy sets that are there instead of rendering them: a folder, s3://bucket/prefix, ...",
+    )
+    publish: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
+        default=None, description="copy the suite there when it is rendered; sets that are there stay as they are"
+    )
+    out: Path = Field(
+        default=Path("output/suites"),
+        description="folder that suites share, for their sets and manifests; an interrupted suite is resumed",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("--workers and --scheduler: expected one of the two")
+        if self.name is None and self.plan:
+            raise ValueError("--plan: expected the name of a suite, or a .toml file")
+        return self
+
+
+def run(options: SuiteOptions) -> int:
+    """Plan the suite and render what is missing; 1 where a set could not be rendered."""
+    if options.name is None:
+        return show_suites()
+    suite = suite_of(options.name, options.copies)
+    require("render", *(["cluster"] if options.scheduler is not None else []))
+    from mirrorcam.bench.suite_run import planned, workers_here, workers_of
+    from mirrorcam.bench.suite_store import Store
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.processes.worker_pool import cores
+    from mirrorcam.render_scenes.variant import choose_variant
+
+    count = None if options.scheduler is not None else options.workers or cores()
+    source = None if options.fetch is None else Store(options.fetch)
+    target = None if options.publish is None else Store(options.publish)
+    if options.plan:
+        plan = planned(suite, options.out, choose_variant(), source)
+        print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(plan))
+        say("suite", plan_text(plan, count))
+        return 0
+    workers = workers_here(count) if count is not None else workers_of(f"{options.scheduler}")
+    who = f"the workers of {options.scheduler}" if count is None else count_text(count, "worker")
+    with output_folder(options.out, "suite") as output:
+        plan = planned(suite, options.out, choose_variant(), source)
+        say("suite", plan_text(plan, count))
+        return render_planned(plan, output, workers, who, source, target)
+
+
+def render_planned(
+    plan: Plan, output: OutputFolder, workers: Workers, who: str, source: Store | None, target: Store | None
+) -> int:
+    """Fetch, design and render what is missing, say what came of it, and publish it; 1 where a set is missing."""
+    from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
+    from mirrorcam.bench.suite_store import publish
+
+    if source is not None:
+        with long_work("fetch", source.url, "sets") as advance:
+            plan = fetched(plan, source, advance)
+    layouts = {}
+    if plan.specs:
+        with long_work("design", f"{count_text(len(plan.specs), 'design')}, {who}", "designs") as advance:
+            layouts = layouts_of(plan, output.path, workers.design, advance)
+    doing = long_work("render", f"{count_text(len(plan.unfinished), 'set')}, {who}", "sets")
+    with doing if plan.unfinished else nullcontext(no_progress) as advance:
+        rendered = render_suite(plan, output, workers, layouts, advance)
+    for name, failure in rendered.failures.items():
+        say("suite", f"{name} is missing: {failure}")
+    say("suite", f"{rendered.path} written: {count_text(len(rendered.manifest.sets), 'set')}")
+    if target is not None:
+        with long_work("publish", target.url, "sets") as advance:
+            copied = publish(rendered.manifest, output.path, target, advance)
+        say("publish", f"{count_text(copied, 'set')} copied, {len(rendered.manifest.sets) - copied} there before")
+    return 1 if rendered.failures else 0
+
+
+def suite_of(name: str, copies: int) -> Suite:
+    """The suite of a name or file with so many copies of each set; InputError where that is too many."""
+    from mirrorcam.render_scenes.suites.suite import read_suite
+
+    suite = read_suite(name)
+    try:
+        return suite.times(copies)
+    except InvalidValue as error:
+        raise InputError(f"--copies {copies}: {error}") from None
+
+
+def show_suites() -> int:
+    """Print the suites that come with the program."""
+    from mirrorcam.render_scenes.suites.suite import read_suite, suite_names
+
+    suites = [read_suite(name) for name in suite_names()]
+    rows = [
+        (
+            suite.name,
+            str(suite.version),
+            str(sum(recipe.copies for recipe in suite.recipes)),
+            str(sum(recipe.copies * recipe.pictures for recipe in suite.recipes)),
+            suite.description,
+        )
+        for suite in suites
+    ]
+    print_table(("suite", "version", "sets", "pictures", ""), rows)
+    return 0
+
+
+def plan_rows(plan: Plan) -> list[tuple[str, ...]]:
+    """A row of texts for each set: name, mirrors, camera, pictures, MB, processor seconds, state."""
+    return [
+        (
+            each.recipe.name,
+            str(each.recipe.mirrors),
+            each.recipe.camera.name,
+            str(each.cost.pictures),
+            f"{each.cost.stored_bytes / 1e6:.0f}",
+            f"{each.cost.seconds:.0f}",
+            each.state,
+        )
+        for each in plan.sets
+    ]
+
+
+def plan_text(plan: Plan, workers: int | None) -> str:
+    """What a suite takes: sets, pictures, size, and the time of workers of this machine, or of one core for others."""
+    from mirrorcam.render_scenes.suites.costs import design_seconds, elapsed_s, slowness
+
+    suite, missing = plan.suite, plan.unfinished
+    states = Counter(each.state for each in plan.sets)
+    there = ", ".join(f"{states[state]} {state}" for state in ("finished", "stored") if states[state])
+    whole = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{there and f', {there}'}"
+    if not missing:
+        return whole
+    pictures = sum(each.cost.pictures for each in missing)
+    size = sum(each.cost.stored_bytes for each in missing)
+    designs, sets = [design_seconds(spec) for spec in plan.specs], [each.cost.seconds for each in missing]
+    slow = slowness()
+    if workers is None:
+        took = f"{time_text(slow * (sum(designs) + sum(sets)))} of a core like this machine's"
+    else:
+        took = time_text(elapsed_s(designs, workers, slow) + elapsed_s(sets, workers, slow))
+    return f"{whole}; to render: {pictures} pictures, about {size_text(size)} and {took}"
+
+
+def size_text(size: float) -> str:
+    """A number of bytes for people: 3 MB, 1.2 GB."""
+    for unit, of_one in (("TB", 1e12), ("GB", 1e9)):
+        if size >= of_one:
+            return f"{size / of_one:.1f} {unit}"
+    return f"{size / 1e6:.0f} MB"
+
+
+def time_text(seconds: float) -> str:
+    """A time for people: 40 s, 12 min, 5 h."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

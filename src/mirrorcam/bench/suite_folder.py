@@ -1,0 +1,163 @@
+"""The folder of suites: rendered sets by their content, which suites share, and the manifest of each suite."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, TEMPORARY, inside, model_of, read_model, write_files
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.names import Line
+from mirrorcam.core.values import InputError, Value
+from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
+from mirrorcam.render_scenes.suites.recipe import Slug
+from mirrorcam.render_scenes.suites.suite import VERSION
+from mirrorcam.simulation.set_check import check_set
+
+SETS, DESIGNS = "sets", "designs"
+SUFFIX = ".suite.json"
+State = Literal["finished", "begun", "missing", "stored"]
+
+
+class SuiteSet(Value):
+    """A finished set: its folder, relative to that of the manifest, and the sha256 of its `dataset.json`.
+
+    `dataset.json` has the sha256 of every other file of the set.
+    """
+
+    name: Slug
+    folder: str = Field(max_length=200, pattern=rf"^{SETS}/[a-z0-9-]+$")
+    dataset_sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    why: Line = ""
+
+
+class SuiteManifest(Value):
+    """`NAME.suite.json`: the sets of a suite, in its order.
+
+    Attributes
+    ----------
+    renderer : str
+        Variant of Mitsuba, which the bytes depend on.
+    made_with : dict of str to str
+        Digests of the sources and versions of the distributions that made the sets.
+    sets : tuple of SuiteSet
+        Those that are finished.
+    missing : tuple of str
+        Names of those that could not be rendered.
+    """
+
+    schema_id: Literal["mirrorcam.suite/1"] = Field(default="mirrorcam.suite/1", alias="schema")
+    name: Slug
+    version: int = VERSION.field()
+    description: Line = ""
+    renderer: str
+    made_with: dict[str, str]
+    sets: tuple[SuiteSet, ...]
+    missing: tuple[Slug, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The text of its file."""
+        return self.model_dump_json(indent=1, by_alias=True) + "\n"
+
+
+@dataclass(frozen=True)
+class FinishedSuite:
+    """A suite's manifest, and the folders of its sets in their order, as absolute paths."""
+
+    manifest: SuiteManifest
+    folders: tuple[Path, ...]
+
+
+def read_finished(path: Path) -> FinishedSuite:
+    """Read a suite's manifest by its path, or by the folder that holds no other.
+
+    Raises InputError in one line where there is none or several, and for a set that is not there or is another.
+    """
+    if path.is_dir():
+        found = sorted(path.glob(f"*{SUFFIX}"))
+        if len(found) != 1:
+            names = ", ".join(each.name for each in found) or "none"
+            raise InputError(f"{path}: expected the manifest of one suite (NAME{SUFFIX}), found {names}")
+        path = found[0]
+    manifest = read_model(SuiteManifest, path, LARGEST_LAYOUT_BYTES)
+    folders = tuple(inside(path.parent, each.folder) for each in manifest.sets)
+    for folder, each in zip(folders, manifest.sets, strict=True):
+        dataset = folder / MANIFEST
+        if not dataset.is_file() or file_digest(dataset) != each.dataset_sha256:
+            raise InputError(f"{dataset}: is not the set {each.name} of {path.name}, expected it as it was rendered")
+    return FinishedSuite(manifest, tuple(folder.absolute() for folder in folders))
+
+
+def state_of(folder: Path) -> State:
+    """Whether a set is finished and whole, begun, or not there; raises InputError where it is foreign or altered."""
+    if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
+        raise InputError(f"{folder}: is no folder, expected one of a set, or nothing")
+    if not (folder / MANIFEST).is_file():
+        other = (
+            next((path for path in folder.iterdir() if not path.name.startswith(".")), None)
+            if folder.exists()
+            else None
+        )
+        if other is not None:
+            raise InputError(
+                f"{folder}: has {other.name!r} but no {MANIFEST}, expected a set of this suite, or nothing"
+            )
+        return "missing"
+    found = check_set(folder)
+    if found.altered:
+        raise InputError(
+            f"{folder / found.altered[0]}: was changed since it was written, expected it unchanged or removed"
+        )
+    return "finished" if found.passed else "begun"
+
+
+def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> None:
+    """Put the files of a set that was rendered elsewhere in their places; `write` writes them into an empty folder.
+
+    Raises InputError where the set is not whole, a file is not what `dataset` says, or the folder holds something else.
+    """
+    if other := sorted(dataset.files.keys() - set(dataset.planned_names)):
+        raise InputError(f"{folder.name}: lists {other[0][:80]!r}, expected the files of a set alone")
+    if not dataset.complete:
+        raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a whole set")
+
+    staged = folder.with_name(f"{TEMPORARY}{folder.name}")
+    _discard(staged)  # of a run that was killed
+    staged.mkdir(parents=True)
+    try:
+        write(staged)
+        wrong = [name for name in dataset.files if not dataset.intact(staged, name)]
+        if wrong:
+            raise InputError(f"{folder.name}: {wrong[0]} is not as its checksum says, expected it as it was rendered")
+        begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
+        begun.added(folder, lambda place: _move(dataset, staged, place))
+    finally:
+        _discard(staged)
+
+
+def _move(dataset: Dataset, staged: Path, place: Path) -> None:
+    for name in dataset.files:
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (staged / name).replace(place / name)
+
+
+def _discard(staged: Path) -> None:
+    if staged.is_symlink():
+        staged.unlink()
+    elif staged.exists():
+        shutil.rmtree(staged)
+
+
+def put_files(folder: Path, files: dict[str, bytes]) -> None:
+    """`put_set` of the files of a set by their names, its manifest among them."""
+    dataset = model_of(Dataset, Path(folder.name, MANIFEST), files[MANIFEST])
+    others = {name: content for name, content in files.items() if name in dataset.files}
+    put_set(folder, dataset, partial(write_files, files=others))

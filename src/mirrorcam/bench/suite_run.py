@@ -1,0 +1,275 @@
+"""Rendering of a suite: what there is, what is missing and what that takes; then its designs and its sets.
+
+Whole sets are what workers render: their plans and truth take time, too, and no two processes share a folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from mirrorcam.bench.suite_folder import (
+    DESIGNS,
+    SETS,
+    SUFFIX,
+    State,
+    SuiteManifest,
+    SuiteSet,
+    put_files,
+    state_of,
+)
+from mirrorcam.bench.suite_store import Store, fetch_set, is_stored
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.disk.fingerprint import differing, file_digest
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.processes.cluster import run_cluster
+from mirrorcam.core.processes.worker_pool import Died, run_local
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import InputError
+from mirrorcam.designs.design_sweep import Results, Runner, sweep
+from mirrorcam.designs.sweep_run import design_here, design_on_cluster
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.sets.dataset import MANIFEST
+from mirrorcam.render_scenes.suites.costs import Cost, set_cost
+from mirrorcam.render_scenes.suites.recipe import SetRecipe
+from mirrorcam.render_scenes.suites.set_work import (
+    SetAnswer,
+    SetTask,
+    folder_name,
+    made_with,
+    render_in_turn,
+    render_on_one_core,
+)
+from mirrorcam.render_scenes.suites.suite import Suite
+
+SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetAnswer | Died]]]
+LARGEST_ANSWER_BYTES = 1_000_000_000
+"""Bytes of the largest set that a worker of a cluster sends back at once."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """What designs and renders: processes of this machine, of which each writes the set's folder, or a cluster's."""
+
+    design: Runner
+    render: SetRunner
+    share_the_folder: bool
+
+
+def workers_here(count: int) -> Workers:
+    """Processes of this machine, each on one core."""
+    return Workers(
+        partial(design_here, workers=count),
+        partial(run_local, workers=count, work=render_on_one_core),
+        share_the_folder=True,
+    )
+
+
+def workers_of(address: str) -> Workers:
+    """Workers of the Dask scheduler at an address; they need no disk in common with this machine."""
+    return Workers(
+        partial(design_on_cluster, address=address),
+        partial(run_cluster, address=address, work=render_in_turn),
+        share_the_folder=False,
+    )
+
+
+@dataclass(frozen=True)
+class PlannedSet:
+    """A set of a suite: where it belongs, whether it is there, and what it takes."""
+
+    recipe: SetRecipe
+    folder: Path
+    state: State
+    cost: Cost
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A suite in a folder."""
+
+    suite: Suite
+    variant: str
+    sets: tuple[PlannedSet, ...]
+
+    @property
+    def unfinished(self) -> tuple[PlannedSet, ...]:
+        """The sets that have to be rendered."""
+        return tuple(each for each in self.sets if each.state in ("begun", "missing"))
+
+    @property
+    def specs(self) -> tuple[DesignSpec, ...]:
+        """The designs that these need, each once."""
+        specs = (each.recipe.spec for each in self.unfinished)
+        return tuple(dict.fromkeys(spec for spec in specs if spec is not None))
+
+
+def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
+    """Look for the sets of a suite in a folder, and in a store for those that it does not hold.
+
+    Raises InputError where something else, or a set that was changed since it was written, is in the place of one.
+    """
+    sets = []
+    for recipe in suite.sets:
+        place = folder / SETS / folder_name(recipe, variant)
+        state = state_of(place)
+        if store is not None and state != "finished" and is_stored(store, place):
+            state = "stored"
+        sets.append(PlannedSet(recipe, place, state, set_cost(recipe)))
+    return Plan(suite, variant, tuple(sets))
+
+
+def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
+    """Copy the sets of a plan that a store has into the folder, and return the plan with them finished."""
+    asked = [each for each in plan.sets if each.state == "stored"]
+    for done, each in enumerate(asked):
+        progress(done, len(asked))
+        fetch_set(store, each.recipe, each.folder)
+    progress(len(asked), len(asked))
+    sets = (replace(each, state="finished") if each.state == "stored" else each for each in plan.sets)
+    return replace(plan, sets=tuple(sets))
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A suite's manifest and its file, why sets are missing by their names, and the seconds that the others took."""
+
+    manifest: SuiteManifest
+    path: Path
+    failures: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_progress) -> dict[DesignSpec, Layout]:
+    """The layout of each design that the unfinished sets of a plan need; those that are not in the folder are solved.
+
+    Raises InputError where a design has no solution.
+    """
+    specs = plan.specs
+    with output_folder(folder / DESIGNS, "suite") as designs:
+        outcomes = sweep(specs, designs, run, progress)
+    for outcome in outcomes:
+        if outcome.status != "solved":
+            name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
+            raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
+    return {spec: Layout.load(folder / DESIGNS / Results.layout_name(spec)) for spec in specs}
+
+
+def render_suite(
+    plan: Plan,
+    output: OutputFolder,
+    workers: Workers,
+    layouts: Mapping[DesignSpec, Layout],
+    progress: Progress = no_progress,
+) -> Rendered:
+    """Render the sets of a plan that are not finished, and write the manifest of the suite.
+
+    Parameters
+    ----------
+    plan
+        What `planned` found in the folder.
+    output
+        The folder, which the caller has locked.
+    workers
+        What renders the sets.
+    layouts
+        The layout of each design of the plan.
+    progress
+        Called with the numbers of sets that are done and of all.
+
+    Raises
+    ------
+    InputError
+        Before any set is rendered, where one is too large to be sent, or a file of others is in the manifest's place.
+    """
+    name = f"{plan.suite.name}{SUFFIX}"
+    output.grouped(name).refuse_others(name)
+    if not workers.share_the_folder:
+        _refuse_large(plan)
+    # Long ones first, so that no worker is left alone with one at the end.
+    asked = sorted(plan.unfinished, key=lambda each: -each.cost.seconds)
+    failures, seconds = _rendered(asked, layouts, plan.variant, workers, progress)
+    manifest = _manifest(plan, failures)
+    with output.grouped(name).staged() as staged:
+        write_text(staged / name, manifest.text)
+    return Rendered(manifest, output.path / name, failures, seconds)
+
+
+def _refuse_large(plan: Plan) -> None:
+    for each in plan.unfinished:
+        if each.cost.stored_bytes > LARGEST_ANSWER_BYTES:
+            size = f"{each.cost.stored_bytes / 1e9:.1f} GB"
+            raise InputError(
+                f"set {each.recipe.name}: takes about {size}, expected 1 GB or less of a worker of --scheduler: "
+                "fewer frames, or maps = false"
+            )
+
+
+def _rendered(
+    asked: Sequence[PlannedSet],
+    layouts: Mapping[DesignSpec, Layout],
+    variant: str,
+    workers: Workers,
+    progress: Progress,
+) -> tuple[dict[str, str], dict[str, float]]:
+    """Why sets could not be rendered, and how long the others took, by their names."""
+    tasks = [
+        SetTask(
+            recipe=each.recipe,
+            designed=None if each.recipe.spec is None else layouts[each.recipe.spec],
+            variant=variant,
+            folder=each.folder.absolute() if workers.share_the_folder else None,
+        ).model_dump_json()
+        for each in asked
+    ]
+    failures: dict[str, str] = {}
+    seconds: dict[str, float] = {}
+    progress(0, len(asked))
+    for done, (number, got) in enumerate(workers.render(tasks), 1):
+        each = asked[number]
+        failure = got.reason if isinstance(got, Died) else got.failure
+        if isinstance(got, SetAnswer) and not failure:
+            failure = _kept(each, got)
+            seconds[each.recipe.name] = got.seconds
+        if failure:
+            failures[each.recipe.name] = shortened(failure)
+        progress(done, len(asked))
+    return failures, seconds
+
+
+def _kept(each: PlannedSet, got: SetAnswer) -> str:
+    """Put the files of an answer in their places; why that is not possible, or nothing."""
+    if other := differing(got.made_with, made_with()):
+        return f"{other[0]} of a worker is not that of this machine, expected the same in all of them"
+    try:
+        if got.files:
+            put_files(each.folder, dict(got.files))
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _manifest(plan: Plan, failures: dict[str, str]) -> SuiteManifest:
+    suite = plan.suite
+    return SuiteManifest(
+        name=suite.name,
+        version=suite.version,
+        description=suite.description,
+        renderer=plan.variant,
+        made_with=made_with(),
+        sets=tuple(
+            SuiteSet(
+                name=each.recipe.name,
+                folder=f"{SETS}/{each.folder.name}",
+                dataset_sha256=file_digest(each.folder / MANIFEST),
+                why=each.recipe.why,
+            )
+            for each in plan.sets
+            if each.recipe.name not in failures
+        ),
+        missing=tuple(each.recipe.name for each in plan.sets if each.recipe.name in failures),
+    )

@@ -1,0 +1,1 @@
+"""The commands calibrate, compare, drift and validate, with their figures and page."""

@@ -1,0 +1,90 @@
+"""`mirrorcam compare`: the difference of two calibrations of one device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.progress import print_table, say
+from mirrorcam.core.figures.figure_texts import SIGMA, figure_text, figures_alike
+from mirrorcam.core.values import Value
+
+if TYPE_CHECKING:
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import CalibrationDifference
+    from mirrorcam.optics.geometry.layout import Layout
+
+COLUMNS = {
+    "rms_px": "RMS px",
+    "max_px": "max px",
+    "sigma_px": f"{SIGMA} px",
+    "ratio": "ratio",
+    "rms_mm": "RMS mm",
+    "max_mm": "max mm",
+    "sigma_mm": f"{SIGMA} mm",
+}
+
+
+class CompareOptions(Value):
+    """Compare two calibrations of one device: a map of their difference, without the motion of the whole rig."""
+
+    a: tyro.conf.Positional[Path] = Field(description="layout.json of one calibration")
+    b: tyro.conf.Positional[Path] = Field(description="layout.json of the other")
+    distance_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(where A's board was)")] = (
+        DEPTH_MM.field(None, "distance of the points that are compared, from each view")
+    )
+    out: Path = Field(default=Path("output/compared"), description="folder for difference.png and metrics.json")
+    force: bool = FORCE
+
+
+def run(options: CompareOptions) -> int:
+    """Compare, write the map and the figures, and print them."""
+    from mirrorcam.calibration.comparison import FILES, compare_files, read_compared, write_comparison
+    from mirrorcam.core.disk.output_folder import output_folder
+
+    with output_folder(options.out, "compare", force=options.force) as output:
+        output.refuse_others(*FILES)
+        layout = read_compared(options.a)
+        difference = compare_files(options.a, options.b, options.distance_mm)
+        with output.staged(result="metrics.json") as folder:
+            write_comparison(difference, layout, folder)
+    _print(difference, layout)
+    for name, path, predicted in zip("AB", (options.a, options.b), difference.predicted, strict=True):
+        if not predicted:
+            say("compare", f"{path} has no covariance: {SIGMA} is without that of {name}")
+    say("compare", f"{options.out / 'difference.png'} and {options.out / 'metrics.json'} written")
+    return 0
+
+
+def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
+    """Whether the difference is more than noise, by its worst view."""
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_name
+
+    if difference.figures(difference.views)["max_px"].value == 0.0:
+        return "the calibrations do not differ"
+    if difference.worst is None:
+        return "whether the difference is more than noise is open: no covariance predicts it"
+    view, ratio = difference.worst
+    verdict = "more than noise:" if ratio > NOISE_RATIO else "within noise: at most"
+    times = f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:.0f}"
+    place = f"in {view_name(layout, view.view)} (limit {NOISE_RATIO:g})"
+    return f"the difference is {verdict} {times} times the predicted {SIGMA}, {place}"
+
+
+def _print(difference: CalibrationDifference, layout: Layout) -> None:
+    """Print a row of figures for each view, one for all, and the motion."""
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import view_name
+
+    rows = {view_name(layout, view.view): difference.figures([view]) for view in difference.views}
+    rows["all views"] = difference.figures(difference.views)
+    names = [name for name in COLUMNS if name in rows["all views"]]
+    columns = [figures_alike([figures[name].value for figures in rows.values()], digits=3) for name in names]
+    print_table(["", *(COLUMNS[name] for name in names)], list(zip(rows, *columns, strict=True)))
+    turn, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
+    say("compare", _verdict(difference, layout))
+    at = f"points {difference.range_mm:.0f} mm from each view"
+    say("compare", f"{at}; the rig is placed otherwise by {turn}° and {shift} mm, which is taken out")

@@ -1,0 +1,325 @@
+"""Drawings of a calibration: residuals, coverage, poses of the board, and standard deviations of every view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from mirrorcam.calibration.inline_svg import Scale, axes, coordinate, drawing, line, points, text
+from mirrorcam.core.figures.figure_texts import SIGMA, count_text
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import ProjectionMap
+from mirrorcam.optics.calibration.diagnostics.view_statistics import (
+    ARROWS_ACROSS,
+    ViewFigures,
+    board_normals,
+    cell_means,
+)
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.geometry.layout import Layout
+
+WIDTH = 1030.0
+HALF = 505.0
+MARGIN = 0.03  # of the sensor's width, around what is shown of it
+NEEDLE_CELLS = 0.9
+"""Length at which a needle's rms is drawn, in cells of the sensor."""
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The part of the sensor that a drawing shows: `corner_px` (2,) at the drawing's top left, px times `scale`."""
+
+    corner_px: FloatArray
+    scale: float
+    height: float
+
+    def __call__(self, pixels: FloatArray) -> FloatArray:
+        """Positions in the drawing of pixels (..., 2)."""
+        return np.asarray((pixels - self.corner_px) * self.scale)
+
+
+def _window(layout: Layout, views: Sequence[ViewFigures], width: float) -> _Window:
+    """The part of the sensor that the views take up, with a margin, scaled to a width."""
+    outlines = np.concatenate([view.outline_px for view in views])
+    size = np.array([layout.camera.width_px, layout.camera.height_px])
+    margin = MARGIN * layout.camera.width_px
+    low = np.maximum(outlines.min(axis=0) - margin, -0.5)
+    high = np.minimum(outlines.max(axis=0) + margin, size - 0.5)
+    scale = width / float(high[0] - low[0])
+    return _Window(low, scale, float(high[1] - low[1]) * scale)
+
+
+def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
+    return "".join(f'<polygon points="{points(window(view.outline_px))}" class="outline"/>' for view in views)
+
+
+def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[ViewFigures], str]) -> str:
+    """Labels in the top left corner of every mirror's sub-image, to be drawn last."""
+    parts = []
+    for view in views:
+        if view.view != DIRECT:
+            x, y = window(view.outline_px[np.argmin(view.outline_px.sum(axis=1))])
+            parts.append(text(x + 7, y + 16, words(view), anchor="start", style="tag"))
+    return "".join(parts)
+
+
+def residual_needles(calibration: Calibration, views: Sequence[ViewFigures]) -> str:
+    """Draw mean residuals in cells of the sensor as needles, red where noise does not explain them."""
+    direct = len(views) == 1 and views[0].view == DIRECT
+    width = HALF if direct else WIDTH
+    window = _window(calibration.layout, views, width)
+    cell = calibration.layout.camera.width_px / ARROWS_ACROSS * window.scale
+    all_means = [cell_means(calibration, view.view) for view in views]
+    lengths = np.concatenate([means.mean_px for means in all_means])
+    rms = float(np.sqrt(np.mean(np.sum(lengths**2, axis=1)))) if len(lengths) else 1.0
+    gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
+    parts = [_outlines(views, window)]
+    for means in all_means:
+        for at, mean, systematic in zip(means.at_px, means.mean_px, means.systematic, strict=True):
+            start, along = window(at), mean * gain
+            length = float(np.linalg.norm(along))
+            across = np.array([-along[1], along[0]]) / max(length, 1e-9) * 1.3
+            needle = points([start - across, start + across, start + along])
+            parts.append(f'<polygon points="{needle}" class="{"needle bad" if systematic else "needle"}"/>')
+    parts.append(_tags(views, window, words=lambda view: view.name))
+    step = float(f"{40.0 / gain:.0e}")
+    y = window.height + 22
+    parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
+    parts.append(
+        text(10 + step * gain, y, f"{step:g} px, scale {gain / window.scale:.0f}:1", anchor="start", style="tick")
+    )
+    return drawing(width, window.height + 30, "".join(parts), "Mean residuals over the sensor")
+
+
+def residual_histogram(calibration: Calibration) -> str:
+    """Draw histograms of the residuals in x and y, standardised, and the normal distribution."""
+    used = calibration.standardised[calibration.inliers]
+    typical_px = float(np.median(calibration.corner_sigma_px[calibration.inliers]))
+    edges = np.linspace(-5.0, 5.0, 51)
+    counts = [np.histogram(values, edges)[0] for values in used.T]
+    expected = len(used) * 0.2 * norm.pdf(np.linspace(-5.0, 5.0, 201))
+    top = float(np.ceil(np.log10(max(int(np.max(counts)), 10)) * 2.0) / 2.0)
+    x, y = Scale(-5.0, 5.0, 60, HALF - 10), Scale(-0.3, top, 260, 14)
+    parts = []
+    for power in range(int(top) + 1):
+        parts.append(line(x.start, y(power), x.end, y(power), "grid"))
+        parts.append(text(x.start - 8, y(power) + 4, f"{10**power:,}", anchor="end", style="tick"))
+    shown = expected > 10.0**y.low
+    grid = np.linspace(-5.0, 5.0, 201)
+    for axis, values in zip("xy", counts, strict=True):
+        heights = np.log10(np.maximum(values, 10.0**y.low))
+        steps = [(x(edges[0]), y(y.low))]
+        for left, right, high in zip(edges[:-1], edges[1:], heights, strict=True):
+            steps += [(x(left), y(high)), (x(right), y(high))]
+        parts.append(f'<polyline points="{points([*steps, (x(edges[-1]), y(y.low))])}" class="steps {axis}"/>')
+    curve = [(x(at), y(np.log10(value))) for at, value in zip(grid[shown], expected[shown], strict=True)]
+    parts.append(f'<polyline points="{points(curve)}" class="normal"/>')
+    for value in x.ticks(10):
+        parts.append(line(x(value), y.start, x(value), y.start + 5, "axis"))
+        parts.append(text(x(value), y.start + 20, f"{value:g}".replace("-", "\N{MINUS SIGN}"), style="tick"))
+    parts.append(line(x.start, y.start, x.end, y.start, "axis"))
+    parts.append(
+        text(
+            (x.start + x.end) / 2,
+            y.start + 40,
+            f"residual in {SIGMA} of its corner (median {typical_px:.3g} px)",
+            style="name",
+        )
+    )
+    keys = (("steps x", "x"), ("steps y", "y"), ("normal", "normal"))
+    for place, (style, name) in enumerate(keys):
+        parts.append(line(x.end - 92, 26 + 18 * place, x.end - 68, 26 + 18 * place, style))
+        parts.append(text(x.end - 62, 30 + 18 * place, name, anchor="start", style="tick"))
+    return drawing(HALF, 308, "".join(parts), "Distribution of residuals against the normal distribution")
+
+
+def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
+    """Draw the number of corners in cells of every view: darker where there are more, red where there are none.
+
+    Cells are cut by the outline of their view. They cover what is below them, so that shades of views that overlap do
+    not add up.
+    """
+    mirrors = [view for view in views if view.view != DIRECT]
+    window = _window(layout, mirrors, WIDTH)
+    most = max(int(view.cell_counts.max()) for view in mirrors)
+    parts = []
+    for view in mirrors:
+        outline, clip = points(window(view.outline_px)), f"coverage-{view.view}"
+        parts.append(f'<clipPath id="{clip}"><polygon points="{outline}"/></clipPath><g clip-path="url(#{clip})">')
+        parts.append(f'<polygon points="{outline}" class="ground"/>')
+        for (left, top, right, bottom), count in zip(
+            window(view.cells_px.reshape(-1, 2, 2)).reshape(-1, 4), view.cell_counts, strict=True
+        ):
+            place = f'x="{coordinate(left)}" y="{coordinate(top)}"'
+            size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
+            shade = _corners_shade(int(count), most)
+            parts.append(f"<rect {place} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
+        parts.append("</g>")
+    parts.append(_outlines(mirrors, window))
+    parts.append(_tags(mirrors, window, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
+    parts.append(_corners_legend(most, window.height + 10))
+    return drawing(WIDTH, window.height + 30, "".join(parts), "Coverage of every view by corners")
+
+
+def _corners_shade(count: int, most: int, style: str = "cell") -> str:
+    return f'class="{style}" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else f'class="{style} none"'
+
+
+def _corners_legend(most: int, top: float) -> str:
+    """Swatches of cells: without a corner, with one, and up to the most."""
+    parts, x = [], 2.0
+    for count in sorted({0, 1, (most + 1) // 2, most}):
+        parts.append(f'<rect x="{coordinate(x)}" y="{coordinate(top)}" width="24" height="14" ')
+        parts.append(f"{_corners_shade(count, most, 'key')}/>")
+        words = "no corner in the cell" if count == 0 else count_text(count, "corner")
+        parts.append(text(x + 31, top + 12, words, anchor="start", style="tick"))
+        x += 60 + 7.5 * len(words)
+    return "".join(parts)
+
+
+def board_turns(calibration: Calibration) -> str:
+    """Draw the tilt of every board and its direction, towards the edge that was nearer."""
+    normals, mirrored = board_normals(calibration)
+    tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
+    flat = np.linalg.norm(normals[:, :2], axis=1)
+    turns = (
+        np.divide(normals[:, :2], flat[:, None], out=np.zeros((len(flat), 2)), where=flat[:, None] > 0) * tilts[:, None]
+    )
+    step = 15.0 if tilts.max() <= 60.0 else 30.0
+    reach = max(45.0, step * float(np.ceil(tilts.max() / step)))
+    middle, radius, top = HALF / 2.0, 130.0, 28.0
+    x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, top + 2 * radius, top)
+    parts = []
+    rings = np.arange(step, reach + 1.0, step)
+    for ring in rings:
+        r = coordinate(radius * ring / reach)
+        parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(top + radius)}" r="{r}" class="ring"/>')
+    parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(middle, y.start, middle, y.end, "grid"))
+    for (right, down), through in zip(turns, mirrored, strict=True):
+        at = f'cx="{coordinate(x(right))}" cy="{coordinate(y(-down))}"'
+        parts.append(f'<circle {at} r="5" class="{"dot" if through else "dot open"}"/>')
+    for ring in rings:
+        across = ring * np.sqrt(0.5)
+        parts.append(text(x(across), y(-across) + 4, f"{ring:g}°", style="tick on"))
+    parts.append(text(middle, y.end - 10, "top edge nearer", style="name"))
+    parts.append(text(middle, y.start + 20, "bottom edge nearer", style="name"))
+    parts.append(text(x.start - 8, y(0) + 4, "left edge nearer", anchor="end", style="name"))
+    parts.append(text(x.end + 8, y(0) + 4, "right edge nearer", anchor="start", style="name"))
+    return drawing(HALF, y.start + 32, "".join(parts), "Turns of the board in every frame")
+
+
+def board_distances(views: Sequence[ViewFigures]) -> str:
+    """Draw distances of the board from the centre of each view's camera, a row for each view."""
+    far = max(float(view.distances_mm.max(initial=0.0)) for view in views)
+    near = min(float(view.distances_mm.min(initial=far)) for view in views)
+    margin = 0.08 * (far - near) + 1.0
+    row = min(34.0, 300.0 / len(views))
+    bottom = 10 + row * len(views)
+    x = Scale(near - margin, far + margin, 84, HALF - 10)
+    parts = []
+    for value in x.ticks(5):
+        parts.append(line(x(value), 10, x(value), bottom, "grid"))
+        parts.append(text(x(value), bottom + 20, f"{value:g}", style="tick"))
+    for place, view in enumerate(views):
+        y = 10 + row * (place + 0.5)
+        parts.append(text(76, y + 4, view.name, anchor="end", style="tick"))
+        for distance, tilt in zip(view.distances_mm, view.tilts_deg, strict=True):
+            at = f'cx="{coordinate(x(distance))}" cy="{coordinate(y)}" r="{min(5.0, row / 3):.1f}"'
+            parts.append(
+                f'<circle {at} class="dot faint"><title>{distance:.0f} mm, tilted {tilt:.0f}°</title></circle>'
+            )
+    parts.append(line(x.start, bottom, x.end, bottom, "axis"))
+    parts.append(
+        text(
+            (x.start + x.end) / 2,
+            bottom + 42,
+            "distance from the virtual camera, or from the camera, mm",
+            style="name",
+        )
+    )
+    return drawing(HALF, bottom + 54, "".join(parts), "Distances of the board in every view")
+
+
+def projection_sigmas(
+    layout: Layout,
+    views: Sequence[ViewFigures],
+    maps: Sequence[ProjectionMap],
+    values: Sequence[FloatArray],
+    most: float,
+    *,
+    name: str,
+) -> str:
+    """Draw standard deviations of projected points in every mirror's view, darker where they are larger.
+
+    Parameters
+    ----------
+    layout
+        The layout, whose sensor is shown.
+    views
+        Figures of the views, with their outlines.
+    maps
+        The pixels at which points were projected, for each view; the view without a mirror is left out.
+    values
+        Standard deviations (n,) in px, at the pixels of each map.
+    most
+        Standard deviation in px of the darkest shade.
+    name
+        Beginning of the identifiers in the drawing, unique in the page.
+    """
+    outlines = {view.view: view for view in views}
+    shown = [outlines[one.view] for one in maps if one.view != DIRECT]
+    window = _window(layout, shown, HALF)
+    parts = []
+    for one, sigmas in zip(maps, values, strict=True):
+        if one.view == DIRECT:
+            continue
+        clip = f"{name}-{one.view}"
+        outline = window(outlines[one.view].outline_px)
+        parts.append(
+            f'<clipPath id="{clip}"><polygon points="{points(outline)}"/></clipPath><g clip-path="url(#{clip})">'
+        )
+        at = window(one.pixels)
+        step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
+        for (x, y), sigma in zip(at, sigmas, strict=True):
+            place = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
+            size = f'width="{coordinate(step[0])}" height="{coordinate(step[1])}"'
+            shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
+            parts.append(f'<rect {place} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
+        parts.append("</g>")
+    medians = {
+        one.view: f"{np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else "reference"
+        for one, sigmas in zip(maps, values, strict=True)
+    }
+    parts.append(_outlines(shown, window))
+    parts.append(_tags(shown, window, words=lambda view: f"{view.name}: {medians[view.view]}"))
+    return drawing(HALF, window.height, "".join(parts), "Standard deviations of projected points in every view")
+
+
+def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:
+    """Draw the standard deviation of depth over the range: by matching, by calibration, and in total."""
+    known = np.isfinite(depth.total_mm)
+    ranges, total = depth.range_mm[known], depth.total_mm[known]
+    x = Scale(float(ranges[0]), float(ranges[-1]), 64, WIDTH - 150)
+    y = Scale(0.0, 1.05 * float(total.max()), 270, 12)
+    parts = [axes(x, y, "distance from the reference view, mm", f"{SIGMA} of depth, mm", x_ticks=9)]
+    named = (("both", total), ("matching", depth.matching_mm[known]), ("calibration", depth.calibration_mm[known]))
+    ends = sorted(((y(float(values[-1])), name) for name, values in named), reverse=True)
+    places: dict[str, float] = {}
+    for at, name in ends:  # from the bottom up, each label clear of the one below
+        places[name] = min([at, *(place - 16 for place in places.values())])
+    for name, values in named:
+        curve = [(x(float(r)), y(float(value))) for r, value in zip(ranges, values, strict=True)]
+        parts.append(f'<polyline points="{points(curve)}" class="curve {name}"/>')
+        label = f"{name}, {depth.matching_px:g} px" if name == "matching" else name
+        parts.append(text(x.end + 8, places[name] + 4, label, anchor="start", style="tick"))
+    if x.low <= range_mm <= x.high:
+        parts.append(line(x(range_mm), y.start, x(range_mm), y.end, "here"))
+        parts.append(
+            text(x(range_mm) + 6, y.end + 12, f"boards were here: {range_mm:.0f} mm", anchor="start", style="tick")
+        )
+    return drawing(WIDTH, 318, "".join(parts), "Standard deviation of depth against range")

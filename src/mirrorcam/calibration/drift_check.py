@@ -1,0 +1,149 @@
+"""What a recording tells of mirrors that moved since the calibration: found, in words, and as files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mirrorcam.core.console.reporter import Reporter
+from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.images.pictures import is_picture, read_image
+from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.video.spread_frames import SpreadFrames, WatchedSource
+from mirrorcam.core.video.video import Video
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, tells_drift
+from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
+from mirrorcam.optics.geometry.layout import Layout
+
+DRIFT = "drift.json"
+
+
+def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
+    """What frames of one recording tell; raises InputError where the views have no field in common."""
+    matcher = PointMatcher(layout, reference_depth_mm)
+    return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
+
+
+def drift_of_files(layout: Layout, paths: Sequence[Path], on_video: Callable[[str], None] | None = None) -> Drift:
+    """What pictures and videos, taken as one recording, tell; of more than a few frames, a few spread evenly are used.
+
+    `on_video` is called with what the user should know of a video. Raises InputError for a file that cannot be read or
+    is damaged.
+    """
+    seen = SpreadFrames()
+    for path in paths:
+        if is_picture(path):
+            seen.add(read_image(path))
+        else:
+            for item in WatchedSource(Video(path, on_video), seen).frames():
+                del item
+    if not seen.kept:
+        raise InputError(f"{paths[0]}: not one frame could be decoded, expected at least one")
+    return drift_of(layout, seen.kept)
+
+
+@dataclass(frozen=True)
+class DriftReporter:
+    """Tells of each recording that is decoded whether mirrors moved, in a line and in a file beside it.
+
+    `reference_depth_mm` is that of decoding, None by default; `layout_path` is for the command that the line names.
+    """
+
+    layout: Layout
+    layout_path: Path
+    reference_depth_mm: float | None
+    output: OutputFolder
+    reporter: Reporter
+    file: str = DRIFT
+
+    def report(self, frames: Sequence[Any], name: str, sources: str) -> None:
+        """Test some frames of a recording; `name` is of the file, `sources` what `mirrorcam drift` would be given."""
+        if not frames:
+            return
+        try:
+            drift = drift_of(self.layout, frames, self.reference_depth_mm)
+        except InputError as error:  # views that are decoded with another field than the test needs
+            self.reporter.note("decode", f"whether mirrors have moved is not told: {error}")
+            return
+        with self.output.staged(complete=False) as folder:
+            write_drift(self.layout, drift, folder / name)
+        line = drift_line(self.layout, drift)
+        if drift.moved:
+            line += f"; mirrorcam drift {sources} --layout {self.layout_path} re-solves what moved"
+        self.reporter.note("decode", line)
+
+
+def drift_check(
+    layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
+) -> DriftReporter | None:
+    """The check of recordings for mirrors that moved; None where the layout does not allow one."""
+    if tells_drift(layout):
+        return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
+    if layout.kind != "nominal":
+        count = count_text(len(layout.mirrors), "mirror")
+        reporter.note("decode", f"whether {count} moved is not tested: that takes {LEAST_MIRRORS} or more")
+    return None
+
+
+def drift_line(layout: Layout, drift: Drift) -> str:
+    """What a recording tells, in one line."""
+    names = layout.mirror_names
+    if drift.moved:
+        each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
+        who = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
+        return f"{who} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
+    if drift.untold and drift.unlike:
+        return (
+            "the pictures have detail, but do not show what this layout's mirrors would: corners are not found in "
+            "other views, or where no motion of mirrors explains them; of another device, or of a repeating pattern?"
+        )
+    if drift.untold:
+        worst = max(drift.untold, key=lambda mirror: mirror.tells_deg)
+        which = (
+            f"{len(drift.untold)} of {len(names)} mirrors" if len(drift.untold) > 1 else f"mirror {names[worst.index]}"
+        )
+        told = f"turns from {worst.tells_deg:.2g}° on" if worst.tells_deg < 10.0 else "nothing"
+        return (
+            f"not enough texture to tell whether {which} moved by {WANTED_DEG:g}°: {count_text(worst.points, 'point')} "
+            f"matched in mirror {names[worst.index]} tell {told}; expected a scene with detail all over, in more frames"
+        )
+    largest = max(drift.mirrors, key=lambda mirror: mirror.tells_deg)
+    return (
+        f"no mirror has moved: turns from {largest.tells_deg:.3f}° on would show in "
+        f"{count_text(drift.points, 'point')} of {count_text(drift.frames, 'frame')}"
+    )
+
+
+def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
+    """The figures of a drift test; `statistic` is relative to the threshold of an alarm."""
+    figures = {
+        "mirrors_moved": Metric(value=len(drift.moved), unit="", limit=0),
+        "mirrors_not_told": Metric(value=len(drift.untold), unit="", limit=0),
+        "frames": Metric(value=drift.frames, unit=""),
+        "points": Metric(value=drift.points, unit=""),
+        "match_sigma_px": Metric(value=drift.sigma_px, unit="px"),
+    }
+    for axis, turn, sigma in zip("xyz", drift.common_turn_deg, drift.common_turn_sigma_deg, strict=True):
+        figures[f"common_turn_{axis}_deg"] = Metric(value=turn, unit="deg")
+        figures[f"common_turn_{axis}_sigma_deg"] = Metric(value=sigma, unit="deg")
+    for mirror in drift.mirrors:
+        row, column = divmod(mirror.index, layout.cols)
+        values = {
+            "statistic": Metric(value=mirror.statistic, unit="1", limit=1.0),
+            "turn_deg": Metric(value=mirror.size_deg, unit="deg"),
+            "turn_sigma_deg": Metric(value=mirror.turn_sigma_deg, unit="deg"),
+            "shift_mm": Metric(value=mirror.shift_mm, unit="mm"),
+            "tells_deg": Metric(value=mirror.tells_deg, unit="deg", limit=WANTED_DEG),
+            "points": Metric(value=mirror.points, unit=""),
+        }
+        figures |= {f"view_{row}_{column}_{name}": value for name, value in values.items()}
+    return figures
+
+
+def write_drift(layout: Layout, drift: Drift, path: Path) -> None:
+    """Write the figures as JSON, atomically."""
+    write_metrics(path, drift_metrics(layout, drift))

@@ -1,0 +1,49 @@
+"""`mirrorcam validate`: a blind calibration of a rendered set, checked against its ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import tyro
+from pydantic import Field
+
+from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.progress import long_work, print_metrics, say
+from mirrorcam.core.values import Metric, Value
+
+
+class ValidateOptions(Value):
+    """Calibrate and decode a rendered set blind, then compare with its ground truth; exit 1 past any limit."""
+
+    set: tyro.conf.Positional[Path] = Field(description="folder of a set that `mirrorcam render` wrote")
+    out: Path = Field(
+        default=Path("output/validated"),
+        description="folder for layout.json (calibrated), metrics.json, report.html, residuals.png and corners.csv",
+    )
+    force: bool = FORCE
+
+
+def run(options: ValidateOptions) -> int:
+    """Validate, and print every figure beside its limit."""
+    from mirrorcam.calibration.calibration_files import FILES
+    from mirrorcam.calibration.validation import validate, write_validation
+    from mirrorcam.core.disk.output_folder import output_folder
+
+    with output_folder(options.out, "validate", force=options.force) as output:
+        output.refuse_others(*FILES)
+        with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
+            validation = validate(options.set, advance)
+        with output.staged(result="layout.json") as folder:
+            write_validation(validation, folder, command="mirrorcam validate")
+    print_metrics({"measured": validation.metrics})
+    say("validate", _verdict(validation.metrics.values()))
+    return 0 if validation.passed else 1
+
+
+def _verdict(metrics: Iterable[Metric]) -> str:
+    """Whether all figures are within their limits, and what the others are."""
+    failed = [metric for metric in metrics if not metric.passed]
+    reasons = ["a figure exceeds its limit"] if any(metric.known for metric in failed) else []
+    reasons += ["a figure that has a limit could not be computed"] if not all(metric.known for metric in failed) else []
+    return f"failed: {', and '.join(reasons)}" if failed else "passed"

@@ -1,0 +1,196 @@
+"""Blind calibration of a rendered set, then the comparison with its ground truth.
+
+`calibrate_set` sees what a real user would have: frames, base frames, nominal layout and board. `validate` calls it,
+and only then reads the `truth` folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.calibration.calibration_files import write_calibration
+from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import FloatArray, InputError, Matrix4, Metric, Value
+from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.optics.calibration.detection.detect_boards import direct_view
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.solver.mirror_pair import turned_like
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Target, load_board
+from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.sets.true_layout import true_layout
+
+LIMITS = {
+    "normal_error_max_deg": 0.01,
+    "normal_error_between_mirrors_max_deg": 0.005,
+    "distance_error_max_mm": 0.05,
+    "held_out_rms_x_px": 0.06,
+    "held_out_rms_y_px": 0.06,
+    "held_out_spatial_rms_mm": 0.05,
+    "decoded_corner_rms_px": 0.25,
+}
+"""Limits for a 1920 x 1080 set of 20 frames; figures in pixels depend little on the size of the sensor."""
+TOO_FEW_FRAMES = "too few frames to measure it, expected 6 or more"
+
+
+class _Poses(Value):
+    """The content of `truth/poses.json`: rig_from_board of each frame and each base frame."""
+
+    frames: tuple[Matrix4, ...]
+    base: tuple[Matrix4, ...]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A blind calibration, and its figures against the truth; those with a limit decide whether it passed."""
+
+    calibration: Calibration
+    metrics: dict[str, Metric]
+
+    @property
+    def passed(self) -> bool:
+        return all(metric.passed for metric in self.metrics.values())
+
+
+def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
+    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
+
+    `on_frame` is called with the number of its pictures that are done.
+    """
+    dataset = Dataset.load(folder)
+    layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+
+    frames = [inside(folder, name) for name in dataset.frame_names]
+    base_frames = [inside(folder, name) for name in dataset.base_names]
+    names = dataset.frame_names, dataset.base_names
+    return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, on_frame=on_frame)
+
+
+def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
+    """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
+
+    Two mirrors are first turned together about the line where their planes meet, which no picture determines.
+
+    Parameters
+    ----------
+    folder
+        Folder of a set made by `render_set`.
+    progress
+        Called with the numbers of pictures done and of all; those through the mirrors count twice, as they are decoded
+        too.
+
+    Returns
+    -------
+    Validation
+        The calibration, and its figures against the truth; `passed` tells whether all are within their limits.
+
+    Raises
+    ------
+    InputError
+        If the set lacks a file, or its pictures do not suffice.
+    """
+    folder = path_of("folder", folder)
+    dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
+    pictures = dataset.frames + dataset.base_frames
+    total = pictures + dataset.frames
+    calibration = calibrate_set(folder, lambda done: progress(done, total))
+    truth = true_layout(folder)
+    poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
+    layout, apart = calibration.layout, {}
+    if len(layout.mirrors) == 2:
+        layout, angle = turned_like(layout, truth)
+        apart["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
+    metrics = mirror_errors(layout, truth) | apart
+    metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
+    if len(poses) != dataset.frames:
+        raise InputError(f"{folder}: {len(poses)} true poses of {dataset.frames} frames, expected one for each")
+    decoder = Decoder(layout)
+    errors = []
+    for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
+        light_field = decoder.decode(read_image(inside(folder, name)))
+        errors.append(decoded_errors(light_field, truth, board, rig_from_board))
+        progress(pictures + done, total)
+    metrics |= decoded_metrics(np.linalg.norm(np.concatenate(errors), axis=1))
+    for name, limit in LIMITS.items():
+        figure = metrics.get(name) or Metric(value=np.nan, unit=name.rpartition("_")[2], reason=TOO_FEW_FRAMES)
+        metrics[name] = figure.replaced(limit=limit)
+    limited = sorted(metrics, key=lambda name: name not in LIMITS)
+    return Validation(calibration, {name: metrics[name] for name in limited})
+
+
+def decoded_metrics(distance_px: FloatArray) -> dict[str, Metric]:
+    """Figures of the distances (n,) of decoded corners from their true places; none where no corner was found."""
+    why, known = ("", True) if len(distance_px) else ("no corner was found in any decoded view", False)
+    rms = np.sqrt(np.mean(distance_px**2)) if known else np.nan
+    p95 = np.percentile(distance_px, 95) if known else np.nan
+    return {
+        "decoded_corner_rms_px": Metric(value=float(rms), unit="px", reason=why),
+        "decoded_corner_p95_px": Metric(value=float(p95), unit="px", reason=why),
+        "decoded_corners": Metric(value=len(distance_px), unit="1"),
+    }
+
+
+def write_validation(validation: Validation, folder: Path, *, command: str) -> None:
+    """Write the files of the calibration into a folder, and all figures of the validation as its metrics.json."""
+    write_calibration(validation.calibration, folder, command=command)
+    write_metrics(folder / "metrics.json", validation.metrics)
+
+
+def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
+    """Angles between calibrated and true normals, and differences of distance: worst, and rms over the mirrors.
+
+    The mean rotation that all normals share is reported apart from what differs between mirrors.
+    """
+    if len(layout.mirrors) != len(truth.mirrors):
+        raise InputError(f"{len(layout.mirrors)} mirrors calibrated, truth has {len(truth.mirrors)}")
+    normals = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
+    true_normals = np.array([mirror.normal_in_rig for mirror in truth.mirrors])
+    tilts = np.cross(true_normals, normals)  # for small angles its length is the angle
+    angles = np.degrees(np.arcsin(np.linalg.norm(tilts, axis=1)))
+    relative = np.degrees(np.linalg.norm(tilts - tilts.mean(axis=0), axis=1))
+    distances = np.array([m.distance_mm for m in layout.mirrors]) - np.array([m.distance_mm for m in truth.mirrors])
+    figures = {
+        "normal_error_max_deg": Metric(value=angles.max(), unit="deg"),
+        "normal_error_rms_deg": Metric(value=np.sqrt(np.mean(angles**2)), unit="deg"),
+        "normal_error_between_mirrors_max_deg": Metric(value=relative.max(), unit="deg"),
+        "distance_error_max_mm": Metric(value=np.abs(distances).max(), unit="mm"),
+        "distance_error_rms_mm": Metric(value=np.sqrt(np.mean(distances**2)), unit="mm"),
+        "focal_error_px": Metric(value=abs(layout.camera.fx_px - truth.camera.fx_px), unit="px"),
+    }
+    second_surface = [(m, t) for m, t in zip(layout.mirrors, truth.mirrors, strict=True) if t.is_second_surface]
+    if second_surface:
+        thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in second_surface]
+        figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")
+    return figures
+
+
+def decoded_errors(light_field: LightField, truth: Layout, board: Target, rig_from_board: FloatArray) -> FloatArray:
+    """Found minus predicted pixels (n, 2) of the corners in all decoded views.
+
+    The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field claims.
+    """
+    centres = truth.virtual_centres_in_rig_mm.reshape(truth.rows, truth.cols, 3)
+    true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    points = transform(rig_from_board, board.corners_in_board_mm)
+    in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    errors = [np.empty((0, 2))]
+    for t in range(light_field.rows):
+        for s in range(light_field.cols):
+            grey = light_field.samples[t, s].astype(np.float64).mean(axis=-1)
+            found = direct_view(np.rint(grey).astype(np.uint8), board)
+            offset = in_view - true_positions[t, s]
+            matrix = light_field.matrices[t, s]
+            predicted = offset[:, :2] / offset[:, 2:] * matrix[0, 0] + matrix[:2, 2]
+            errors.append(found.pixels - predicted[found.corner])
+    return np.concatenate(errors)

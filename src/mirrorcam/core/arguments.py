@@ -1,0 +1,47 @@
+"""Arguments of the public functions: paths of any kind, and TypeErrors of one line for what is of another type."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, cast
+
+from pydantic import BeforeValidator
+
+from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.values import InputError
+
+AnyPath: TypeAlias = str | os.PathLike[str]
+"""A path as callers give it: a text, or anything with `__fspath__`."""
+
+
+def path_of(name: str, value: AnyPath) -> Path:
+    """The path that an argument gives; raises TypeError for anything but a text or an `os.PathLike` of one."""
+    if isinstance(value, str):
+        return Path(value)
+    text = os.fspath(value) if isinstance(value, os.PathLike) else None
+    if not isinstance(text, str):
+        raise TypeError(f"{name}: {type(value).__name__}, expected str or os.PathLike[str]")
+    return Path(text)
+
+
+def _path_unless_one(value: Any) -> Any:
+    return Path(os.fspath(value)) if isinstance(value, os.PathLike) and not isinstance(value, Path) else value
+
+
+GivenPath = Annotated[Path, BeforeValidator(_path_unless_one)]
+"""The field of a value for a path of any kind."""
+
+
+def check_count(name: str, value: object, bounds: Bounds) -> None:
+    """Raise TypeError for an argument that is no integer, InputError for one out of bounds."""
+    check_type(name, value, int)
+    if not bounds.least <= cast(int, value) <= bounds.most:
+        raise InputError(f"{name}: {value}, expected {bounds}")
+
+
+def check_type(name: str, value: object, *expected: type) -> None:
+    """Raise TypeError for an argument of none of the types."""
+    if not isinstance(value, expected):
+        names = " or ".join(each.__name__ for each in expected)
+        raise TypeError(f"{name}: {type(value).__name__}, expected {names}")

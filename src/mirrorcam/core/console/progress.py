@@ -1,0 +1,148 @@
+"""One style for all long work: a bar on a terminal, plain lines in a log, both on standard output.
+
+Standard error stays free for the one line that says what was wrong.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+
+from rich.console import Console
+from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from mirrorcam.core.figures.figure_texts import (
+    NONE,
+    digits_past_limit,
+    figure_text,
+    figures_alike,
+    label_text,
+    limit_text,
+    unit_text,
+)
+from mirrorcam.core.processes import interruption
+from mirrorcam.core.progress import Progress
+from mirrorcam.core.values import Metric
+
+SECONDS_BETWEEN_LINES = 5.0
+TITLE_WIDTH = 12
+
+
+@cache
+def console() -> Console:
+    """The console on standard output; text is printed as it is, without markup."""
+    return Console(markup=False, highlight=False, emoji=False)
+
+
+def say(title: str, text: str) -> None:
+    """Print one line: the title of the work, then a message."""
+    console().print(Text.assemble((title.ljust(TITLE_WIDTH), "bold"), " ", text), soft_wrap=True)
+
+
+@contextmanager
+def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
+    """Show the progress of the work `title` until the block ends without an error, then print its duration.
+
+    The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
+    """
+    started = time.monotonic()
+    if console().is_terminal:
+        text, count = TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
+        columns = (SpinnerColumn(), text, BarColumn(bar_width=30), count, TimeElapsedColumn())
+        with ProgressBar(*columns, console=console(), transient=True) as bar:
+            task = bar.add_task(f"{title.ljust(TITLE_WIDTH)} {doing}", total=None, count="")
+            yield lambda done, total: bar.update(task, completed=done, total=total, count=f"{done}/{total} {unit}")
+    else:
+        say(title, f"{doing} ...")
+        last = started
+
+        def advance(done: int, total: int) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last >= SECONDS_BETWEEN_LINES:
+                last = now
+                say(title, f"{done}/{total} {unit}".rstrip() + f" after {now - started:.0f} s")
+
+        yield advance
+    interruption.check()
+    say(title, f"done in {time.monotonic() - started:.1f} s")
+
+
+def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
+    """Values of one figure with the same decimals, each with its unit only where that is not the row's."""
+    alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
+    cells = []
+    for metric in metrics:
+        if metric is None:
+            cells.append("")
+        elif metric.unit == unit:
+            cells.append(next(alike))
+        else:
+            cells.append(f"{figure_text(metric.value)} {unit_text(metric.unit)}")
+    return cells
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table of texts; all columns but the first, whose texts are never cut short, stand to the right."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for place, head in enumerate(heads):
+        table.add_column(head, justify="right" if place else "left", no_wrap=not place)
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+
+
+def print_metrics(
+    columns: Mapping[str, Mapping[str, Metric]], groups: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """A table of figures: one named column per set of metrics, in the order of the last set; limits where there are.
+
+    `groups` are titles of parts of the table with the beginnings of the names that belong there ("" for all); figures
+    of no group come last. Whether a figure passes is said of the last column. Lines below the table give the reasons
+    of figures that are none.
+    """
+    names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
+    every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
+    limited = any(metric.limit is not None for metric in every.values())
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("")
+    for title in columns:
+        table.add_column(title, justify="right")
+    table.add_column("unit")
+    if limited:
+        table.add_column("limit")
+        table.add_column("")
+
+    def add(name: str, indent: str) -> None:
+        unit = every[name].unit
+        cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
+        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # just past its limit, and shown so
+            cells[-1] = figure_text(every[name].value, digits)
+        row = [indent + label_text(name), *cells, unit_text(unit)]
+        if limited:
+            row.append(limit_text(every[name], with_unit=False))
+            row.append("" if every[name].limit is None else "pass" if every[name].passed else "FAIL")
+        table.add_row(*row)
+
+    for title, beginnings in (groups or {}).items():
+        members = [name for name in names if name.startswith(tuple(beginnings))]
+        if members:
+            table.add_row(Text(title, style="bold"))
+        for name in members:
+            names.remove(name)
+            add(name, "  ")
+    for name in names:
+        add(name, "")
+    console().print(table)
+    reasons: dict[str, list[str]] = {}
+    for metrics in columns.values():
+        for name, metric in metrics.items():
+            if not metric.known and label_text(name) not in (labels := reasons.setdefault(metric.reason, [])):
+                labels.append(label_text(name))
+    for reason, labels in reasons.items():
+        console().print(Text(f"{NONE}: {', '.join(labels)}: {reason}"), soft_wrap=True)

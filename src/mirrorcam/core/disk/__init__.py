@@ -1,0 +1,1 @@
+"""Files and folders: atomic writes, ownership, and results that are kept."""

@@ -1,0 +1,124 @@
+"""Arrays in NumPy's .npy and .npz files: judged by their headers before any memory is taken, and never unpickled."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import FileIO
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError, InvalidValue
+
+LARGEST_BYTES = 400_000_000
+"""Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""
+LARGEST_GROWTH = 8
+"""Arrays of more than `LARGEST_BYTES` may take this many times the size of their files, as those of big scenes do."""
+_PIECE_BYTES = 1 << 17
+_DIRECTORY_BYTES = 1 << 20
+"""Bytes of the list of files of an archive, which take 20 times as much when it is read; an array takes 60."""
+_ERRORS = (
+    *(ValueError, TypeError, LookupError, ArithmeticError, AttributeError, OSError, EOFError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""Exceptions that decoders of files raise where a file is not what it says."""
+
+
+@contextmanager
+def refusing(path: Path, what: str) -> Iterator[None]:
+    """Turn what decoders of a file raise into an InputError of one line: `path` is not `what`, and why.
+
+    Only reading and decoding belongs into the block. An InputError passes as it is.
+    """
+    try:
+        yield
+    except _ERRORS as error:
+        if isinstance(error, InputError) and not isinstance(error, InvalidValue):
+            raise
+        said = str(getattr(error, "strerror", None) or error)
+        reason = " ".join(said.split()) or type(error).__name__
+        raise InputError(shortened(f"{path}: not {what}: {reason}")) from None
+
+
+def check_bytes(path: Path, wanted: int, stored: int) -> None:
+    """Raise InputError where the arrays of files of `stored` bytes would take more memory than they may."""
+    most = max(LARGEST_BYTES, LARGEST_GROWTH * stored)
+    if wanted > most:
+        megabytes = min(wanted, 10**18) // 1_000_000
+        raise InputError(f"{path}: states arrays of {megabytes} MB, expected at most {most // 1_000_000} MB")
+
+
+def read_npy(path: Path) -> NDArray[Any]:
+    """Read the array of an .npy file: numbers, truth values or text; raises InputError in one line for any other."""
+    stored = stored_bytes(path)
+    with refusing(path, "an .npy file that can be read"), path.open("rb") as stream:
+        return _array(stream, path, stored, stored)
+
+
+def read_npz(
+    path: Path, names: Sequence[str], what: str = "an .npz file that can be read"
+) -> Mapping[str, NDArray[Any]]:
+    """Read arrays of an .npz file by name, those of the names that it has, as `read_npy` does.
+
+    Damage to them is noticed: the file has a checksum of each. Where it is not `what`, the InputError says so.
+    """
+    stored = stored_bytes(path)
+    with refusing(path, what), _Archive(path) as file, zipfile.ZipFile(file) as archive:
+        found = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        wanted = {name: found[name] for name in names if name in found}
+        check_bytes(path, sum(info.file_size for info in wanted.values()), stored)
+        arrays = {}
+        for name, info in wanted.items():
+            # Other decompressors cannot be told how much to give at most.
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError(f"{name} is compressed by another method than deflate")
+            with archive.open(info) as stream:
+                arrays[name] = _array(stream, path, info.file_size, stored)
+        return arrays
+
+
+class _Archive(FileIO):
+    """An open archive, of which nothing large is read at once: `zipfile` does so with the list of its files alone."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Some bytes; raises ValueError for a list that is too long."""
+        if size is not None and size > _DIRECTORY_BYTES:
+            raise ValueError("too many files in one archive")
+        return super().read(size)
+
+
+def _array(stream: IO[bytes], path: Path, size: int, stored: int) -> NDArray[Any]:
+    """The array in a stream of `size` bytes, header and all."""
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"header of version {version}, expected 1 or 2")
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    try:
+        shape, columns_first, dtype = read_header(stream)
+    except (SyntaxError, TokenError, MemoryError):  # as Python's parsers raise them for the text of a header
+        raise ValueError("its header is not that of an array") from None
+    if dtype.kind not in "uifbcU" or dtype.names is not None or dtype.subdtype is not None or not dtype.itemsize:
+        raise ValueError(f"holds {str(dtype)[:40]}, expected numbers or text")
+    if any(length < 0 or isinstance(length, bool) for length in shape):
+        raise ValueError("its shape has a negative length")
+    wanted = dtype.itemsize * math.prod(shape)
+    check_bytes(path, wanted, stored)
+    if stream.tell() + wanted != size:
+        raise ValueError(f"has {size - stream.tell()} bytes of numbers, expected {wanted} for its shape")
+    content = np.empty(wanted, np.uint8)
+    for begin in range(0, wanted, _PIECE_BYTES):
+        piece = stream.read(min(_PIECE_BYTES, wanted - begin))
+        if len(piece) != min(_PIECE_BYTES, wanted - begin):
+            raise EOFError("is cut short")
+        content[begin : begin + len(piece)] = np.frombuffer(piece, np.uint8)
+    return content.view(dtype).reshape(shape, order="F" if columns_first else "C")

@@ -1,0 +1,313 @@
+"""Reading and writing users' files: files are written atomically, and bad ones are refused in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path, PureWindowsPath
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+
+from mirrorcam.core.disk.nested_text import json_value, toml_value
+from mirrorcam.core.messages import one_line, shortened
+from mirrorcam.core.values import InputError, InvalidValue, Metric
+
+Model = TypeVar("Model", bound=BaseModel)
+LARGEST_TEXT_BYTES = 1_000_000
+"""Bytes of the largest text that people write: boards, cameras, requests, dimensions."""
+LARGEST_LAYOUT_BYTES = 50_000_000
+"""Bytes of the largest layout, with the covariance of all that can be calibrated, or table of results."""
+LARGEST_FILE_BYTES = 100_000_000
+"""Bytes of the largest file that is read at once: manifests of sets and records of long runs are smaller."""
+MOST_LINES = 1_000_000
+"""Lines of a record that is written line by line."""
+TEMPORARY = ".mirrorcam-"
+"""What the names of files begin with that are not finished."""
+_MOST_KNOWN = 1000
+"""No value has as many fields: larger tables are of names, or of keys that are not known."""
+_LONGEST_NAME, _LONGEST_PATH = 255, 1000
+_POINTER, _LARGEST_POINTER_BYTES = b"version https://git-lfs.github.com/spec/", 1024
+"""How the text begins that Git keeps in place of a file of its LFS, and the bytes of the longest."""
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path`, with its suffix, renamed to it when the block ends well and removed otherwise."""
+    _refuse_to_replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(path)
+    except OSError as error:
+        # An error of a full disk names no file; one that names another file is not about this one.
+        if error.filename not in (None, name):
+            raise
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _refuse_to_replace(path: Path) -> None:
+    """Raise InputError for a folder, a device or a pipe, which a file would replace, and for what is no path at all."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # nothing is there, or what writes there finds out why not
+    except ValueError as error:  # a name with a null character
+        raise InputError(f"{str(path)[:200]!r}: {error}") from None
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: is a folder, expected a file to write")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: is a device or a pipe, expected a file to write")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 text file atomically."""
+    with atomic(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write JSON atomically; NaN is refused rather than written."""
+    write_text(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def write_metrics(path: Path, metrics: dict[str, Metric]) -> None:
+    """Write `metrics.json`: flat name -> value, unit and, where there is one, limit; null and the reason for none."""
+    write_json(path, {name: metric.model_dump(exclude_none=True) for name, metric in metrics.items()})
+
+
+def is_inside(folder: Path, name: str) -> bool:
+    """Whether a name in a manifest is of a file in its folder: not absolute, without .., and through no link out."""
+    path = PureWindowsPath(name)  # every part and drive that any system sees in it
+    if not path.parts or path.anchor or ".." in path.parts or "\x00" in name:
+        return False
+    try:
+        sizes = [len(os.fsencode(part)) for part in path.parts]
+        if max(sizes) > _LONGEST_NAME or sum(sizes) + len(sizes) > _LONGEST_PATH:
+            return False
+    except UnicodeEncodeError:
+        return False
+    return Path(os.path.realpath(folder / name)).is_relative_to(os.path.realpath(folder))
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file in a folder by its name in a manifest; raises InputError for a name that leads out of it."""
+    if not is_inside(folder, name):
+        raise InputError(f"{folder}: lists {name[:80]!r}, expected the name of a file in this folder")
+    return folder / name
+
+
+def numbered(folder: Path, stem: str, suffix: str) -> Path:
+    """The first of STEM_0001SUFFIX, STEM_0002SUFFIX, … in a folder that nothing is at; the folder need not be there."""
+    number = 1
+    while (path := folder / f"{stem}_{number:04d}{suffix}").exists():
+        number += 1
+    return path
+
+
+def linked(folder: Path) -> Path | None:
+    """The first link to a file or folder in a folder, however deep; None without one."""
+    for place, folders, files in os.walk(folder):
+        for name in sorted((*folders, *files)):
+            if (path := Path(place, name)).is_symlink():
+                return path
+    return None
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn what the system raises for a path in the block into an InputError of one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        raise InputError(f"{str(path)[:200]!r}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def stored_bytes(path: Path) -> int:
+    """Size of a regular file, or InputError in one line: opening anything else may never end.
+
+    A Git LFS pointer, which stands in for a file until it is fetched, is refused as such.
+    """
+    with readable(path):
+        status = path.stat()
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{path}: is a folder, expected a file")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{path}: is no regular file, expected one")
+    if status.st_size < _LARGEST_POINTER_BYTES:
+        refuse_pointer(path)
+    return status.st_size
+
+
+def refuse_pointer(path: Path) -> None:
+    """Raise InputError for a file that is a Git LFS pointer; any other path passes, whatever is there."""
+    if path.is_file() and first_bytes(path, len(_POINTER)) == _POINTER:
+        raise InputError(f"{path}: is a Git LFS pointer, not the file itself: run `git lfs pull`")
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """The first bytes of a regular file, or all of a shorter one."""
+    with readable(path), path.open("rb") as stream:
+        return stream.read(count)
+
+
+def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
+    """The content of a regular file of at most `most` bytes, or InputError in one line."""
+    if (stored := stored_bytes(path)) <= most:
+        with readable(path), path.open("rb") as stream:
+            content = stream.read(stored + 1)
+            if len(content) > stored:  # it grows, or the system does not know its size
+                content += stream.read(most + 1 - len(content))
+        if len(content) <= most:
+            return content
+    raise InputError(f"{path}: is larger than {most / 1e6:g} MB, expected a smaller file")
+
+
+def read_lines(path: Path) -> list[bytes]:
+    """The lines of a record that is written line by line, without their ends; InputError in one line otherwise."""
+    raw = read_bytes(path)
+    if raw.count(b"\n") > MOST_LINES:
+        raise InputError(f"{path}: has more than {MOST_LINES} lines, expected fewer")
+    return raw.split(b"\n")
+
+
+def read_json(path: Path, most: int = LARGEST_TEXT_BYTES) -> Any:
+    """The value of a JSON file (UTF-8), or InputError in one line: also for one with a key that appears twice."""
+    return json_of(path, read_bytes(path, most))
+
+
+def json_of(where: Path | str, raw: bytes) -> Any:
+    """The value of a JSON text; `where` names it in the InputError of one line for any other."""
+    try:
+        return json_value(raw)
+    except InputError as error:
+        raise InputError(shortened(f"{where}: {error}")) from None
+
+
+def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
+    """The tables of a TOML text; `where` names it in the InputError of one line for any other."""
+    try:
+        return toml_value(raw)
+    except InputError as error:
+        raise InputError(shortened(f"{where}: {error}")) from None
+
+
+def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -> Model:
+    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
+
+    Types are as in the file: a number as a text, or true for a number, is refused. So is a file of more than `most`
+    bytes, which fits what people write; machines write larger ones.
+    """
+    return model_of(model, path, read_bytes(path, most))
+
+
+def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
+    """The pydantic model in the content of a file, see `read_model`; the file itself is not read."""
+    return model_from(model, path, tables_of(path, raw))
+
+
+def tables_of(path: Path, raw: bytes) -> Any:
+    """What the content of a JSON or (by its suffix) TOML file states, unchecked; the file itself is not read."""
+    return toml_of(path, raw) if path.suffix.lower() == ".toml" else json_of(path, raw)
+
+
+def keys_of(path: Path, raw: bytes) -> frozenset[str]:
+    """The outermost keys in the content of such a file; none where it is no table."""
+    tables = tables_of(path, raw)
+    return frozenset(tables) if isinstance(tables, dict) else frozenset()
+
+
+def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
+    """The pydantic model in what a file states, see `model_of`; `where` names it where that is not valid."""
+    try:
+        return validated(model, data)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def validated(model: type[Model], data: Any) -> Model:
+    """The pydantic model in plain values; raises InputError in one line where they are not valid."""
+    try:
+        if any(len(table) > _MOST_KNOWN for table in _tables(data)):
+            _check_keys(model, data)
+        return model.model_validate_json(json.dumps(data), strict=True)
+    except InvalidValue as error:
+        raise InputError(str(error)) from None
+    except ValidationError as error:  # of a model that is no value, such as a table of values
+        raise InputError(one_line(error, model)) from None
+    except TypeError as error:  # a date or a time of TOML
+        raise InputError(f"{error}, expected numbers, texts and tables") from None
+
+
+def _check_keys(model: type[Model], data: Any) -> None:
+    """Raise InvalidValue for large tables of unknown keys, by a part of each table: all findings take gigabytes."""
+    part = json.dumps(_shortened_tables(data))
+    try:
+        model.model_validate_json(part, strict=True)
+    except InvalidValue as error:
+        if error.is_of_keys:
+            raise
+    except ValidationError:
+        return  # of a model that is no value; what is wrong with it as a whole is found next
+
+
+def _tables(data: Any) -> Iterator[dict[str, Any]]:
+    """All tables in plain values; lists of numbers, which may be long, hold none."""
+    left = [data]
+    while left:
+        each = left.pop()
+        if isinstance(each, dict):
+            yield each
+            left += each.values()
+        elif isinstance(each, list) and each and isinstance(each[0], dict | list):
+            left += each
+
+
+def _shortened_tables(data: Any) -> Any:
+    """Plain values with the first keys of each table."""
+    if isinstance(data, dict):
+        return {key: _shortened_tables(each) for key, each in islice(data.items(), _MOST_KNOWN)}
+    if isinstance(data, list) and data and isinstance(data[0], dict | list):
+        return [_shortened_tables(each) for each in data]
+    return data
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file atomically."""
+    with atomic(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files by their names in a folder, each atomically."""
+    for name, content in files.items():
+        write_bytes(folder / name, content)
+
+
+def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write arrays by name to a compressed .npz file, atomically; the same arrays give the same bytes."""
+    # By an open file: to a path that does not end in .npz, NumPy would append it and leave this one empty.
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **dict[str, Any](arrays))

@@ -1,0 +1,101 @@
+"""Arrays of HDF5 files, of nothing but numbers that lie in the file itself."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.values import InputError
+
+if TYPE_CHECKING:
+    import h5py
+
+FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
+"""Filters that are undone, by their numbers in HDF5: others may be programs that HDF5 would look for and load."""
+_DEFLATE = 1
+_PIECE_BYTES = 1 << 20
+
+
+def read_hdf5(path: Path, places: Mapping[str, str], what: str) -> dict[str, NDArray[Any]]:
+    """Read the arrays at places like `group/name`, by the names that they stand under, as far as the file has them.
+
+    Raises
+    ------
+    InputError
+        In one line for a file that is not `what`, and for one whose arrays lie behind links, in other files, under
+        filters that are not allowed, are not there as a whole, or take more memory than a file of this size may.
+    """
+    import h5py
+
+    stored, found, wanted = stored_bytes(path), {}, 0
+    with refusing(path, what), h5py.File(path, "r") as file:
+        for name, place in places.items():
+            dataset = _dataset(file, place, path)
+            if dataset is not None:
+                wanted += dataset.nbytes
+                check_bytes(path, wanted, stored)
+                _check_storage(dataset, path, stored)
+                found[name] = np.asarray(dataset[()])
+    return found
+
+
+def _dataset(file: h5py.File, place: str, path: Path) -> h5py.Dataset | None:
+    """The dataset at a place, or None where there is nothing; every link on the way to it is one within the file."""
+    import h5py
+
+    here: Any = file
+    for name in place.split("/"):
+        link = here.get(name, getlink=True) if isinstance(here, h5py.Group) else None
+        if link is None:
+            return None
+        if not isinstance(link, h5py.HardLink):
+            raise InputError(f"{path}: {place} is a link, expected an array in the file itself")
+        here = here[name]
+    return here if isinstance(here, h5py.Dataset) else None
+
+
+def _check_storage(dataset: h5py.Dataset, path: Path, stored: int) -> None:
+    """Raise InputError unless all numbers of a dataset lie in the file, under filters that are allowed."""
+    where = f"{path}: {dataset.name}"
+    if dataset.external or dataset.is_virtual:
+        raise InputError(f"{where} lies in other files, expected an array in the file itself")
+    if dataset.dtype.kind not in "uif":
+        raise InputError(f"{where} holds {str(dataset.dtype)[:40]}, expected numbers")
+    properties = dataset.id.get_create_plist()
+    filters = [properties.get_filter(number)[0] for number in range(properties.get_nfilters())]
+    if unknown := set(filters) - FILTERS.keys():
+        raise InputError(f"{where} has filter {min(unknown)}, expected none but {', '.join(FILTERS.values())}")
+    if dataset.chunks is None:
+        if dataset.id.get_storage_size() != dataset.nbytes:
+            raise InputError(f"{where} is incomplete")
+        return
+    sizes = [-(-length // chunk) for length, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
+    if dataset.id.get_num_chunks() != math.prod(sizes):
+        raise InputError(f"{where} is incomplete")
+    chunk_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    check_bytes(path, chunk_bytes, stored)
+    if _DEFLATE in filters:
+        _check_inflated(dataset, chunk_bytes, path)
+
+
+def _check_inflated(dataset: h5py.Dataset, chunk_bytes: int, path: Path) -> None:
+    """Raise InputError for a compressed chunk that is larger than a chunk is: HDF5 would allocate all of it."""
+    for number in range(dataset.id.get_num_chunks()):
+        chunk = dataset.id.get_chunk_info(number)
+        # Deflate makes a byte of at most 1032; filters may add four for a checksum.
+        if 1032 * chunk.size <= chunk_bytes + (1 << 26):
+            continue
+        raw, total, inflate = dataset.id.read_direct_chunk(chunk.chunk_offset)[1], 0, zlib.decompressobj()
+        while raw and not inflate.eof and total <= chunk_bytes + 4:
+            total += len(inflate.decompress(raw, _PIECE_BYTES))
+            raw = inflate.unconsumed_tail
+        if total > chunk_bytes + 4:
+            raise InputError(f"{path}: {dataset.name} has a chunk of more than the {chunk_bytes} bytes that it states")

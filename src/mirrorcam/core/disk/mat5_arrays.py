@@ -1,0 +1,168 @@
+"""Variables of .mat files of MATLAB 5 to 7: numbers, text and structs of them, judged by their tags before reading.
+
+The layout is that of MathWorks' "MAT-File Format". Each element is a tag, type and size, and its content: a variable is
+one of type miMATRIX, or, from MATLAB 7 on, one of type miCOMPRESSED, whose content is such an element under deflate.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.files import read_bytes, stored_bytes
+
+HEADER_BYTES = 128
+LARGEST_FILE_BYTES = 1 << 31
+_MATRIX, _COMPRESSED = 14, 15
+# Types of numbers in the file, and what classes of arrays are made of.
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
+_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}", 18: "utf-32-{}"}
+_STRUCT, _CHAR = 2, 4
+_IS_COMPLEX = 0x08
+_DEEPEST = 4
+
+Order = Literal["<", ">"]
+Parts = Iterator[tuple[int, memoryview]]
+
+
+def read_mat5(path: Path, names: Collection[str], what: str) -> dict[str, Any]:
+    """Read variables by name: arrays, texts, and structs as dicts; what is of another class is None.
+
+    Raises InputError in one line for a file that is not `what`, and for one that states more than it may. Damage to
+    compressed variables is noticed: they have checksums.
+    """
+    stored, wanted = stored_bytes(path), 0
+    raw, found = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
+    with refusing(path, what):
+        order = _order(raw)
+        for kind, content in _elements(memoryview(raw)[HEADER_BYTES:], order):
+            inflate, size = zlib.decompressobj(), len(content)
+            if kind == _COMPRESSED:
+                kind, size = struct.unpack(f"{order}II", inflate.decompress(content, 8))
+            if kind != _MATRIX:
+                raise ValueError(f"an element of type {kind}, expected a variable")
+            wanted += size
+            check_bytes(path, wanted, stored)
+            if inflate.unconsumed_tail:
+                content = _inflated(inflate, size)
+            name, value = _Matrix(order, path, stored).read(content, names)
+            if name in names:
+                if name in found:
+                    raise ValueError(f"{name} appears twice")
+                found[name] = value
+    return found
+
+
+def _order(raw: bytes) -> Order:
+    mark = raw[HEADER_BYTES - 2 : HEADER_BYTES]
+    if mark not in (b"IM", b"MI"):
+        raise ValueError("has no header of MATLAB 5 to 7")
+    return "<" if mark == b"IM" else ">"
+
+
+def _inflated(inflate: zlib._Decompress, size: int) -> memoryview:
+    """The rest of a compressed variable, of a size and perhaps some padding."""
+    inflated = inflate.decompress(inflate.unconsumed_tail, size + 8)
+    if not inflate.eof or len(inflated) < size:
+        raise ValueError("a compressed variable is cut short or too large")
+    return memoryview(inflated)[:size]
+
+
+def _elements(content: memoryview, order: Order) -> Parts:
+    """Type and content of each element; small ones have both in one word of eight bytes."""
+    at = 0
+    while at < len(content):
+        if len(content) - at < 8:
+            raise ValueError("an element is cut short")
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        if kind >> 16:
+            kind, size, begin, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            if size > 4:
+                raise ValueError("a small element of more than four bytes")
+        else:
+            begin = at + 8
+            # Compressed elements stand beside each other without padding.
+            end = begin + (size if kind == _COMPRESSED else -(-size // 8) * 8)
+        if begin + size > len(content):
+            raise ValueError("an element is cut short")
+        yield kind, content[begin : begin + size]
+        at = end
+
+
+def _following(parts: Parts) -> tuple[int, memoryview]:
+    for part in parts:
+        return part
+    raise ValueError("an element is missing")
+
+
+class _Matrix:
+    """Reader of the elements of type miMATRIX of a file."""
+
+    def __init__(self, order: Order, path: Path, stored: int) -> None:
+        self._order, self._path, self._stored = order, path, stored
+
+    def read(self, content: memoryview, names: Collection[str]) -> tuple[str, Any]:
+        """Name and value of a variable; what is not of one of the names is not read further than its name."""
+        flags, shape, name, parts = self._begin(content)
+        return name, self._value(flags, shape, parts, 0) if name in names else None
+
+    def _begin(self, content: memoryview) -> tuple[int, tuple[int, ...], str, Parts]:
+        parts = _elements(content, self._order)
+        flags = self._number(*_following(parts))
+        if flags & 0xFF not in {*_CLASSES, _STRUCT, _CHAR}:
+            return flags, (), "", parts
+        shape = tuple(int(length) for length in self._numbers(*_following(parts)))
+        if not 2 <= len(shape) <= 8 or min(shape) < 0:
+            raise ValueError(f"an array of shape {shape[:8]}")
+        return flags, shape, bytes(_following(parts)[1]).decode("ascii"), parts
+
+    def _value(self, flags: int, shape: tuple[int, ...], parts: Parts, depth: int) -> Any:
+        kind, count = flags & 0xFF, math.prod(shape)
+        if kind == _STRUCT:
+            return self._fields(count, parts, depth)
+        if kind == _CHAR:
+            coding, text = _following(parts)
+            return bytes(text).decode(_TEXTS[coding].format("le" if self._order == "<" else "be"))
+        if kind not in _CLASSES:
+            return None
+        if flags >> 8 & _IS_COMPLEX:
+            raise ValueError("an array of complex numbers, expected real ones")
+        dtype = np.dtype(_CLASSES[kind])
+        check_bytes(self._path, count * dtype.itemsize, self._stored)
+        numbers = self._numbers(*_following(parts))
+        if numbers.size != count:
+            raise ValueError(f"{numbers.size} numbers, expected {count} of shape {shape}")
+        return numbers.astype(dtype, copy=False).reshape(shape, order="F")
+
+    def _fields(self, count: int, parts: Parts, depth: int) -> dict[str, Any] | None:
+        """The fields of a struct by name; None for an array of structs."""
+        if count != 1 or depth > _DEEPEST:
+            return None
+        length = self._number(*_following(parts))
+        texts = bytes(_following(parts)[1])
+        if not 0 < length <= 64 or len(texts) % length:
+            raise ValueError("a struct without names of its fields")
+        keys = [texts[at : at + length].partition(b"\x00")[0].decode("ascii") for at in range(0, len(texts), length)]
+        found = {}
+        for key, (kind, content) in zip(keys, parts, strict=True):
+            if kind != _MATRIX:
+                raise ValueError(f"a field of type {kind}, expected an array")
+            flags, shape, _, inner = self._begin(content) if len(content) else (0, (), "", iter(()))
+            found[key] = self._value(flags, shape, inner, depth + 1)
+        return found
+
+    def _number(self, kind: int, content: memoryview) -> int:
+        return int(self._numbers(kind, content)[0])
+
+    def _numbers(self, kind: int, content: memoryview) -> Any:
+        if kind not in _TYPES:
+            raise ValueError(f"numbers of an unknown type {kind}")
+        return np.frombuffer(content, f"{self._order}{_TYPES[kind]}")

@@ -1,0 +1,136 @@
+"""JSON and TOML from outside as plain values: bounds hold before the parser runs, and a refusal is one line."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from typing import Any
+
+import numpy as np
+
+from mirrorcam.core.values import InputError
+
+DEEPEST = 32
+"""Lists and tables in each other, and parts of a dotted key of TOML."""
+MOST_VALUES, MOST_TABLES = 5_000_000, 1_000_000
+"""Values, and lists, tables and keys, of one text: more take seconds and gigabytes."""
+MOST_KEYS = 500_000
+"""Keys of one table of JSON: several files for each of the most pictures of a set."""
+LARGEST_TOML_BYTES = 250_000
+"""TOML is written by hand; its parser takes up to a second for this much."""
+LONGEST_INTEGER = 300
+"""Digits of an integer, so that each is a finite number."""
+PARSER_ERRORS = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
+"""What parsers raise for text that they do not expect."""
+
+# A string that does not end goes on to the end of the line or the text, so that each byte is looked at once.
+_JSON_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
+_TOML_STRING = re.compile(
+    rb'"""(?:[^"\\]|\\.?|"(?!""))*+"{0,5}+'  # one or two quotes may come before the three that end it
+    rb"|'''(?:[^']|'(?!''))*+'{0,5}+"
+    rb'|"(?:[^"\\\n]|\\.?)*+"?'
+    rb"|'[^'\n]*+'?"
+    rb"|#[^\n]*+",
+    re.DOTALL,
+)
+_TOML_KEY = re.compile(rb"[\w.-]+")
+_NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
+_STEPS = np.zeros(256, np.int8)
+_STEPS[list(b"[{")], _STEPS[list(b"]}")] = 1, -1
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def json_value(raw: bytes) -> Any:
+    """The value of a JSON text (UTF-8); raises InputError in one line: also for a key that appears twice.
+
+    NaN and Infinity are read as numbers, so that who expects a finite one can say where it stands.
+    """
+    text = _decoded(raw, "JSON")
+    if raw.count(b"[") + raw.count(b"{") > DEEPEST or raw.count(b",") > MOST_VALUES:
+        if raw.count(b'"') > 2 * MOST_VALUES:
+            raise InputError(f"not valid JSON: more than {MOST_VALUES} texts")
+        _check_outline(_JSON_STRING.sub(b"s", raw), "JSON")
+    try:
+        value = _DECODER.decode(text)
+        if _SURROGATE.search(text):
+            json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise InputError("not valid JSON: half of a surrogate pair, expected characters") from None
+    except PARSER_ERRORS as error:
+        raise InputError(f"not valid JSON: {reason_of(error)}") from None
+    return value
+
+
+def toml_value(raw: bytes) -> dict[str, Any]:
+    """The tables of a TOML text; raises InputError in one line."""
+    if len(raw) > LARGEST_TOML_BYTES:
+        raise InputError(f"is larger than {LARGEST_TOML_BYTES / 1e6:g} MB, expected a smaller file of TOML")
+    text, outline = _decoded(raw, "TOML"), _TOML_STRING.sub(b"s", raw)
+    _check_outline(outline, "TOML")
+    words = _TOML_KEY.findall(outline.translate(None, b" \t"))
+    if max((word.count(b".") for word in words), default=0) >= DEEPEST:
+        raise InputError(f"not valid TOML: a key of more than {DEEPEST} parts")
+    try:
+        value = tomllib.loads(text)
+    except PARSER_ERRORS as error:
+        raise InputError(f"not valid TOML: {reason_of(error)}") from None
+    _check_integers(value)
+    return value
+
+
+def reason_of(error: BaseException) -> str:
+    """What a parser says is wrong, in one line."""
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return f"an integer of more than {LONGEST_INTEGER} digits" if reason.startswith("Exceeds the limit") else reason
+
+
+def integer_of(digits: str) -> int:
+    """An integer by its digits; raises ValueError for one that no number of a computer holds."""
+    if len(digits) > LONGEST_INTEGER:
+        raise ValueError(f"an integer of {len(digits)} digits, expected {LONGEST_INTEGER} or fewer")
+    return int(digits)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The keys and values of a JSON object; raises ValueError for a key that appears twice, and for too many."""
+    if len(pairs) > MOST_KEYS:
+        raise ValueError(f"{len(pairs)} keys in one table, expected {MOST_KEYS} or fewer")
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {key[:80]!r} appears twice")
+        found[key] = value
+    return found
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=_unique, parse_int=integer_of)
+
+
+def _decoded(raw: bytes, language: str) -> str:
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"not valid {language}: byte {error.start} is no text in UTF-8") from None
+
+
+def _check_outline(outline: bytes, language: str) -> None:
+    """Refuse a text, given without its strings, that holds too much or is nested too deep."""
+    tables = outline.count(b"[") + outline.count(b"{") + outline.count(b":")
+    if tables > MOST_TABLES:
+        raise InputError(f"not valid {language}: more than {MOST_TABLES} lists, tables and keys")
+    if outline.count(b",") > MOST_VALUES:
+        raise InputError(f"not valid {language}: more than {MOST_VALUES} values")
+    brackets = outline.translate(None, _NO_BRACKETS)
+    if np.cumsum(_STEPS[np.frombuffer(brackets, np.uint8)], dtype=np.int64).max(initial=0) > DEEPEST:
+        raise InputError(f"not valid {language}: nested deeper than {DEEPEST}")
+
+
+def _check_integers(value: Any) -> None:
+    """Refuse integers that are no finite number: TOML writes them in other bases, too."""
+    left = [value]
+    while left:
+        each = left.pop()
+        if isinstance(each, int) and abs(each) >= 10**LONGEST_INTEGER:
+            raise InputError(f"not valid TOML: an integer of more than {LONGEST_INTEGER} digits")
+        left += each.values() if isinstance(each, dict) else each if isinstance(each, list) else ()

@@ -1,0 +1,176 @@
+"""Folders that are written file by file, with a record of what has been written: what is intact is not made again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from mirrorcam.core.disk.files import (
+    LARGEST_FILE_BYTES,
+    TEMPORARY,
+    Model,
+    inside,
+    linked,
+    model_of,
+    read_bytes,
+    read_model,
+    write_text,
+)
+from mirrorcam.core.disk.fingerprint import differing, file_digest, file_digests
+from mirrorcam.core.processes.interruption import deferred
+from mirrorcam.core.values import InputError, Value
+
+UNFINISHED = f"{TEMPORARY}unfinished"
+"""Hidden folder for files that are not finished, which may hold what a killed run has left."""
+
+
+def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the files, sha256 by name in the folder, that are there as they were written."""
+    return {name: sha256 for name, sha256 in files.items() if _is_intact(inside(folder, name), sha256)}
+
+
+def _is_intact(path: Path, sha256: str) -> bool:
+    return path.is_file() and file_digest(path) == sha256
+
+
+def read_record(model: type[Model], path: Path) -> Model | None:
+    """Read a record as JSON; None where there is none, or none that is whole and of this version.
+
+    Raises InputError where something else is in its place, or more than a record can be.
+    """
+    if not path.exists():
+        return None
+    raw = read_bytes(path)
+    try:
+        return model_of(model, path, raw)
+    except InputError:
+        return None
+
+
+class FolderManifest(Value):
+    """The manifest of a folder that follows from a request: the same request is resumed where it was interrupted.
+
+    A subclass has the fields `request`, a digest of everything that the bytes of the folder follow from, and `files`,
+    the sha256 of each file written so far by its name in the folder; all others say what was asked for.
+    """
+
+    FILE: ClassVar[str]
+    """The manifest's own file."""
+    WHAT: ClassVar[str]
+    """What the folder holds, as messages name it."""
+    FILES: ClassVar[tuple[str, ...]] = ()
+    """Other files beside the manifest."""
+    FOLDERS: ClassVar[tuple[str, ...]] = ()
+    """Folders beside the manifest."""
+    FOLLOWS: ClassVar[frozenset[str]] = frozenset()
+    """Fields that follow from others, and are not part of the request."""
+
+    if TYPE_CHECKING:  # fields of the subclasses, which say in which order they are written
+        request: str
+        files: dict[str, str]
+
+    def save(self, folder: Path) -> None:
+        """Write the manifest atomically."""
+        unfinished = folder / UNFINISHED
+        write_text(unfinished / self.FILE, self.model_dump_json(indent=1, by_alias=True) + "\n")
+        (unfinished / self.FILE).replace(folder / self.FILE)
+        with suppress(OSError):  # it holds files that are to follow
+            unfinished.rmdir()
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read the manifest of a folder, or raise InputError in one line."""
+        return read_model(cls, folder / cls.FILE, LARGEST_FILE_BYTES)
+
+    def intact(self, folder: Path, name: str) -> bool:
+        """Return whether a file of the folder exists with the checksum of what was written."""
+        return name in self.files and _is_intact(inside(folder, name), self.files[name])
+
+    def continued(self, folder: Path, planned: Collection[str]) -> Self:
+        """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
+
+        `planned` are the names of all files that are to be written. Raises InputError where the folder holds something
+        else, a file that was changed since, or one of these names that is not listed: it is not replaced.
+        """
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file, expected a folder for the {self.WHAT}")
+        if not (folder / self.FILE).exists():
+            foreign = [name for name in (*planned, *self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
+            if foreign:
+                raise InputError(f"{folder}: has {foreign[0]!r} but no {self.FILE}, expected a new or empty folder")
+            _discard(folder)
+            self.save(folder)
+            return self
+        before = self.load(folder)
+        if before.request != self.request:
+            asked = set(type(self).model_fields) - {"schema_id", "request", "files"} - self.FOLLOWS
+            other = differing(*({name: getattr(each, name) for name in asked} for each in (before, self)))
+            differs = " and ".join(other) or "seed (or of another version of this program)"
+            raise InputError(
+                f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
+            )
+        self._refuse_links(folder)
+        _discard(folder)
+        whole = intact(folder, before.files)
+        for name in sorted(before.files.keys() - whole.keys()):
+            if os.path.lexists(folder / name):
+                raise InputError(f"{folder / name}: was changed since it was written, expected it unchanged or removed")
+        before = before.replaced(files=whole)
+        before._refuse_others(folder, planned)
+        return before
+
+    def _refuse_links(self, folder: Path) -> None:
+        """Raise InputError for what is no file and no folder among what is there."""
+        for name in self.FOLDERS:
+            place = folder / name
+            if os.path.lexists(place) and not place.is_symlink() and not place.is_dir():
+                raise InputError(f"{place}: is a file, expected a folder of the {self.WHAT}")
+            link = place if place.is_symlink() else linked(place)
+            if link is not None:
+                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
+
+    def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
+        """Raise InputError for the first of the names that is there and not listed, unless with its `new` checksum."""
+        for name in names:
+            if name in self.files or not os.path.lexists(folder / name):
+                continue
+            if new is None or not _is_intact(inside(folder, name), new[name]):
+                expected = f"expected it removed, or a new folder for the {self.WHAT}"
+                raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
+
+    def added(self, folder: Path, write: Callable[[Path], None]) -> Self:
+        """Put files that a function writes into an empty folder in their places, and return the manifest with them.
+
+        The manifest is saved first: a file that it does not list is never one of its own. Raises InputError where such
+        a file would be replaced.
+        """
+        staging = folder / UNFINISHED
+        _discard(folder)
+        staging.mkdir(parents=True)
+        try:
+            write(staging)
+            new = file_digests(staging)
+            self._refuse_others(folder, new, new)
+            # In the order of their names, not of the workers that made them.
+            manifest = self.replaced(files=dict(sorted((self.files | new).items())))
+            with deferred():
+                manifest.save(folder)
+                for name in new:
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    (staging / name).replace(folder / name)
+        finally:
+            _discard(folder)
+        return manifest
+
+
+def _discard(folder: Path) -> None:
+    """Remove the files that are not finished."""
+    unfinished = folder / UNFINISHED
+    if unfinished.is_symlink():
+        unfinished.unlink()
+    elif unfinished.exists():
+        shutil.rmtree(unfinished)

@@ -1,0 +1,192 @@
+"""Arrays of Zarr version 3 as recordings have them, read without Zarr: nothing is decoded that was not judged before.
+
+Metadata is that of the Zarr core specification. Of its extensions are known: regular grids of chunks, the default
+encoding of their keys, bytes of little end first, and one compressor that states how much it holds, Blosc or
+Zstandard. What is not known is refused.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, model_validator
+
+from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_bytes, read_model, stored_bytes
+from mirrorcam.core.values import InputError, Value
+
+METADATA = "zarr.json"
+MOST_CHUNKS = 100_000
+"""Chunks of the largest array that is read as a whole."""
+_SLACK_BYTES = 4096
+_ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+class _Named(Value):
+    """An extension of Zarr by its name, with its configuration."""
+
+    name: str
+    configuration: dict[str, Any] = Field(default_factory=dict)
+
+
+class _Grid(Value):
+    chunk_shape: tuple[int, ...]
+
+
+class _Regular(Value):
+    name: Literal["regular"]
+    configuration: _Grid
+
+
+class GroupMetadata(Value):
+    """The `zarr.json` of a group; copies of its arrays' metadata in it are not used."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    zarr_format: Literal[3]
+    node_type: Literal["group"]
+    attributes: dict[str, Any] = Field(default_factory=dict)
+
+
+class ArrayMetadata(Value):
+    """The `zarr.json` of an array."""
+
+    zarr_format: Literal[3]
+    node_type: Literal["array"]
+    shape: tuple[int, ...]
+    data_type: Literal["uint8", "float32", "int64", "float64"]
+    chunk_grid: _Regular
+    chunk_key_encoding: _Named
+    fill_value: float = Field(ge=0, le=0)
+    codecs: tuple[_Named, ...]
+    attributes: dict[str, Any] = Field(default_factory=dict)
+    dimension_names: tuple[str | None, ...] | None = None
+    storage_transformers: tuple[()] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        chunks = self.chunk_grid.configuration.chunk_shape
+        if len(chunks) != len(self.shape) or min((*self.shape, *chunks), default=0) < 1:
+            raise ValueError(f"shape {self.shape[:8]} in chunks of {chunks[:8]}, expected positive lengths of both")
+        key = self.chunk_key_encoding
+        if key.name != "default" or key.configuration.get("separator", "/") != "/":
+            raise ValueError("keys of chunks are not encoded as by default")
+        names = tuple(codec.name for codec in self.codecs)
+        if names not in (("bytes",), ("bytes", "blosc"), ("bytes", "zstd")):
+            raise ValueError(f"codecs {' '.join(names)[:80]}, expected bytes, and blosc, zstd or none")
+        if self.codecs[0].configuration.get("endian", "little") != "little":
+            raise ValueError("bytes are not little-endian")
+        return self
+
+
+def read_attributes(folder: Path) -> dict[str, Any]:
+    """Read the attributes of a group, or raise InputError in one line."""
+    return read_model(GroupMetadata, inside(folder, METADATA), LARGEST_LAYOUT_BYTES).attributes
+
+
+class ZarrArray:
+    """An array of a group, by its name: read chunk by chunk, or as a whole.
+
+    Raises InputError in one line for metadata of anything that is not known, and for links that lead out of the group.
+
+    Attributes
+    ----------
+    shape, chunk_shape
+        Lengths of the array and of its chunks.
+    chunk_bytes
+        Bytes of the numbers of a chunk.
+    dtype
+        Type of its numbers.
+    """
+
+    def __init__(self, group: Path, name: str) -> None:
+        self._group, self._name = group, name
+        path = inside(group, f"{name}/{METADATA}")
+        self._metadata = read_model(ArrayMetadata, path)
+        self.shape, self.dtype = self._metadata.shape, np.dtype(self._metadata.data_type)
+        self.chunk_shape = self._metadata.chunk_grid.configuration.chunk_shape
+        self.chunk_bytes = self._bytes_of(self.chunk_shape)
+        check_bytes(path, self.chunk_bytes, 0)
+
+    def key(self, index: tuple[int, ...]) -> str:
+        """Name of the file of a chunk in the group."""
+        return "/".join((self._name, "c", *map(str, index)))
+
+    def has(self, index: tuple[int, ...]) -> bool:
+        """Return whether there is a file of a chunk: without one, Zarr would take it for all zero."""
+        return (self._group / self.key(index)).exists()
+
+    def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
+        """Read a chunk by its place among the chunks; raises InputError in one line where it is not whole."""
+        path, size = inside(self._group, self.key(index)), self.chunk_bytes
+        with refusing(path, "a chunk that can be read"):
+            stored = stored_bytes(path)
+            if stored > size + size // 100 + _SLACK_BYTES:
+                raise ValueError(f"has more bytes than the {size} of its numbers")
+            raw = read_bytes(path, stored)
+            codec = self._metadata.codecs[-1].name
+            if _stated(raw, codec) != size:
+                raise ValueError(f"holds {_stated(raw, codec)} bytes of numbers, expected {size}")
+            return _decoded(raw, codec, size).view(self.dtype).reshape(self.chunk_shape)
+
+    @property
+    def is_in_full(self) -> bool:
+        """Whether all chunks have files; Zarr writes none of those that are all zero."""
+        return all(map(self.has, self._places()))
+
+    def whole(self) -> NDArray[Any]:
+        """Read all of the array; chunks without a file are zero."""
+        check_bytes(self._group / self._name / METADATA, self._bytes_of(self.shape), 0)
+        values = np.zeros(self.shape, self.dtype)
+        for index in filter(self.has, self._places()):
+            begins = [place * length for place, length in zip(index, self.chunk_shape, strict=True)]
+            part = values[tuple(slice(begin, begin + n) for begin, n in zip(begins, self.chunk_shape, strict=True))]
+            part[...] = self.chunk(index)[tuple(map(slice, part.shape))]
+        return values
+
+    def _places(self) -> Iterator[tuple[int, ...]]:
+        counts = [-(-length // chunk) for length, chunk in zip(self.shape, self.chunk_shape, strict=True)]
+        if math.prod(counts) > MOST_CHUNKS:
+            path = self._group / self._name / METADATA
+            raise InputError(f"{path}: has more than {MOST_CHUNKS} chunks, expected fewer and larger ones")
+        return np.ndindex(*counts)
+
+    def _bytes_of(self, shape: tuple[int, ...]) -> int:
+        return self.dtype.itemsize * math.prod(shape)
+
+
+def _decoded(raw: bytes, codec: str, size: int) -> NDArray[np.uint8]:
+    if codec == "bytes":
+        return np.frombuffer(raw, np.uint8)
+    from numcodecs import Blosc, Zstd
+
+    # Into a buffer of that size: of several Zstandard frames, the first states only its own size.
+    values = np.empty(size, np.uint8)
+    (Blosc() if codec == "blosc" else Zstd()).decode(raw, values)
+    return values
+
+
+def _stated(raw: bytes, codec: str) -> int:
+    """Number of bytes that the header of a compressed chunk states: decoders allocate as many."""
+    if codec == "bytes":
+        return len(raw)
+    if codec == "blosc":
+        _, size, _, compressed = struct.unpack_from("<IIII", raw)
+        if compressed != len(raw):
+            raise ValueError(f"{len(raw)} bytes, expected {compressed}")
+        return int(size)
+    if raw[:4] != _ZSTD or len(raw) < 6:
+        raise ValueError("not of Zstandard")
+    flags = raw[4]
+    is_single = flags >> 5 & 1
+    begin = 5 + (0 if is_single else 1) + (0, 1, 2, 4)[flags & 3]
+    length = (is_single, 2, 4, 8)[flags >> 6]
+    if not length:
+        raise ValueError("does not state its size")
+    return int.from_bytes(raw[begin : begin + length], "little") + (256 if length == 2 else 0)

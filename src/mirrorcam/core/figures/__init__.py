@@ -1,0 +1,1 @@
+"""Labels and number formats of figures and pages."""

@@ -1,0 +1,198 @@
+"""Measured figures as people read them: values, units, limits and names, the same on pages and in a terminal."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.values import Metric
+
+TIMES = "\N{MULTIPLICATION SIGN}"
+SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
+NONE = "none"
+MOST_FURTHER_DIGITS = 9
+ROUNDING = 1e-9
+TINY, UNLIKE = 1e-3, 100.0
+"""Size of the largest, and largest ratio, of values beside each other that are written with the same decimals."""
+UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
+SYMBOLS = {"1": "", "deg": "°"}
+"""Units that stand at their value without a space."""
+SIGNS = {
+    "1": "",
+    "um": "\N{MICRO SIGN}m",
+    **{f"{length}2": f"{length}\N{SUPERSCRIPT TWO}" for length in ("mm", "cm")},
+    **{f"{length}3": f"{length}\N{SUPERSCRIPT THREE}" for length in ("mm", "cm")},
+}
+"""Units of files as they are printed for people."""
+WORDS = {
+    **{"fov": "field of view", "iou": "", "rms": "RMS", "p95": "95 % quantile"},
+    **{"bom": "parts list", "stl": "STL", "step": "STEP", "3mf": "3MF", "dxf": "DXF"},
+}
+_FILE_FIRST = re.compile(r"\S*[._/\\]\w|(?:[^\s:]+ ){1,3}[^\s:]*\.\w{2,4}(?: frames? \d+)?:")
+_FRAME = re.compile(r"(.*) frame (\d+)")
+NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def count_text(count: int, thing: str) -> str:
+    """A count with its noun: "1 frame", "2 frames"."""
+    return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
+def names_together(names: Iterable[str]) -> str:
+    """Names of pictures in one line, frames of one video together: "a.jpg, clip.mp4 frames 7, 9"."""
+    parts = []
+    for video, group in groupby((_FRAME.fullmatch(name) or name for name in names), key=_video):
+        members = list(group)
+        if video is None:
+            parts += [str(member) for member in members]
+        else:
+            numbers = [member[2] for member in members if isinstance(member, re.Match)]
+            parts.append(f"{video} frame{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}")
+    return ", ".join(parts)
+
+
+def _video(name: re.Match[str] | str) -> str | None:
+    return None if isinstance(name, str) else name[1]
+
+
+def number_word(count: int) -> str:
+    """A small number as a word, as in a sentence; a larger one in digits."""
+    return NUMBER_WORDS[count] if count < len(NUMBER_WORDS) else str(count)
+
+
+def figure_text(value: float, digits: int = 4) -> str:
+    """A value in a few significant digits: two where it is tiny, all of thousands; NaN is none."""
+    if math.isnan(value):
+        return NONE
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+
+
+def figures_alike(values: Sequence[float], digits: int = 4) -> list[str]:
+    """Values of one figure beside each other, with as many decimals as the largest needs for its significant digits."""
+    sizes = [abs(value) for value in values if value != 0 and not math.isnan(value)]
+    # Values that differ by more keep their own digits, and so do tiny and infinite ones.
+    if not sizes or max(sizes) < TINY or not max(sizes) <= UNLIKE * min(sizes) < math.inf:
+        return [figure_text(value, digits) for value in values]
+    decimals = max(0, digits - 1 - math.floor(math.log10(float(f"{max(sizes):.{digits - 1}e}"))))
+    texts = [f"{value:.{decimals}f}" for value in values if not math.isnan(value)]
+    while decimals > 0 and all(text.endswith("0") for text in texts):
+        texts, decimals = [text[:-1].rstrip(".") for text in texts], decimals - 1
+    known = iter(texts)
+    return [NONE if math.isnan(value) else next(known) for value in values]
+
+
+def sigma_text(sigma: float) -> str:
+    """A standard deviation in two significant digits, also where that is a zero: 0.0020; a rounding error is 0."""
+    if abs(sigma) < ROUNDING:
+        return "0"
+    decimals = sigma_decimals(sigma)
+    return figure_text(sigma, 2) if decimals is None else f"{sigma:.{decimals}f}"
+
+
+def sigma_decimals(sigma: float) -> int | None:
+    """Number of decimals of a standard deviation in two significant digits; None for 0, NaN and the tiniest."""
+    if not 1e-4 <= sigma < float("inf"):
+        return None
+    return max(0, 1 - math.floor(math.log10(float(f"{sigma:.1e}"))))
+
+
+def unit_text(unit: str) -> str:
+    """A unit as people write it: mm² for the mm2 of files."""
+    return SIGNS.get(unit, unit)
+
+
+def value_text(metric: Metric, value: float | None = None, digits: int = 4) -> str:
+    """The value of a metric, or another in its unit, with the unit; a share as a percentage.
+
+    A value just past its limit gets as many digits as it takes to differ from it. A figure that is none says why.
+    """
+    if value is None and not metric.known:
+        return f"{NONE}: {metric.reason}"
+    shown = metric.value if value is None else value
+    further = digits_past_limit(metric, digits) - digits
+    if metric.unit.startswith("of the "):
+        return f"{shown:.{1 + further}%}"
+    return _with_unit(figure_text(shown, digits + further), metric.unit)
+
+
+def digits_past_limit(metric: Metric, digits: int) -> int:
+    """The digits in which a metric past its limit reads so; as given for all others."""
+    if metric.limit is None or metric.passed:
+        return digits
+    share = metric.unit.startswith("of the ")
+    for more in range(MOST_FURTHER_DIGITS):
+        texts = [
+            f"{value:.{1 + more}%}" if share else figure_text(value, digits + more)
+            for value in (metric.value, metric.limit)
+        ]
+        if texts[0] != texts[1]:
+            return digits + more
+    return digits
+
+
+def values_text(metrics: Sequence[Metric]) -> list[str]:
+    """Values of one figure beside each other, as `value_text` writes them, with the same decimals."""
+    units = {metric.unit for metric in metrics}
+    if len(units) != 1 or min(units).startswith("of the ") or not all(metric.known for metric in metrics):
+        return [value_text(metric) for metric in metrics]
+    return [_with_unit(text, min(units)) for text in figures_alike([metric.value for metric in metrics])]
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text}{SYMBOLS.get(unit, f' {unit_text(unit)}')}".rstrip()
+
+
+def limit_sign(metric: Metric) -> str:
+    """Sign for a metric that passes at or below its limit, or at or above it."""
+    return "\N{LESS-THAN OR EQUAL TO}" if metric.lower_is_better else "\N{GREATER-THAN OR EQUAL TO}"
+
+
+def limit_text(metric: Metric, *, with_unit: bool = True) -> str:
+    """The limit of a metric with its direction, or nothing where there is none."""
+    if metric.limit is None:
+        return ""
+    shown = value_text(metric, metric.limit) if with_unit else figure_text(metric.limit, digits_past_limit(metric, 4))
+    return f"{limit_sign(metric)} {shown}"
+
+
+def label_text(name: str, labels: Mapping[str, str] = LABELS) -> str:
+    """What people call a metric, without the unit, which stands at the value.
+
+    The label of `labels`, or else the words of the name; what the metric is of stands before it ("mount: "), its depth
+    behind it.
+    """
+    if name in labels:
+        return labels[name]
+    *objects, figure = re.split(r"\.(?=[a-z]|3mf)", name)
+    at_depth = re.search(r"_([0-9][0-9.e+-]*)mm$", figure)
+    stem = figure[: at_depth.start()] if at_depth else figure
+    what = labels.get(stem) or _words(stem)
+    return ": ".join([*map(_words, objects), f"{what} at {at_depth[1]} mm" if at_depth else what])
+
+
+def _words(name: str) -> str:
+    """A name in words, less the unit at its end."""
+    words = name.split("_")
+    if len(words) > 1 and words[-1] in UNIT_ENDINGS:
+        words = words[:-1]
+    return " ".join(word for word in (WORDS.get(word, word) for word in words) if word)
+
+
+def sentence_case(text: str) -> str:
+    """A text with a capital first letter; one that begins with the name of a file is left as it is."""
+    return text if _FILE_FIRST.match(text) else text[:1].upper() + text[1:]
+
+
+def share_of_limit(metric: Metric) -> float:
+    """Share of what its limit allows that a metric uses: at most 1 where it passes, infinite where it is none."""
+    if metric.limit is None:
+        raise ValueError("a metric without a limit uses no share of one")
+    if not metric.known:
+        return math.inf
+    part, whole = (metric.value, metric.limit) if metric.lower_is_better else (metric.limit, metric.value)
+    return abs(part / whole) if whole else (0.0 if part == whole else float("inf"))

@@ -1,0 +1,121 @@
+"""Fills in the templates of pages, each one file that works from disk and offline.
+
+Every value is escaped unless it is Markup. Templates extend `base.html` and take tables, pictures and cards from
+`kit.html`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.figures.figure_texts import label_text, limit_text, sentence_case, share_of_limit, value_text
+from mirrorcam.core.values import Metric
+
+KIT = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class PagePicture:
+    """A picture beside the page: its file, the file that a click opens, its size in px, and what it shows."""
+
+    path: str
+    opens: str
+    size_px: tuple[int, int]
+    alt: str
+
+
+@dataclass(frozen=True)
+class PageFile:
+    """A file that the page offers: where it is, and what it is for."""
+
+    path: str
+    purpose: str
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A figure in large type, and what it is."""
+
+    value: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose first column names the rows; `style` is a class of the style sheet."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str | Markup]]
+    style: str = "plain"
+
+
+@dataclass(frozen=True)
+class FigureRow:
+    """A metric as a table shows it; `share` is the part of its limit that it uses, from 0 to 1."""
+
+    label: str
+    value: str
+    limit: str = ""
+    share: float = 0.0
+    passed: bool = True
+
+
+@dataclass(frozen=True)
+class FigureTable:
+    """Metrics against their limits, worst first, and those without a limit."""
+
+    limited: tuple[FigureRow, ...]
+    others: tuple[FigureRow, ...]
+
+    @classmethod
+    def of(cls, metrics: Mapping[str, Metric], labels: Mapping[str, str] = LABELS) -> FigureTable:
+        """The table of metrics by name; `labels` says what they are called."""
+        with_limit = [(name, metric) for name, metric in metrics.items() if metric.limit is not None]
+        with_limit.sort(key=lambda item: (item[1].passed, -share_of_limit(item[1])))
+        others = [(name, metric) for name, metric in metrics.items() if metric.limit is None]
+        return cls(
+            tuple(figure_row(name, metric, labels) for name, metric in with_limit),
+            tuple(figure_row(name, metric, labels) for name, metric in others),
+        )
+
+    @property
+    def failed(self) -> int:
+        """Number of metrics past their limits."""
+        return sum(not row.passed for row in self.limited)
+
+
+def figure_row(name: str, metric: Metric, labels: Mapping[str, str] = LABELS) -> FigureRow:
+    """A metric with its name, value and limit as text."""
+    share = 0.0 if metric.limit is None else min(share_of_limit(metric), 1.0)
+    label = sentence_case(label_text(name, labels))
+    return FigureRow(label, value_text(metric), limit_text(metric), share, metric.passed)
+
+
+def full_stop(text: str) -> str:
+    """A text as a sentence: with a capital first letter and a full stop."""
+    return sentence_case(text) + ("" if text.endswith((".", "!", "?")) else ".")
+
+
+def render(folder: Path, template: str, **values: object) -> str:
+    """Fill in a template of a folder, which may extend and import those of the kit.
+
+    `file(name)` in a template is the content of a file beside it, or of the kit's, as it is.
+    """
+    loader = FileSystemLoader([folder, KIT])
+    environment = Environment(
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["full_stop"] = full_stop
+    environment.globals["file"] = lambda name: Markup(loader.get_source(environment, name)[0])
+    return environment.get_template(template).render(**values)

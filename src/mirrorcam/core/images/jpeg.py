@@ -1,0 +1,161 @@
+"""JPEG data, of a picture's file or of one frame of a video: whole, or refused."""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+
+from mirrorcam.core.values import InputError
+
+JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
+# Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.
+_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+_RESTART = re.compile(rb"\xff[\xd0-\xd7]")
+# Bytes of zeros, or of ones (0xff, which 0x00 follows in a scan), and the marker after them, where there is one: they
+# are padding before it. Possessive, so that each byte is looked at once.
+_PADDING = re.compile(rb"(?:\xff?+\x00)++(\xff++[\xd0-\xd7\xd9])?+")
+_FRAME_HEADERS = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+_TABLES, _SCAN, _END, _RESTARTS = 0xC4, 0xDA, 0xD9, 0xDD
+_END_OF_BLOCK = 0x00
+# A run that no compressed picture holds, but a lost block of a disk does.
+_ZEROS = bytes(256)
+_MOST_SEGMENTS, _MOST_SCANS = 10_000, 100
+"""Of one picture: a decoder goes through all of its blocks for each scan, and encoders write at most about ten."""
+EXTRANEOUS = "extraneous bytes before marker 0xd"
+"""What libjpeg says of bytes between the end of the data and the marker that follows."""
+
+
+class DamagedPicture(InputError):
+    """A picture whose file is there, but not whole: the message says which, and what is wrong."""
+
+
+@dataclass(frozen=True)
+class Jpeg:
+    """Marker, start and end of the content of each segment of a JPEG, and where its end marker is, if it has one.
+
+    The end of a thumbnail, inside a segment, does not count, and appended data are ignored.
+    """
+
+    segments: tuple[tuple[int, int, int], ...]
+    end: int | None
+
+    @classmethod
+    def of(cls, raw: bytes) -> Jpeg:
+        """Find the segments of JPEG data."""
+        found: list[tuple[int, int, int]] = []
+        at = 2
+        while len(found) < _MOST_SEGMENTS and (marker := _MARKER.search(raw, at)):
+            kind, begin = raw[marker.end() - 1], marker.end() + 2
+            if kind == _END:
+                return cls(tuple(found), marker.start())
+            at = marker.end() + int.from_bytes(raw[marker.end() : begin])
+            found.append((kind, begin, at))
+        return cls(tuple(found), None)
+
+    def size(self, raw: bytes) -> tuple[int, int]:
+        """Width and height in px; zeros where no header states them."""
+        for kind, begin, end in self.segments:
+            if kind in _FRAME_HEADERS and end - begin >= 5 and len(raw) >= end:
+                height, width = struct.unpack(">HH", raw[begin + 1 : begin + 5])
+                return width, height
+        return 0, 0
+
+    @property
+    def is_overlong(self) -> bool:
+        """Whether there are more segments or scans than any encoder writes."""
+        scans = sum(kind == _SCAN for kind, _, _ in self.segments)
+        return len(self.segments) >= _MOST_SEGMENTS or scans > _MOST_SCANS
+
+    def scan(self, raw: bytes) -> int:
+        """Where the first compressed data begin; the length of the whole without any."""
+        return next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
+
+    def is_partly_zero(self, raw: bytes) -> bool:
+        """Return whether a long run of zeros stands in the compressed data where no encoder can have written it.
+
+        Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
+        they stand for blocks of nothing but the highest frequencies.
+        """
+        if raw.find(_ZEROS, self.scan(raw), self.end) < 0:
+            return False
+        return _END_OF_BLOCK not in {symbol for segment in self.segments for symbol in _first_symbols(raw, *segment)}
+
+    def is_padded(self, raw: bytes) -> bool:
+        """Return whether the data before the first restart marker are filled up, as those of some webcams are."""
+        if not any(kind == _RESTARTS for kind, _, _ in self.segments):
+            return False
+        restart = _RESTART.search(raw, self.scan(raw), len(raw) if self.end is None else self.end)
+        return restart is not None and raw[restart.start() - 1] == 0
+
+
+def _first_symbols(raw: bytes, kind: int, at: int, end: int) -> list[int]:
+    """The symbols that zeros stand for in the Huffman tables of AC coefficients of a segment."""
+    symbols = []
+    while kind == _TABLES and at + 17 < min(end, len(raw)):
+        if raw[at] >> 4 == 1:
+            symbols.append(raw[at + 17])
+        at += 17 + sum(raw[at + 1 : at + 17])
+    return symbols
+
+
+def decode_jpeg(raw: bytes, jpeg: Jpeg, name: str, *, grey: bool = False) -> NDArray[np.uint8]:
+    """Decode JPEG data (h, w, 3) in RGB, or (h, w) in grey.
+
+    Padding before a restart or the end, which webcams write, is no damage: without it, the data must be complete.
+
+    Parameters
+    ----------
+    raw
+        The data.
+    jpeg
+        Its segments.
+    name
+        What the message of an error starts with.
+    grey
+        Convert to grey.
+
+    Raises
+    ------
+    DamagedPicture
+        For data of which libjpeg warns, that have a block of zeros, or more parts than any encoder writes.
+    """
+    if jpeg.is_overlong:
+        raise DamagedPicture(overlong(name))
+    if jpeg.is_partly_zero(raw):
+        raise DamagedPicture(f"{name}: damaged, a block of zeros is where compressed data should be")
+    padded = jpeg.is_padded(raw)
+    try:
+        image = _decoded(_without_padding(raw, jpeg) if padded else raw, grey)
+    except ValueError as error:
+        if EXTRANEOUS not in str(error) and not padded:
+            raise DamagedPicture(_reason(name, error)) from None
+        try:
+            image = _decoded(raw if padded else _without_padding(raw, jpeg), grey)
+        except ValueError:
+            raise DamagedPicture(_reason(name, error)) from None
+    return np.asarray(image[..., 0] if grey else image, dtype=np.uint8)
+
+
+def overlong(name: str) -> str:
+    """The message about a picture that `Jpeg.is_overlong`."""
+    return f"{name}: damaged, has more parts than any JPEG: over {_MOST_SEGMENTS} segments or {_MOST_SCANS} scans"
+
+
+def _decoded(raw: bytes, grey: bool) -> NDArray[Any]:
+    image: NDArray[Any] = simplejpeg.decode_jpeg(raw, colorspace="GRAY" if grey else "RGB")
+    return image
+
+
+def _without_padding(raw: bytes, jpeg: Jpeg) -> bytes:
+    scan = jpeg.scan(raw)
+    return raw[:scan] + _PADDING.sub(lambda found: found[1] or found[0], raw[scan:])
+
+
+def _reason(name: str, error: ValueError) -> str:
+    return f"{name}: damaged, {str(error).rstrip('.')}"

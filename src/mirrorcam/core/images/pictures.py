@@ -1,0 +1,216 @@
+"""Pictures as files: PNG, JPEG, TIFF and BMP by their content, with 8 bits a channel, complete or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from warnings import catch_warnings
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.bounds import LARGEST_PICTURE_PX
+from mirrorcam.core.disk.files import first_bytes, read_bytes, stored_bytes, write_bytes
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.images.picture_data import PictureData, as_grey
+from mirrorcam.core.images.png import PNG_BEGIN
+from mirrorcam.core.images.sample_bits import ALL, SampleBits, to_8_bits
+from mirrorcam.core.images.tiff import TIFF_BEGINS
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError
+
+JPEG_ENDINGS = (".jpg", ".jpeg")
+WRITTEN_ENDINGS = (".png", *JPEG_ENDINGS)
+PICTURE_ENDINGS = (*WRITTEN_ENDINGS, ".tif", ".tiff", ".bmp")
+"""Endings of names of pictures, in lower case, wherever pictures are read."""
+LARGEST_FILE_BYTES = 4 * LARGEST_PICTURE_PX
+"""Bytes of the largest file: more than the pixels of the largest picture without compression."""
+
+_SIDE_ENDINGS = (".toml", ".json", ".yaml", ".yml", ".csv", ".npz", ".html", ".md", ".db", ".ini")
+"""Endings of files that belong beside pictures: boards, layouts, tables, results, and notes of file managers."""
+_MOST_NAMES = 3
+_ORIENTATION = 0x0112
+_SIXTEEN = 16
+_agreed: dict[tuple[Path, int, int], SampleBits] = {}
+"""What the pictures of 16 bits of a set have in common, by path, time and size of each file."""
+
+
+def is_picture(path: Path) -> bool:
+    """Return whether a file is named like a picture; capitals count as small letters."""
+    return path.suffix.lower() in PICTURE_ENDINGS
+
+
+def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> list[Path]:
+    """The pictures among files and folders, in order: a folder stands for all pictures in it, by name.
+
+    They are taken for one set, see `agree_on_bits`. `tell` takes a line about the files of a folder that are left out,
+    and one about pictures of 16 bits. Raises InputError for a folder without pictures.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        inside = sorted(filter(is_picture, path.iterdir()))
+        others = sorted(filter(_is_left_out, path.iterdir()))
+        names = ", ".join(each.name for each in others[:_MOST_NAMES]) + (", ..." if others[_MOST_NAMES:] else "")
+        if not inside:
+            there = f", but {names}" if others else ""
+            raise InputError(shortened(f"{path}: holds no picture{there}, expected {', '.join(PICTURE_ENDINGS)} files"))
+        if others:
+            of_all = count_text(len(inside) + len(others), "file")
+            tell(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
+        found += inside
+    agree_on_bits(found, tell)
+    return found
+
+
+def _is_left_out(path: Path) -> bool:
+    """Return whether a user may take a file for one of the pictures of its folder, though it is not read."""
+    hidden = path.name.startswith(".")
+    return not hidden and not is_picture(path) and path.suffix.lower() not in _SIDE_ENDINGS and path.is_file()
+
+
+def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> None:
+    """Take the pictures of 16 bits among some files for one set, in which as many bits are used in all.
+
+    `read_image` then scales all of them alike; one that is read alone is scaled by its own samples. `tell` takes a line
+    about them, where there are any.
+    """
+    found: dict[tuple[Path, int, int], SampleBits] = {}
+    for path in filter(is_picture, paths):
+        with suppress(InputError):  # in full when it is read
+            if (known := _agreed.get(_key(path))) is not None:
+                found[_key(path)] = known
+                continue
+            begin = first_bytes(path, 25) if stored_bytes(path) else b""
+            if begin.startswith(TIFF_BEGINS) or (begin.startswith(PNG_BEGIN) and begin[24:] == bytes((_SIXTEEN,))):
+                data = PictureData.of(path, read_bytes(path, LARGEST_FILE_BYTES))
+                if data.depth == _SIXTEEN:
+                    found[_key(path)] = SampleBits.of(data.decoded(), data.significant_bits)
+    if found:
+        together = SampleBits.together(found.values())
+        _agreed.update(dict.fromkeys(found, together))
+        tell(_line_on_bits(len(found), together))
+
+
+def line_on_bits(folder: Path) -> str | None:
+    """A line about the pictures of 16 bits of a folder, or a file, that were read as a set; None without any."""
+    place = folder.absolute()
+    found = [bits for (path, *_), bits in _agreed.items() if path.is_relative_to(place)]
+    return _line_on_bits(len(found), found[0]) if found else None
+
+
+def _line_on_bits(count: int, bits: SampleBits) -> str:
+    return f"{count_text(count, 'picture')} of {bits}"
+
+
+def _key(path: Path) -> tuple[Path, int, int]:
+    """A picture as it is now; raises InputError where it is none."""
+    stored_bytes(path)
+    status = path.stat()
+    return path.absolute(), status.st_mtime_ns, status.st_size
+
+
+def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
+    """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
+
+    Of 16 bits, those that are used count, of which the highest 8 are returned: see `agree_on_bits`.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    grey
+        Convert to grey.
+
+    Returns
+    -------
+    ndarray of uint8
+        (h, w, 3) in RGB, or (h, w) in grey, with rows as on the sensor: a rotation in the EXIF data is not applied.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or larger than any camera's picture.
+    DamagedPicture
+        If it is no picture, cut short, or its data are not what was written.
+    """
+    path = path_of("path", path)
+    data = _data(path)
+    image = data.decoded(grey=grey)
+    if image.dtype != np.uint8:
+        image = to_8_bits(image, _bits(path, data, image))
+    if grey:
+        return as_grey(image)
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else np.ascontiguousarray(image)
+
+
+def read_opacity(path: Path) -> NDArray[np.uint8] | None:
+    """Read the opacity (h, w) of a picture with 8 bits; None of a picture without. Raises as `read_image`."""
+    data = _data(path)
+    image = data.decoded(opacity=True)
+    if image.shape[2:] != (4,):
+        return None
+    opacity = image[..., 3]
+    if opacity.dtype != np.uint8:
+        bits = _bits(path, data, image[..., :3])
+        opacity = to_8_bits(opacity, bits if int(opacity.max()) < 1 << bits else ALL)
+    return np.ascontiguousarray(opacity)
+
+
+def _bits(path: Path, data: PictureData, image: NDArray[np.uint16]) -> int:
+    """How many bits of a picture are used: as many as in its set."""
+    agreed = _agreed.get(_key(path))
+    return (SampleBits.of(image, data.significant_bits) if agreed is None else agreed).used
+
+
+def _data(path: Path) -> PictureData:
+    return PictureData.of(path, read_bytes(path, LARGEST_FILE_BYTES))
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture in px, by its header alone; raises as `read_image`, but for what lies behind."""
+    return _data(path).size
+
+
+def orientation(path: Path) -> int:
+    """EXIF orientation of a picture, 1 to 8: 1, also where the file states none, is as on the sensor."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with catch_warnings(action="ignore"), Image.open(BytesIO(read_bytes(path, LARGEST_FILE_BYTES))) as image:
+            found = image.getexif().get(_ORIENTATION, 1)
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError):
+        return 1
+    return found if isinstance(found, int) and 1 <= found <= 8 else 1
+
+
+def check_size(path: Path, size: tuple[int, int], expected: tuple[int, int], whose: str) -> None:
+    """Raise InputError for a picture or video of another width and height, px, than `whose`.
+
+    The message names a rotation in the EXIF data, which other programs apply.
+    """
+    if size != expected:
+        turned = " as stored (its EXIF data turns it)" if is_picture(path) and orientation(path) > 1 else ""
+        raise InputError(f"{path}: {size[0]}x{size[1]} px{turned}, expected {expected[0]}x{expected[1]} of {whose}")
+
+
+def encoded_image(image: NDArray[np.uint8], suffix: str, jpeg_quality: int = 95) -> bytes:
+    """The bytes of the file of an RGB (h, w, 3) or grey (h, w) 8-bit image, in the format of the suffix."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in JPEG_ENDINGS else []
+    encoded, buffer = cv2.imencode(suffix, image if image.ndim == 2 else image[..., ::-1], options)
+    if not encoded:
+        raise ValueError(f"no encoder for {image.shape=}")
+    return buffer.tobytes()
+
+
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an RGB (h, w, 3) or grey (h, w) 8-bit image atomically, in the format of the suffix."""
+    if path.suffix.lower() not in WRITTEN_ENDINGS:
+        raise InputError(f"{path}: no image format for this suffix, expected .png or .jpg")
+    write_bytes(path, encoded_image(image, path.suffix.lower()))

@@ -1,0 +1,223 @@
+"""PNG data: judged by their header, inflated within its size and decoded, or refused; the decoder prints nothing."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.images.jpeg import DamagedPicture
+
+PNG_BEGIN, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
+_GREY, _COLOURS, _PALETTE = 0, 2, 3
+# First column and row of each pass of an interlaced picture, and its steps between columns and rows.
+_PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+_LARGEST_FILTER = 4
+_STORED_BYTES = 65_535
+"""Bytes of the largest stored block of deflate."""
+_MOST_CHUNKS = 200_000
+"""Parts of the largest picture, of 8 kB each as encoders write them, and some."""
+_LARGE_BYTES = 1 << 26
+"""Bytes of lines that memory should not hold twice."""
+
+
+@dataclass(frozen=True)
+class Png:
+    """The header of a PNG: width and height in px, bits of a sample, type of colour, and whether it is interlaced."""
+
+    size: tuple[int, int]
+    depth: int
+    colour: int
+    interlaced: bool
+
+    @classmethod
+    def of(cls, raw: bytes, name: str) -> Png:
+        """Read the header of PNG data; raises DamagedPicture for one that no PNG can have."""
+        if raw[8:16] != b"\x00\x00\x00\rIHDR" or len(raw) < 29:
+            raise DamagedPicture(f"{name}: damaged, its header states no size")
+        width, height, depth, colour, method, filters, interlaced = struct.unpack(">IIBBBBB", raw[16:29])
+        if depth not in _DEPTHS.get(colour, ()) or method or filters or interlaced > 1:
+            raise DamagedPicture(f"{name}: damaged, its header is not that of a PNG")
+        return cls((width, height), depth, colour, bool(interlaced))
+
+    @property
+    def channels(self) -> int:
+        """Channels of the pixels that are decoded."""
+        return 4 if self.colour == _PALETTE else _CHANNELS[self.colour]
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether pixels have colours, rather than grey values."""
+        return bool(self.colour & 2)
+
+    @property
+    def _row_bytes(self) -> Iterator[tuple[int, int]]:
+        """Rows of each pass, and the bytes of each row with that of its filter."""
+        width, height = self.size
+        for column, row, across, down in _PASSES if self.interlaced else ((0, 0, 1, 1),):
+            cols, rows = -(-(width - column) // across), -(-(height - row) // down)
+            if cols > 0 and rows > 0:
+                yield rows, 1 + (cols * _CHANNELS[self.colour] * self.depth + 7) // 8
+
+
+def significant_bits(raw: bytes) -> int | None:
+    """The bits of a sample that a PNG states to be significant (sBIT), the most of any colour; None where it does not.
+
+    Opacity does not count.
+    """
+    for begin, end in _chunks(raw):
+        name = raw[begin : begin + 4]
+        if name == b"sBIT":
+            stated = raw[begin + 4 : end][: 1 if raw[25] in (_GREY, 4) else 3]
+            return max(stated, default=0) or None
+        if name == b"IDAT":
+            break
+    return None
+
+
+def decode_png(raw: bytes, png: Png, name: str, flags: int, *, opacity: bool = False) -> NDArray[Any]:
+    """Decode PNG data by OpenCV's flags.
+
+    The decoder gets the critical chunks alone, whose data were found complete: of anything else it would write to
+    standard error.
+
+    Parameters
+    ----------
+    raw
+        The data.
+    png
+        Their header.
+    name
+        What the message of an error starts with.
+    flags
+        Of `cv2.imdecode`.
+    opacity
+        Whether the opacity of colours (tRNS) is read.
+
+    Raises
+    ------
+    DamagedPicture
+        For data whose checksums, order or length are wrong, or that cannot be inflated.
+    """
+    parts = _parts(raw, png, name)
+    lines = _lines(parts[b"IDAT"], png, name)
+    pieces: list[bytes | memoryview] = [PNG_BEGIN, *_chunk(raw[12:29])]
+    if png.colour == _PALETTE:
+        # Filled up: of an index beyond the palette, too, the decoder writes.
+        pieces += _chunk(b"PLTE", parts[b"PLTE"].ljust(3 << png.depth, b"\x00"))
+    if opacity and _is_valid_opacity(png, parts):
+        pieces += _chunk(b"tRNS", parts[b"tRNS"])
+    pieces += (*_chunk(b"IDAT", *lines), *_chunk(b"IEND"))
+    clean = np.frombuffer(b"".join(pieces), np.uint8)
+    del pieces, lines, parts
+    try:
+        image = cv2.imdecode(clean, flags | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise DamagedPicture(f"{name}: damaged, its data cannot be decoded")
+    return image
+
+
+def _chunks(raw: bytes) -> Iterator[tuple[int, int]]:
+    """Begin and end of the name and content of each chunk of a PNG that is there in full, up to its last."""
+    at = len(PNG_BEGIN)
+    while (end := at + 8 + int.from_bytes(raw[at : at + 4])) + 4 <= len(raw):
+        yield at + 4, end
+        if raw[at + 4 : at + 8] == b"IEND":
+            return
+        at = end + 4
+
+
+def _parts(raw: bytes, png: Png, name: str) -> dict[bytes, bytes]:
+    """The content of the chunks that make the picture, by their names; all checksums are checked."""
+    content, last = memoryview(raw), b""
+    data: list[memoryview] = []
+    parts: dict[bytes, bytes] = {}
+    for number, (begin, end) in enumerate(_chunks(raw)):
+        if number >= _MOST_CHUNKS:
+            raise DamagedPicture(f"{name}: damaged, has more than {_MOST_CHUNKS} parts")
+        before, last = last, raw[begin : begin + 4]
+        if zlib.crc32(content[begin:end]) != int.from_bytes(raw[end : end + 4]):
+            raise DamagedPicture(f"{name}: damaged, a checksum of its data is wrong")
+        if last == b"IHDR" and before:
+            raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
+        if last == b"IDAT":
+            if data and before != b"IDAT":
+                raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
+            data.append(content[begin + 4 : end])
+        elif last in (b"PLTE", b"tRNS"):
+            if data or (last == b"PLTE" and last in parts):
+                raise DamagedPicture(f"{name}: damaged, its parts are in a wrong order")
+            parts[last] = raw[begin + 4 : end]
+        elif not last[0] & 0x20 and last not in (b"IHDR", b"IEND"):
+            raise DamagedPicture(f"{name}: damaged, has a part {last!r} that no PNG has")
+    if last != b"IEND" or not data:
+        raise DamagedPicture(f"{name}: damaged, a part of it is missing")
+    if png.colour == _PALETTE:
+        palette = parts.get(b"PLTE", b"")
+        if not palette or len(palette) % 3 or len(palette) > 3 << png.depth:
+            raise DamagedPicture(f"{name}: damaged, its palette is missing or of a wrong length")
+    return parts | {b"IDAT": b"".join(data)}
+
+
+def _is_valid_opacity(png: Png, parts: dict[bytes, bytes]) -> bool:
+    """Return whether there is an opacity of colours that fits; others are left out, as all programs do."""
+    stated = parts.get(b"tRNS")
+    if stated is None:
+        return False
+    if png.colour == _PALETTE:
+        return 0 < len(stated) <= len(parts[b"PLTE"]) // 3
+    if len(stated) != {_GREY: 2, _COLOURS: 6}.get(png.colour):
+        return False
+    return all(value < 1 << png.depth for (value,) in struct.iter_unpack(">H", stated))
+
+
+def _lines(data: bytes, png: Png, name: str) -> list[bytes | memoryview]:
+    """Pieces of a stream of zlib that holds the filtered lines of a picture: as many bytes as its header says.
+
+    Those of a small picture need not be inflated again.
+    """
+    layout = list(png._row_bytes)
+    wanted = sum(rows * row_bytes for rows, row_bytes in layout)
+    stream = zlib.decompressobj()
+    try:
+        lines = stream.decompress(data, wanted + 1)
+    except zlib.error:
+        raise DamagedPicture(f"{name}: damaged, its data cannot be decoded") from None
+    if len(lines) < wanted:
+        raise DamagedPicture(f"{name}: damaged, a part of it is missing")
+    at, filters = 0, np.frombuffer(lines, np.uint8)
+    for rows, row_bytes in layout:
+        if (filters[at : at + rows * row_bytes : row_bytes] > _LARGEST_FILTER).any():
+            raise DamagedPicture(f"{name}: damaged, its data cannot be decoded")
+        at += rows * row_bytes
+    if wanted > _LARGE_BYTES and len(lines) == wanted and stream.eof and not stream.unused_data:
+        return [data]
+    return _stored(memoryview(lines)[:wanted])
+
+
+def _stored(lines: memoryview) -> list[bytes | memoryview]:
+    """Pieces of a stream of zlib that holds data without compression."""
+    blocks: list[bytes | memoryview] = [b"\x78\x01"]
+    for at in range(0, len(lines), _STORED_BYTES):
+        piece = lines[at : at + _STORED_BYTES]
+        is_last = at + _STORED_BYTES >= len(lines)
+        blocks += (struct.pack("<BHH", is_last, len(piece), len(piece) ^ 0xFFFF), piece)
+    return [*blocks, zlib.adler32(lines).to_bytes(4)]
+
+
+def _chunk(*pieces: bytes | memoryview) -> list[bytes | memoryview]:
+    """Pieces of a chunk of a PNG, by its name and the pieces of its content."""
+    checksum = 0
+    for piece in pieces:
+        checksum = zlib.crc32(piece, checksum)
+    return [(sum(map(len, pieces)) - 4).to_bytes(4), *pieces, checksum.to_bytes(4)]

@@ -1,0 +1,1 @@
+"""Worker processes, child programs, and what ends them."""

@@ -1,0 +1,61 @@
+"""Independent calls of functions: one after the other, or some of them in another process at the same time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from typing import Any
+
+from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
+
+Call = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function of a module, and its arguments."""
+
+Calls = Callable[[Sequence[Call]], Generator[Any, None, None]]
+"""Makes calls that do not depend on each other and yields what they give, in order; whoever closes it wants no more."""
+
+
+def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
+    """Make calls here, each when it is asked for."""
+    for function, arguments in calls:
+        yield function(*arguments)
+
+
+def beside(worker: WorkerProcess) -> Calls:
+    """Make calls here from the first on, and in a worker from the last on, at the same time.
+
+    A single call is made here, and so is one of which the worker dies. An error is raised where its answer is taken.
+    The worker is killed where it works on what nobody wants any more.
+    """
+
+    def make(calls: Sequence[Call]) -> Generator[Any, None, None]:
+        waiting, answers = deque(range(len(calls))), dict[int, Any]()
+        there: int | None = None
+        try:
+            for number in range(len(calls)):
+                while number not in answers:
+                    if there is not None and (not waiting or worker.connection.poll()):
+                        answers[there] = _answer(worker, calls[there])
+                        there = None
+                        continue
+                    if there is None and len(waiting) > 1:
+                        there = waiting.pop()
+                        worker.send(calls[there][0], *calls[there][1])
+                    here = waiting.popleft()
+                    function, arguments = calls[here]
+                    answers[here] = function(*arguments)
+                yield answers.pop(number)
+        finally:
+            if there is not None:
+                worker.kill()
+
+    return make
+
+
+def _answer(worker: WorkerProcess, call: Call) -> Any:
+    """What the worker answers; where it dies, what the function gives here."""
+    function, arguments = call
+    try:
+        return worker.answer()
+    except WorkerDied:
+        return function(*arguments)

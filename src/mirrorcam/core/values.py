@@ -1,0 +1,266 @@
+"""Frozen values that validate themselves: the base of all values that MirrorCam writes to or reads from a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+)
+from pydantic_core import ErrorDetails, core_schema
+from pydantic_core.core_schema import ValidationInfo
+
+from mirrorcam.core.messages import one_line
+
+FloatArray = NDArray[np.float64]
+
+
+class InputError(ValueError):
+    """Input that cannot be used; the message says in one line what, where, and what was expected."""
+
+
+class InvalidValue(InputError):
+    """Fields that a value refuses; pydantic's findings are its cause, which copies and pickles of it do not keep."""
+
+    @property
+    def first(self) -> ErrorDetails | None:
+        """The first of pydantic's findings, where they are kept."""
+        cause = self.__cause__
+        return cause.errors(include_url=False)[0] if isinstance(cause, ValidationError) else None
+
+    @property
+    def is_of_keys(self) -> bool:
+        """Whether a key is not known, where the findings are kept."""
+        cause = self.__cause__
+        return isinstance(cause, ValidationError) and any(each["type"] == "extra_forbidden" for each in cause.errors())
+
+    @property
+    def title(self) -> str:
+        """The name of the class of the value, empty where the findings are not kept."""
+        return self.__cause__.title if isinstance(self.__cause__, ValidationError) else ""
+
+    @property
+    def reason(self) -> str:
+        """The first finding without its place; all of the message where the findings are not kept."""
+        return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """Annotation that turns nested lists into a finite, read-only float64 array of a given shape.
+
+    `None` in `shape` stands for any length; no number is larger than `largest`, nor smaller than its negative.
+    """
+
+    shape: tuple[int | None, ...]
+    largest: float = np.inf
+
+    def check(self, value: Any) -> FloatArray:
+        expected = "(" + ", ".join("n" if length is None else str(length) for length in self.shape) + ")"
+        try:
+            array = np.array(value, dtype=np.float64) if _is_numbers(value) else None
+        except (TypeError, ValueError, OverflowError):
+            array = None
+        if array is None:
+            raise ValueError(f"not an array of numbers, expected shape {expected}")
+        if array.ndim != len(self.shape) or any(
+            want is not None and want != got for want, got in zip(self.shape, array.shape, strict=True)
+        ):
+            raise ValueError(f"shape {array.shape}, expected {expected}")
+        if not np.isfinite(array).all():
+            raise ValueError("holds a value that is NaN or infinite, expected finite numbers")
+        if np.abs(array).max(initial=0.0) > self.largest:
+            worst = array.flat[np.abs(array).argmax()]
+            raise ValueError(f"holds {worst:g}, expected numbers from {-self.largest:.15g} to {self.largest:.15g}")
+        array.flags.writeable = False
+        return array
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.check,
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda array: array.tolist()),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        found: dict[str, Any] = {"type": "number"}
+        if np.isfinite(self.largest):
+            found |= {"minimum": -self.largest, "maximum": self.largest}
+        for length in reversed(self.shape):
+            sized = {} if length is None else {"minItems": length, "maxItems": length}
+            found = {"type": "array", "items": found, **sized}
+        return found
+
+
+def _is_numbers(value: Any) -> bool:
+    """Return whether nested lists hold nothing but numbers: a text or a truth value is none."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_numbers, value))
+    kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
+    return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def with_tuples(value: Any) -> Any:
+    """Nested tables with tuples for lists: strict reading asks for them in a table that was looked at before."""
+    if isinstance(value, dict):
+        return {name: with_tuples(each) for name, each in value.items()}
+    return tuple(map(with_tuples, value)) if isinstance(value, list) else value
+
+
+Vector3 = Annotated[FloatArray, Shaped((3,))]
+Points3 = Annotated[FloatArray, Shaped((None, 3))]
+Matrix3 = Annotated[FloatArray, Shaped((3, 3))]
+Matrix4 = Annotated[FloatArray, Shaped((4, 4))]
+SquareMatrix = Annotated[FloatArray, Shaped((None, None))]
+
+
+def _hashable(data: Any) -> Any:
+    """A hashable form of nested dumps: equal dumps have equal hashes (0.0 and -0.0, keys in any order)."""
+    if isinstance(data, dict):
+        return frozenset((key, _hashable(value)) for key, value in data.items())
+    return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
+
+
+_STOPPING = ("list", "tuple", "set", "frozenset", "dict")
+"""Types of pydantic's schemas that can stop at the first item that is not valid."""
+
+
+def _stop_at_first(schema: Any) -> None:
+    """Make all lists and tables in a schema of pydantic stop at their first item that is not valid.
+
+    Of a long one, all findings would take gigabytes.
+    """
+    left = [schema]
+    while left:
+        each = left.pop()
+        if isinstance(each, dict):
+            if each.get("type") in _STOPPING:
+                each["fail_fast"] = True
+            left += (inner for name, inner in each.items() if name not in ("default", "metadata"))
+        elif isinstance(each, list | tuple):
+            left += each
+
+
+class Value(BaseModel):
+    """A frozen value: unknown keys, NaN and infinities are refused; equal when all fields are equal.
+
+    Raises InvalidValue, one line, for fields that it refuses, however it is made.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True, populate_by_name=True
+    )
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        schema = handler(source)
+        _stop_at_first(schema)
+        return schema
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, type(self))) from error
+
+    # Values in values are validated by pydantic itself, which tells where in them a finding is, not by this __init__.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """The value of a table; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
+
+    @classmethod
+    def model_validate_json(cls, json_data: str | bytes | bytearray, **options: Any) -> Self:
+        """The value of a text in JSON; raises InvalidValue. `options` are pydantic's."""
+        try:
+            return super().model_validate_json(json_data, **options)
+        except ValidationError as error:
+            raise InvalidValue(one_line(error, cls)) from error
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()
+
+    def __hash__(self) -> int:
+        return hash(_hashable(self.model_dump()))
+
+    def replaced(self, **changes: Any) -> Self:
+        """Copy with some fields changed; the copy is validated (unlike `model_copy`)."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**(fields | changes))
+
+
+NOT_FINITE = "its formula has no finite value here"
+"""The reason why a figure is none, where its maker gives no better one."""
+
+
+def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, float | np.floating) and not math.isfinite(value):
+        if info.mode == "json":
+            raise ValueError("Input should be a finite number, or null")
+        return math.nan
+    return value
+
+
+class Metric(Value):
+    """One measured figure. With `limit`, it passes at or below it (`lower_is_better`) or at or above it.
+
+    A figure that cannot be computed is none, never an error: its `value` is NaN, null in files, and `reason` says why.
+    It passes no limit.
+    """
+
+    value: Annotated[float, BeforeValidator(_nan_unless_finite, json_schema_input_type=float | None)] = Field(
+        allow_inf_nan=True
+    )
+    unit: str
+    limit: float | None = None
+    lower_is_better: bool = True
+    reason: str = Field(default="", max_length=300, validate_default=True)
+
+    @field_validator("reason")
+    @classmethod
+    def _only_of_none(cls, reason: str, info: ValidationInfo) -> str:
+        known = math.isfinite(info.data.get("value", 0.0))
+        if known and reason:
+            raise ValueError(f"a figure with a value has the reason {reason[:80]!r} for none, expected no reason")
+        return reason if known or reason else NOT_FINITE
+
+    @model_serializer(mode="wrap")
+    def _as_written(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        if self.known:
+            del written["reason"]
+        else:
+            written["value"] = None
+        return written
+
+    @property
+    def known(self) -> bool:
+        """Whether the figure has a value."""
+        return math.isfinite(self.value)
+
+    @property
+    def passed(self) -> bool:
+        if self.limit is None:
+            return True
+        return self.value <= self.limit if self.lower_is_better else self.value >= self.limit

@@ -1,0 +1,1 @@
+"""Frames of video files, streams and cameras, and writers of video."""

@@ -1,0 +1,239 @@
+"""Recording of every frame that a source gives, whatever else is done with them; frames that are lost are counted."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from mirrorcam.core.disk.files import write_json
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frame_recorder import FrameRecorder
+from mirrorcam.core.video.frames import Frame, Lost
+
+SCHEMA = "mirrorcam.live_recording/1"
+WAITING_BYTES = 256_000_000
+"""Bytes of the frames that may wait to be written."""
+FINISHING_S = 3.0
+"""Time that frames which still wait at the end have to be written."""
+
+
+@dataclass(frozen=True)
+class RecordingCounts:
+    """What became of the frames that a source gave while it was recorded; the numbers of the others add up to `given`.
+
+    Attributes
+    ----------
+    given
+        Frames that the source gave.
+    recorded
+        Frames in the video.
+    waiting
+        Frames that wait to be written; 0 at the end.
+    too_slow
+        Frames for which there was no room, as they came faster than they could be written.
+    not_written
+        Frames that the disk did not take: it was full, or too slow to take them at the end.
+    damaged
+        Frames that could not be read.
+    skipped
+        Frames that newer ones replaced before they reached the recorder.
+    """
+
+    given: int = 0
+    recorded: int = 0
+    waiting: int = 0
+    too_slow: int = 0
+    not_written: int = 0
+    damaged: int = 0
+    skipped: int = 0
+
+    @property
+    def lost(self) -> int:
+        """Frames that are not in the video, and will not be."""
+        return self.given - self.recorded - self.waiting
+
+    @property
+    def reasons(self) -> str:
+        """Why frames are lost, with their numbers."""
+        found = {
+            "came faster than they could be written": self.too_slow,
+            "were not taken by the disk": self.not_written,
+            "were damaged": self.damaged,
+            "were skipped": self.skipped,
+        }
+        return ", ".join(f"{count} {reason}" for reason, count in found.items() if count)
+
+
+class BackgroundRecorder:
+    """Encodes and writes frames in a thread of its own; `give` never waits for it.
+
+    At the end, PATH.json beside the video states its counts.
+
+    Parameters
+    ----------
+    path
+        The video, a new name that ends in .mkv.
+    width_px, height_px
+        Size of the frames.
+    waiting_bytes
+        Bytes of the frames that may wait; those that come while there is no room are lost.
+    finishing_s
+        Time that frames which still wait at the end have to be written.
+    recorder
+        What writes the video.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        width_px: int,
+        height_px: int,
+        *,
+        waiting_bytes: int = WAITING_BYTES,
+        finishing_s: float = FINISHING_S,
+        recorder: Callable[[Path, int, int], FrameRecorder] = FrameRecorder,
+    ) -> None:
+        self.path = path
+        self._open: Callable[[], FrameRecorder] = lambda: recorder(path, width_px, height_px)
+        self._most, self._finishing_s = waiting_bytes, finishing_s
+        self._changed = threading.Condition()
+        self._waiting: deque[Frame] = deque()
+        self._bytes = 0
+        self._given = self._recorded = self._taken = self._too_slow = self._damaged = self._skipped = 0
+        self._last: int | None = None
+        self._ends_s: float | None = None
+        self._failed: str | None = None
+        self._over = False
+        self._thread = threading.Thread(target=self._write, name="recording", daemon=True)
+        self._thread.start()
+
+    def give(self, item: Frame | Lost) -> None:
+        """Take the next frame of the source; after `finish`, none."""
+        with self._changed:
+            if self._ends_s is not None:
+                return
+            skipped = 0 if self._last is None else max(item.number - self._last - 1, 0)
+            self._given, self._skipped, self._last = self._given + 1 + skipped, self._skipped + skipped, item.number
+            if isinstance(item, Lost):
+                self._damaged += 1
+            elif self._bytes and self._bytes + item.pixels.nbytes > self._most:
+                self._too_slow += 1
+            else:
+                self._taken += 1
+                if self._failed is None:
+                    self._bytes += item.pixels.nbytes
+                    self._waiting.append(item)
+                    self._changed.notify_all()
+
+    def finish(self) -> None:
+        """Take no more frames; what waits is written, and the files are finished, in the background."""
+        with self._changed:
+            if self._ends_s is None:
+                self._ends_s = time.monotonic() + self._finishing_s
+            self._changed.notify_all()
+
+    def finished(self, timeout_s: float = 0.0) -> bool:
+        """Whether all is written, at the latest after a time; `finish` it first."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    @property
+    def failed(self) -> str | None:
+        """Why nothing more can be written, in one line; None where it can."""
+        with self._changed:
+            return self._failed
+
+    @property
+    def counts(self) -> RecordingCounts:
+        """What has become of the frames so far."""
+        with self._changed:
+            pending = self._taken - self._recorded
+            waiting = 0 if self._failed is not None or self._over else pending
+            return RecordingCounts(
+                given=self._given,
+                recorded=self._recorded,
+                waiting=waiting,
+                too_slow=self._too_slow,
+                not_written=pending - waiting,
+                damaged=self._damaged,
+                skipped=self._skipped,
+            )
+
+    def __str__(self) -> str:
+        counts = self.counts
+        lost = f", {counts.lost} of {counts.given} lost: {counts.reasons}" if counts.lost else ""
+        return f"{self.failed or f'{self.path} written'}: {counts.recorded} frames{lost}"
+
+    def _write(self) -> None:
+        recorder: FrameRecorder | None = None
+        try:
+            while (frame := self._next()) is not None:
+                recorder = recorder or self._open()
+                recorder.add(frame)
+                self._note(recorder, frame)
+            if recorder is not None:
+                recorder.close()
+                self._note(recorder)
+        except InputError as error:  # there is no video
+            self._fail(str(error))
+            with self._changed:
+                self._recorded = 0
+        with self._changed:
+            self._changed.wait_for(lambda: self._ends_s is not None)
+            self._over = True
+        try:
+            write_json(self.path.with_suffix(".json"), stated(self.path, self.counts, self.failed))
+        except InputError as error:
+            self._fail(str(error))
+
+    def _next(self) -> Frame | None:
+        """The next frame to write; None at the end, where the disk takes no more, and where time is over."""
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._waiting) or self._ends_s is not None)
+            late = self._ends_s is not None and time.monotonic() > self._ends_s
+            if self._failed is not None or late:
+                self._waiting.clear()
+            return self._waiting.popleft() if self._waiting else None
+
+    def _note(self, recorder: FrameRecorder, frame: Frame | None = None) -> None:
+        with self._changed:
+            self._recorded = recorder.frames
+            self._bytes -= 0 if frame is None else frame.pixels.nbytes
+            self._failed = self._failed or recorder.failed
+
+    def _fail(self, reason: str) -> None:
+        with self._changed:
+            self._failed = self._failed or reason
+
+
+def stated(path: Path, counts: RecordingCounts, failed: str | None) -> dict[str, object]:
+    """What the file beside a video states."""
+    return {"schema": SCHEMA, "video": path.name, "failed": failed} | asdict(counts)
+
+
+def new_recording(folder: Path) -> Path:
+    """A new name recording_NNNN.mkv in a folder, which the file beside it reserves.
+
+    Raises InputError where the folder cannot be written.
+    """
+    number = 1
+    while True:
+        path = folder / f"recording_{number:04d}.mkv"
+        side = path.with_suffix(".json")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                with side.open("x", encoding="utf-8") as file:
+                    file.write(json.dumps(stated(path, RecordingCounts(), None), indent=1) + "\n")
+                return path
+        except FileExistsError:
+            if not side.exists():
+                raise InputError(f"{folder}: is no folder, expected one to record into") from None
+        except OSError as error:
+            raise InputError(f"{side}: cannot be written: {error.strerror}") from None
+        number += 1

@@ -1,0 +1,251 @@
+"""Cameras by number, through OpenCV, and by address, through FFmpeg: v4l2, RTSP, HTTP, UDP and others.
+
+FFmpeg may read each kind of address by the protocols and as the formats that it needs; no playlist is among them, so
+that what a server sends cannot lead to files of this machine or to other servers. A web server may redirect to another
+page by HTTP or HTTPS, which may be of another server. An existing file goes before an address.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.images.sample_bits import SampleBits
+from mirrorcam.core.messages import shortened
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import AHEAD
+from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
+from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
+from mirrorcam.core.video.video_pictures import has_16_bits, rgb_of, rgb_of_samples, samples_of_16_bits
+from mirrorcam.core.video.video_remarks import frame_remarks
+
+PATIENCE = 30
+"""Pictures in a row that a camera may fail to give before it counts as gone."""
+OPENING_S, READING_S = 10.0, 5.0
+"""Time after which a server that does not answer, or gives no more packets, counts as gone."""
+_V4L2 = re.compile(r"(v4l2://)?(?P<device>/dev/(video|v4l/)\S+)")
+_RTMP = "flv,live_flv"
+_WEB = "http,https,httpproxy,tls,tcp"
+_SCHEMES = {
+    "rtsp": ("rtsp,asf", "tcp"),
+    "rtsps": ("rtsp,asf", "tls,tcp"),
+    "rtmp": (_RTMP, "rtmp,tcp"),
+    "rtmps": (_RTMP, "rtmps,tls,tcp"),
+    "http": (FORMATS, _WEB),
+    "https": (FORMATS, _WEB),
+    "udp": (FORMATS, "udp"),
+    "rtp": ("rtp", "rtp,udp"),
+    "tcp": (FORMATS, "tcp"),
+}
+"""FFmpeg's formats of what an address may give, and the protocols by which that is read."""
+_INTRA = 1
+"""FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
+
+
+def camera(
+    address: str,
+    width_px: int,
+    height_px: int,
+    tell: Callable[[str], None] = lambda line: None,
+    waiting: int = AHEAD,
+) -> LiveCamera:
+    """A camera, asked for pictures of a size, by its number or address; `tell` and `waiting` as of `LiveCamera`.
+
+    Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
+    """
+    number = address.isascii() and address.isdigit()
+    if not number and _local_file(address) is None and re.search(r"\s!\s", address):
+        raise InputError(
+            "a GStreamer pipeline cannot be read, expected an address: end it with `! mpegtsmux ! udpsink "
+            "host=127.0.0.1 port=5000` and give udp://127.0.0.1:5000, or with `! v4l2sink device=/dev/videoN`"
+        )
+    # A camera that comes back is opened again, and remarked on once.
+    name, connect = shown(address), partial(_addressed, address, width_px, height_px, cache(tell))
+    if number:
+        name, connect = f"camera {address}", partial(_numbered, int(address), width_px, height_px)
+    return LiveCamera(name, connect, width_px, height_px, tell=tell, waiting=waiting)
+
+
+def shown(address: str) -> str:
+    """An address without name and password of a user."""
+    return re.sub(r"(?<=://)[^/@]*@", "", address)
+
+
+def _numbered(number: int, width_px: int, height_px: int) -> Connection:
+    """A camera of this machine by its number."""
+    # OpenCV would print its attempts on standard error; the failure is reported here.
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        capture = cv2.VideoCapture(number)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if not capture.isOpened():
+        raise InputError(f"camera {number} cannot be opened, expected one on this machine (/dev/video{number})")
+    # Uncompressed pictures of this size do not fit through USB 2 at a camera's rate.
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, width_px)
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height_px)
+    return Connection(_captured(capture))
+
+
+def _captured(capture: Any) -> Generator[Seen]:
+    missed = 0
+    try:
+        while missed < PATIENCE:
+            given, bgr = capture.read()
+            missed = 0 if given else missed + 1
+            if given:
+                yield Seen(np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8))
+    finally:
+        capture.release()
+
+
+def existing(text: str) -> Path | None:
+    """The path of a text at which there is something, also where it looks like an address; None without."""
+    with suppress(OSError):  # of an address that is too long for a path
+        return Path(text) if Path(text).exists() else None
+    return None
+
+
+def _local_file(address: str) -> Path | None:
+    """The file that an address names: an existing one of that name, or one by `file:`; None for another address."""
+    path = existing(address)
+    if path is not None and path.is_file():
+        return path
+    scheme, _, name = address.partition(":")
+    return Path(name.removeprefix("//")) if scheme.lower() == "file" else None
+
+
+def _addressed(address: str, width_px: int, height_px: int, tell: Callable[[str], None]) -> Connection:
+    """A camera or server by an address that FFmpeg reads."""
+    import av
+
+    v4l2, name, path = _V4L2.fullmatch(address), shortened(shown(address), 80), _local_file(address)
+    with ExitStack() as stack:
+        try:
+            if path is not None:
+                container = stack.enter_context(_opened_sdp(path) if is_sdp(path) else opened(path))
+            elif v4l2:
+                container = stack.enter_context(_opened_v4l2(v4l2["device"], f"{width_px}x{height_px}"))
+            else:
+                container = stack.enter_context(_opened_stream(address))
+        except InputError:
+            raise
+        except (av.FFmpegError, OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error).replace(address, name)
+            if isinstance(error, av.error.ExitError):
+                reason = f"no answer within {OPENING_S:g} s"
+            elif isinstance(error, av.error.ArgumentError) and not v4l2:
+                reason = "not a supported format of streams, such as a playlist"
+            raise InputError(
+                shortened(
+                    f"{name} cannot be opened: {reason}; expected the number of a camera, /dev/videoN, a file, or an "
+                    f"address by {', '.join(_SCHEMES)}, such as rtsp://HOST/PATH"
+                )
+            ) from None
+        if not container.streams.video:
+            raise InputError(f"{name} has no pictures, expected a camera or a video")
+        ends = container.duration is not None or (path is not None and not is_sdp(path))
+        return Connection(_decoded(container, stack.pop_all(), name, tell), ends=ends)
+
+
+def is_sdp(path: Path) -> bool:
+    """Whether a file is named like the description of a stream of RTP."""
+    return path.suffix.lower() == ".sdp"
+
+
+@contextmanager
+def _opened_sdp(path: Path) -> Iterator[Any]:
+    """A container of a stream of RTP by its description (SDP): the file is read, and no other."""
+    stored_bytes(path)
+    options = {"protocol_whitelist": "rtp,udp"}
+    with MediaFile(path) as file, _opened(file, format="sdp", options=options) as container:
+        yield container
+
+
+def _opened_stream(address: str) -> Any:
+    """A container of what a server gives; ValueError for an address of another kind than those of `_SCHEMES`."""
+    scheme = address.partition("://")[0] if "://" in address else ""
+    if scheme not in _SCHEMES:
+        raise ValueError("neither a file nor an address of a kind that is read")
+    formats, protocols = _SCHEMES[scheme]
+    options = {"format_whitelist": formats, "protocol_whitelist": protocols}
+    if formats.startswith("rtsp"):
+        options["rtsp_transport"] = "tcp"  # by UDP, packets are lost and pictures damaged
+    return _opened(address, options=options)
+
+
+def _opened_v4l2(device: str, size: str) -> Any:
+    """A container of the pictures of a device of v4l2: JPEG where it gives them, else what it gives by default."""
+    import av
+
+    options = {"video_size": size}
+    try:
+        return _opened(device, format="v4l2", options={**options, "input_format": "mjpeg"})
+    except (av.error.FileNotFoundError, av.error.PermissionError):
+        raise
+    except av.FFmpegError:
+        return _opened(device, format="v4l2", options=options)
+
+
+def _opened(address: Any, **settings: Any) -> Any:
+    import av
+
+    return av.open(address, timeout=(OPENING_S, READING_S), metadata_errors="replace", **settings)
+
+
+def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], None]) -> Generator[Seen]:
+    """The pictures of a container until it ends or fails, with what closes it; `tell` gets remarks on the first one.
+
+    Those after a damaged one wait for the next key frame.
+    """
+    import av
+
+    stream = container.streams.video[0]
+    # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
+    stream.codec_context.options = {"err_detect": "crccheck+explode"}
+    stream.thread_type = "SLICE"  # threads for frames would give each some frames late
+    begun, whole, bits = False, False, SampleBits()
+
+    def pixels(frame: Any) -> NDArray[np.uint8]:
+        nonlocal bits
+        if not has_16_bits(frame):
+            return rgb_of(frame)
+        # Of those seen so far: how many bits a camera uses shows in its first bright picture.
+        samples = samples_of_16_bits(frame)
+        before, bits = bits, SampleBits.together((bits, SampleBits.of(samples)))
+        if bits.used != before.used:
+            tell(f"{name}: {bits}")
+        return rgb_of_samples(samples, bits.used)
+
+    try:
+        for packet in container.demux(stream):
+            try:
+                frames = packet.decode()
+            except av.error.InvalidDataError:
+                frames, whole = [], False
+                if begun:
+                    yield Seen(None)
+            for frame in frames:
+                key = bool(frame.key_frame) and frame.pict_type == _INTRA
+                whole = (whole or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
+                if whole and not begun:
+                    begun = True
+                    for line in frame_remarks(name, [frame]):
+                        tell(line)
+                if begun:
+                    yield Seen(pixels(frame) if whole else None, frame.time)
+    except (av.FFmpegError, OSError):
+        return  # gone, as a camera that is unplugged
+    finally:
+        stack.close()

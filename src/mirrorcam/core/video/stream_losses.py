@@ -1,0 +1,49 @@
+"""Frames of a video or a camera that could not be used, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.video.live_camera import LiveCamera
+from mirrorcam.core.video.video import Video
+
+Stream = Video | LiveCamera
+
+
+def expected_frames(source: Stream, limit: int | None) -> int | None:
+    """Number of frames that a stream should give; None where it is not known."""
+    count = source.count if isinstance(source, Video) else None
+    return limit if count is None or (limit or count) < count else count
+
+
+def sources_text(source: Stream) -> str:
+    """What `mirrorcam drift` would be given of a stream."""
+    return str(source.path) if isinstance(source, Video) else "FRAMES"
+
+
+def losses(source: Stream, kept: int, lost: Mapping[int, str], expected: int | None) -> list[str]:
+    """Report frames that could not be used, a line for each reason, and whether the file ends before it should.
+
+    Of a camera, how many frames were left out because they came too fast.
+    """
+    seen = kept + len(lost)
+    lines = []
+    for reason in dict.fromkeys(lost.values()):
+        numbers = sorted(number for number, why in lost.items() if why == reason)
+        lines.append(f"skipped {len(numbers)} of {seen} frames, each {reason}: {spans(numbers)}")
+    if isinstance(source, LiveCamera):
+        if source.dropped:
+            lines.append(f"left out {source.dropped} of {seen + source.dropped} frames, which came faster than decoded")
+        if source.outages:
+            lines.append(f"the camera was gone {count_text(source.outages, 'time')}")
+    elif expected is not None and seen < expected:
+        lines.append(f"ends after {seen} of {expected} frames; the file is cut off")
+    return lines
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Ascending numbers as text, with runs of neighbours joined: 3, 7 to 12."""
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), key=lambda each: each[1] - each[0])]
+    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)

@@ -1,0 +1,1 @@
+"""The commands design and sweep: requests, files, figures and report of a layout."""

@@ -1,0 +1,92 @@
+"""The report of a design: one HTML file that holds its pictures, figures, checks and what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.core.figures.figure_texts import NONE, label_text, sentence_case, value_text, values_text
+from mirrorcam.core.html.templates import FigureTable, Table, Tile, render
+from mirrorcam.optics.geometry.layout import Layout
+
+TEMPLATES = Path(__file__).parent
+HEADLINES = {
+    "usable_efficiency": "of the sensor is usable",
+    "grid_error": "grid error",
+    "fov_x": "field of view, across",
+    "depth_sigma": "sigma of depth",
+}
+
+
+@dataclass(frozen=True)
+class ReportPicture:
+    """A picture as it stands in the report."""
+
+    title: str
+    alt: str
+    base64: str
+
+
+def design_report(
+    layout: Layout, parabola: Layout | None, pictures: Sequence[ReportPicture], *, not_built: str = ""
+) -> str:
+    """The page of a designed layout beside its faceted parabola.
+
+    `not_built` says why there is no picture of devices as built, if there is none. Raises ValueError for a layout
+    without a spec.
+    """
+    spec = layout.spec
+    if spec is None:
+        raise ValueError("a layout without a spec, expected one that was designed")
+    checks = FigureTable.of(layout.verdict)
+    count = len(layout.verdict)
+    return render(
+        TEMPLATES,
+        "design_report.html",
+        title=f"{layout.arrangement.text} views with a {layout.camera.name}",
+        lead=f"{len(layout.mirrors)} flat mirrors, the central one {spec.scale_mm:g} mm above the lens, for scenes at "
+        f"{', '.join(f'{depth:g}' for depth in sorted(spec.depths_mm))} mm.",
+        verdict=f"{checks.failed} of {count} checks failed" if checks.failed else f"All {count} checks pass",
+        tiles=_tiles(layout),
+        pictures=pictures,
+        not_built=not_built,
+        figures=_figures(layout, parabola),
+        checks=checks,
+        request=_request(layout),
+        identity=layout.identity,
+    )
+
+
+def _tiles(layout: Layout) -> list[Tile]:
+    tiles = []
+    for name, metric in layout.metrics.items():
+        for beginning, text in HEADLINES.items():
+            if name.startswith(beginning):
+                last = name.rpartition("_")[2]
+                depth = f" at {last.removesuffix('mm')} mm" if last[0].isdigit() else ""
+                if metric.known:
+                    tiles.append(Tile(value_text(metric, digits=3), text + depth))
+                else:
+                    tiles.append(Tile(NONE, f"{text}{depth}: {metric.reason}"))
+    return tiles
+
+
+def _figures(layout: Layout, parabola: Layout | None) -> Table:
+    if parabola is None:
+        rows = [(sentence_case(label_text(name)), value_text(metric)) for name, metric in layout.metrics.items()]
+        return Table(("Figure", "This design"), rows, "words")
+    both = []
+    for name, metric in layout.metrics.items():
+        before = parabola.metrics.get(name)
+        texts = values_text([metric, before]) if before else [value_text(metric), ""]
+        both.append((sentence_case(label_text(name)), *texts))
+    return Table(("Figure", "This design", "Faceted parabola"), both, "words")
+
+
+def _request(layout: Layout) -> Table:
+    assert layout.spec is not None
+    asked = layout.spec.model_dump(mode="json")
+    asked |= {"camera": layout.camera.name}
+    rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in asked.items()]
+    return Table(("Field of design.toml", "Value"), rows)

@@ -1,0 +1,1 @@
+"""The commands that make a device: cad, adjust, board, and the camera library."""

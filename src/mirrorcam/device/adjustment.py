@@ -1,0 +1,154 @@
+"""How to turn the screws of a device's mirrors so that they come to where the design has them, from a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.cad.holder.mirror_turns import tilt_and_shift, travel_turns, turns_to
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.core.disk.files import read_model, write_json
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.geometry.layout import Layout
+
+FILES = ("turns.json", "turns.png")
+# A step by which the derivative of turns by a virtual centre is taken.
+STEP_MM = 1e-4
+
+
+@dataclass(frozen=True)
+class MirrorTurns:
+    """Of one mirror: how far it is from its design, and the turns that bring it there.
+
+    `turns` (3,) are clockwise as seen from behind the device, in the order of its screws in the drawing; `sigma_turns`
+    (3,) is their standard deviation by the calibration, NaN without one. `reached` is False where a screw would leave
+    its travel.
+    """
+
+    name: str
+    tilt_deg: float
+    shift_mm: float
+    turns: FloatArray
+    sigma_turns: FloatArray
+    reached: bool
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """The turns of all mirrors, the outlines of these (n, 2) and the screws (3, 2) of each as seen from behind.
+
+    Their axes are right and up on the holder's back, mm, from the middle of the mount's screws.
+    """
+
+    mirrors: tuple[MirrorTurns, ...]
+    outlines_mm: tuple[FloatArray, ...]
+    screws_mm: FloatArray
+
+
+def read_device(folder: Path) -> tuple[Layout, Hardware]:
+    """The layout and hardware that a device's folder was made from; InputError where it is none."""
+    source = folder / "source"
+    if not (source / "layout.json").is_file():
+        raise InputError(f"{folder}: no source/layout.json in it, expected a folder that `mirrorcam cad` wrote")
+    table = source / "hardware.toml"
+    return Layout.load(source / "layout.json"), read_model(Hardware, table) if table.is_file() else HARDWARE
+
+
+def adjust(measured: Layout, designed: Layout, hardware: Hardware) -> Adjustment:
+    """The turns that bring mirrors from where a calibration found them to where the design has them.
+
+    Parameters
+    ----------
+    measured : Layout
+        Calibrated, in rig: the entrance pupil of the same camera.
+    designed : Layout
+        What the device was made from.
+    hardware : Hardware
+        What else it was made from, with `holder.mirrors = "screws"`.
+
+    Raises
+    ------
+    InputError
+        Where the device has no such screws, or the layouts have other mirrors.
+    """
+    if hardware.holder.mirrors != "screws":
+        raise InputError('mirrors of this device are glued to their holder, expected holder.mirrors = "screws"')
+    if measured.mirror_names != designed.mirror_names:
+        raise InputError(
+            f"calibration of {len(measured.mirrors)} mirrors, device of {len(designed.mirrors)}, expected the same ones"
+        )
+    holder = plan_screwed_holder(designed, hardware)
+    return Adjustment(
+        mirrors=tuple(_turns_of(index, measured, designed, holder) for index in range(len(designed.mirrors))),
+        outlines_mm=tuple(_seen_from_behind(mirror.outline_in_rig_mm, holder, designed) for mirror in designed.mirrors),
+        screws_mm=_seen_from_behind(holder.heads, holder, designed).reshape(-1, 3, 2),
+    )
+
+
+def _turns_of(index: int, measured: Layout, designed: Layout, holder: ScrewedHolderPlan) -> MirrorTurns:
+    centre = measured.mirrors[index].virtual_centre_in_rig_mm
+    wanted, carrier = designed.mirrors[index].virtual_centre_in_rig_mm, holder.carriers[index]
+    turns = turns_to(centre, wanted, carrier)
+    tilt, shift = tilt_and_shift(centre, wanted)
+    by_centre = np.column_stack(
+        [(turns_to(centre + step, wanted, carrier) - turns) / STEP_MM for step in STEP_MM * np.eye(3)]
+    )
+    covariance = _covariance(index, measured)
+    return MirrorTurns(
+        name=designed.mirror_names[index],
+        tilt_deg=tilt,
+        shift_mm=shift,
+        turns=turns,
+        sigma_turns=np.sqrt(np.diag(by_centre @ covariance @ by_centre.T)),
+        reached=bool((np.abs(turns) <= travel_turns(holder.adjuster)).all()),
+    )
+
+
+def _covariance(index: int, layout: Layout) -> FloatArray:
+    """Covariance (3, 3) of a mirror's virtual centre, mm^2; NaN where the layout has none."""
+    known = layout.uncertainty
+    names = [f"mirror {index} {axis}_mm" for axis in "xyz"]
+    if known is None or not set(names) <= set(known.parameters):
+        return np.full((3, 3), np.nan)
+    places = [known.parameters.index(name) for name in names]
+    return np.asarray(known.covariance[np.ix_(places, places)])
+
+
+def _seen_from_behind(points: FloatArray, holder: ScrewedHolderPlan, layout: Layout) -> FloatArray:
+    """Points (n, 2), right and up, as a viewer behind the device sees points (n, 3) of rig: along the holder's z."""
+    frame = holder.rig_from_mount
+    away, up = frame[:3, 2], -layout.view_from_rig[1]
+    up = up - (up @ away) * away
+    if np.linalg.norm(up) < 1e-6:
+        up = frame[:3, 1]
+    up = up / np.linalg.norm(up)
+    return np.asarray((points - frame[:3, 3]) @ np.column_stack([np.cross(up, away), up]))
+
+
+def write_adjustment(found: Adjustment, folder: Path) -> None:
+    """Write turns.json and turns.png into a folder."""
+    from mirrorcam.device.turns_figure import turns_figure
+
+    rows = [
+        {
+            "mirror": each.name,
+            "tilt_deg": round(each.tilt_deg, 4),
+            "shift_mm": round(each.shift_mm, 4),
+            "turns": [round(float(turn), 3) for turn in each.turns],
+            "sigma_turns": [None if np.isnan(sigma) else round(float(sigma), 4) for sigma in each.sigma_turns],
+            "screws_mm": [[round(float(at), 2) for at in screw] for screw in screws],
+            "reached": each.reached,
+        }
+        for each, screws in zip(found.mirrors, found.screws_mm, strict=True)
+    ]
+    write_json(folder / "turns.json", rows)
+    turns_figure(
+        [each.name for each in found.mirrors],
+        [each.turns for each in found.mirrors],
+        found.outlines_mm,
+        found.screws_mm,
+        folder / "turns.png",
+    )

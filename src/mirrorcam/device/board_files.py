@@ -1,0 +1,49 @@
+"""A calibration board as files: the page to print, and its numbers."""
+
+from __future__ import annotations
+
+import glob
+from dataclasses import dataclass
+from pathlib import Path
+
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.values import InputError
+from mirrorcam.device.board_print import FORMATS, page_for, write_board
+from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
+
+
+@dataclass(frozen=True)
+class PrintedBoard:
+    """The page that a board is printed on, mm, and the `board.toml` of its numbers."""
+
+    page_mm: tuple[float, float]
+    numbers: Path
+
+
+def print_board(path: Path, board: Path | None = None, page: str = "", *, force: bool = False) -> PrintedBoard:
+    """Draw a board at true scale into a PDF or SVG file.
+
+    Parameters
+    ----------
+    path
+        File to write, .pdf or .svg.
+    board
+        `board.toml`; None: the default board, whose numbers are written beside the page.
+    page
+        Name of a page, WIDTHxHEIGHT in mm, or empty for the smallest A page that holds the board.
+    force
+        Whether files may be replaced that this has not written, or that were changed since.
+    """
+    if path.suffix not in FORMATS:
+        raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")
+    target = default_board() if board is None else load_board(board)
+    numbers = path.with_suffix(".toml") if board is None else board
+    page_mm = page_for(target, page.lower())
+    names = (path.name, numbers.name) if board is None else (path.name,)
+    with output_folder(path.parent, "board", force=force) as output:
+        output.refuse_others(*map(glob.escape, names))
+        with output.staged(complete=False) as folder:
+            write_board(target, folder / path.name, page_mm, numbers.name)
+            if board is None:
+                save_board(folder / numbers.name, target)
+    return PrintedBoard(page_mm, numbers)

@@ -1,0 +1,263 @@
+"""A camera of one's own: questions for its measures, a drawing of where to take them, and its profile as a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.names import Name
+from mirrorcam.core.values import InputError, InvalidValue, Value
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
+from mirrorcam.optics.geometry.camera_library import CameraProfile
+
+UNKNOWN = "?"
+"""The answer for what cannot be measured: the value shown is kept, and listed as guessed."""
+
+Ask = Callable[[str], str]
+Say = Callable[[str], None]
+
+
+class _Title(Value):
+    """The name that a camera is given, checked as names in files are."""
+
+    name: Name
+
+
+@dataclass(frozen=True)
+class Asked:
+    """An answer, and whether it is a guess."""
+
+    value: Any
+    guessed: bool = False
+
+
+@dataclass(frozen=True)
+class Interview:
+    """Who is asked: `ask` gets a question and gives the answer, EOFError where there are no more; `say` shows a line.
+
+    `given` are answers by question: once given they are offered, should all be asked again.
+    """
+
+    ask: Ask
+    say: Say
+    given: dict[str, str] = field(default_factory=dict)
+
+    def asked(self, question: str, offered: Any, read: Callable[[str], Any]) -> Asked:
+        """Ask until an answer can be read; an empty one is what is offered, `UNKNOWN` too but as a guess.
+
+        Raises InputError where there is no answer.
+        """
+        shown = self.given.get(question, f"{offered:g}" if isinstance(offered, float) else str(offered))
+        while True:
+            try:
+                text = self.ask(f"{question} [{shown}]: ").strip()
+            except EOFError:
+                raise InputError(f"camera new: no answer to {question!r}, expected a line for each question") from None
+            try:
+                value = read(shown if text in ("", UNKNOWN) else text)
+            except InvalidValue as error:
+                self.say(f"{text[:40]}: {error.reason.lower()}")
+            except ValueError as error:
+                self.say(f"{text[:40]}: {error}")
+            else:
+                self.given[question] = shown if text in ("", UNKNOWN) else text
+                return Asked(value, text == UNKNOWN)
+
+
+def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
+    """Ask for everything about a camera, the figures of another as they are offered.
+
+    Parameters
+    ----------
+    like : CameraProfile
+        A camera that is like it: what it has is offered for every question, and kept for an empty answer.
+    interview : Interview
+        Who is asked.
+
+    Returns
+    -------
+    CameraProfile
+        The camera; it has no sources, as all its figures were measured.
+
+    Raises InvalidValue where answers contradict each other.
+    """
+    # Loaded late, as it draws.
+    from mirrorcam.cad.guide.camera_measures import MEASURES
+
+    body: dict[str, Any] = {each: getattr(like.body, each) for each in CameraBody.model_fields}
+    guessed: set[str] = set()
+    name = interview.asked("name of the camera", like.name, lambda text: _Title(name=text).name).value
+    for measure in MEASURES:
+        question = f"{measure.letter}: {measure.what}{', mm' if not measure.what.endswith(', g') else ''}"
+        old = like.body.guessed
+        answer = interview.asked(question, body[measure.field], _number_of(CameraBody, measure.field))
+        body[measure.field] = answer.value
+        if answer.guessed or (answer.value == getattr(like.body, measure.field) and measure.field in old):
+            guessed.add(measure.field)
+    kept = {each for each in like.body.guessed if each.partition(".")[0] == "held_by"}
+    body |= {
+        "name": name,
+        "field_of_view_deg": None,
+        "guessed": tuple(sorted(guessed | kept)),
+        "held_by": _ask_held(like.body.held_by, interview),
+        "foot_mm": None if body["hinge_mm"] == 0.0 else body["foot_mm"],
+    }
+    optics = _ask_optics(like, body, interview)
+    tables: dict[str, Any] = {"name": name, "body": {key: each for key, each in body.items() if each is not None}}
+    unsure: list[str] = []
+    if optics is not None:
+        tables["optics"], unsure = optics
+    return CameraProfile.model_validate(tables | {"guessed": tuple(unsure)})
+
+
+def _ask_held(held: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
+    """How the clip holds it: as the one that is like it, with its own measures."""
+    table = held.model_dump()
+    if isinstance(held, Lips):
+        text = "how far pads may reach over the front from its long edges, mm"
+        table["lip_mm"] = interview.asked(text, held.lip_mm, _number_of(Lips, "lip_mm")).value
+        return table
+    across, along = (max(abs(hole[axis]) for hole in held.holes_mm) * 2.0 for axis in (0, 1))
+    wide = interview.asked("distance of the board's holes along the picture's width, mm", across, _positive).value
+    high = interview.asked("distance of the board's holes along the picture's height, mm", along, _positive).value
+    table["holes_mm"] = tuple((x * wide / 2.0, y * high / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
+    for measure, text in (
+        ("hole_mm", "diameter of the holes, mm"),
+        ("post_mm", "height of what is soldered to the board's back, mm"),
+        ("screw_mm", "thread of the screws, mm"),
+    ):
+        table[measure] = interview.asked(text, table[measure], _number_of(BoardHoles, measure)).value
+    return table
+
+
+def _ask_optics(
+    like: CameraProfile, body: dict[str, Any], interview: Interview
+) -> tuple[dict[str, Any], list[str]] | None:
+    """Picture and lens, and what of them is guessed; None for a camera whose lens has any focal length."""
+    old = like.optics
+    if old is None:
+        return None
+    sizes = [
+        interview.asked(f"{text} of the picture, px", getattr(old, side), _pixels).value
+        for side, text in (("width_px", "width"), ("height_px", "height"))
+    ]
+    degrees = round(math.degrees(2.0 * math.atan(old.width_px / old.fx_px / 2.0)), 2)
+    view = interview.asked(
+        "field of view along the picture's width in degrees; or, of a ruler square to the lens axis, "
+        "'MM at MM': the length that fills the picture's width, and its distance from the front of the body",
+        f"{degrees:g}",
+        lambda text: _half_tangent(text, body["pupil_behind_front_mm"]),
+    )
+    pupil = interview.asked("diameter of the pupil (focal length / f-number), mm", old.aperture_mm, _not_negative)
+    focus = interview.asked("distance at which its focus is locked, mm", old.focus_mm, _positive).value
+    tangent = view.value if not isinstance(view.value, str) else _half_tangent(view.value, 0.0)
+    optics = {
+        "width_px": sizes[0],
+        "height_px": sizes[1],
+        "fx_px": round(sizes[0] / 2.0 / tangent, 2),
+        "aperture_mm": pupil.value,
+        "focus_mm": focus,
+    }
+    unsure = {"fx_px": view.guessed, "aperture_mm": pupil.guessed or "aperture_mm" in like.guessed}
+    return optics, [name for name, guess in unsure.items() if guess]
+
+
+def _half_tangent(text: str, pupil_mm: float) -> float:
+    """The tangent of half the field of view, of degrees or of "MM at MM" of a ruler."""
+    seen, at, distance = text.partition(" at ")
+    if at:
+        tangent = _positive(seen) / 2.0 / (_positive(distance) + pupil_mm)
+    else:
+        tangent = math.tan(math.radians(min(_positive(text), 179.0)) / 2.0)
+    if not 0.01 < tangent < 10.0:
+        raise ValueError("expected a field of view from 2 to 168 degrees")
+    return tangent
+
+
+def _number_of(model: type[Value], name: str) -> Callable[[str], float]:
+    """What reads a number and checks it by a field of a model."""
+    info = model.model_fields[name]
+    adapter: Any = TypeAdapter(Annotated[(info.annotation, *info.metadata)])  # type: ignore[arg-type]
+
+    def read(text: str) -> float:
+        try:
+            return float(adapter.validate_python(_number(text)))
+        except ValidationError as error:
+            raise ValueError(error.errors()[0]["msg"].lower()) from None
+
+    return read
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        raise ValueError("expected a number") from None
+
+
+def _positive(text: str) -> float:
+    if (number := _number(text)) <= 0.0 or not math.isfinite(number):
+        raise ValueError("expected a number above 0")
+    return number
+
+
+def _not_negative(text: str) -> float:
+    if (number := _number(text)) < 0.0 or not math.isfinite(number):
+        raise ValueError("expected a number from 0 on")
+    return number
+
+
+def _pixels(text: str) -> int:
+    number = _positive(text)
+    if number != int(number):
+        raise ValueError("expected a whole number of pixels")
+    return int(_number_of(Camera, "width_px")(f"{number:.0f}"))
+
+
+def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
+    """The camera of one round of questions; None, with a line that says why, where answers contradict each other."""
+    try:
+        return ask_profile(like, interview)
+    except InvalidValue as error:
+        interview.say(f"{error.reason}; once more, with what was answered in brackets")
+        return None
+
+
+def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> CameraProfile:
+    """Draw where to measure, ask, and write a profile to `path` and its own drawing beside it, as .svg and .pdf.
+
+    Raises InputError where one of these files exists, before the first question; nothing is replaced but that drawing.
+    """
+    import tomli_w
+
+    from mirrorcam.cad.guide.camera_measures import draw_camera
+
+    files = [path, path.with_suffix(".svg"), path.with_suffix(".pdf")]
+    if path.suffix != ".toml":
+        raise InputError(f"{path}: expected a name that ends in .toml")
+    for file in files:
+        if file.exists():
+            raise InputError(f"{file}: exists already, expected the name of a new file")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draw_camera(like.body).write(path.with_suffix(""), f"{like.name}: where to measure")
+    say(f"{files[1]} shows where to measure, with the figures of {like.name}")
+    interview = Interview(ask, say)
+    try:
+        while (profile := _once(like, interview)) is None:
+            pass
+    except BaseException:
+        # Not written: the next call with this name finds no file in its way.
+        for file in files[1:]:
+            file.unlink(missing_ok=True)
+        raise
+    table = profile.model_dump(mode="json", exclude_none=True)
+    write_text(path, tomli_w.dumps({key: value for key, value in table.items() if value not in ({}, [], "")}))
+    draw_camera(profile.body).write(path.with_suffix(""), f"{profile.name}: as measured")
+    return profile

@@ -1,1 +1,0 @@
-"""Pictures of results; each module imports matplotlib, so import them where a picture is made."""

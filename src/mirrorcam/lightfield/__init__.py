@@ -1,0 +1,1 @@
+"""The commands from frames to views, depth and features."""

@@ -1,0 +1,124 @@
+"""Light fields that commands work through, one after the other: from files, folders, recordings and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.core.console.reporter import SILENT, Reporter
+from mirrorcam.core.images.pictures import is_picture, line_on_bits
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.equalisation import Equalisation, matched, unequal
+from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.temporal import TemporalFilter
+
+
+@dataclass(frozen=True)
+class NamedLightField:
+    """A light field, the name of its results, and the range of depths and the time that its file states.
+
+    `frame` is the index of a frame of a recording, from 0; None of others.
+    """
+
+    name: str
+    light_field: LightField
+    depth_range_mm: tuple[float, float] | None = None
+    time_s: float | None = None
+    frame: int | None = None
+
+    def depths_to_search(self, near_mm: float | None, far_mm: float | None) -> tuple[float | None, float | None]:
+        """The depths given, and where there are none, those that the file states."""
+        near, far = self.depth_range_mm or (None, None)
+        return near if near_mm is None else near_mm, far if far_mm is None else far_mm
+
+
+@dataclass(frozen=True)
+class LightFieldInputs:
+    """Files and folders of light fields, whose names differ because results are called by them.
+
+    `layout` is the `layout.json` of frames that are still to be decoded, `assumed` the geometry for files that do not
+    state it. `reporter` is told of views that are made alike.
+    """
+
+    paths: tuple[Path, ...]
+    layout: Path | None = None
+    assumed: Assumed = NOTHING
+    reporter: Reporter = SILENT
+
+    def __post_init__(self) -> None:
+        names = [path.stem for path in self.paths]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of the results of files; those of a folder, which may hold many light fields, are known later."""
+        return tuple(path.stem for path in self.paths if not path.is_dir())
+
+    def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
+        """Open the light fields one after the other; `progress` is called after each file or folder.
+
+        Raises InputError for a file that is no light field, and for a frame without a layout.
+        """
+        has_frames = any(is_picture(path) for path in self.paths)
+        decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
+        for done, path in enumerate(self.paths, start=1):
+            yield from opened(path, self.assumed, decoder, self.reporter)
+            progress(done, len(self.paths))
+
+
+class RecordingFilter:
+    """Filters the frames of recordings in time, each recording on its own, and leaves other light fields as they are.
+
+    All frames must be given, in order, also those whose result is not needed: the next depends on them.
+    """
+
+    def __init__(self) -> None:
+        self._filter = TemporalFilter()
+
+    def filtered(self, each: NamedLightField) -> LightField:
+        """The light field to measure in."""
+        if each.frame is None:
+            return each.light_field
+        if each.frame == 0:
+            self._filter = TemporalFilter()
+        return self._filter.filtered(each.light_field)
+
+
+def opened(
+    path: Path, assumed: Assumed, decoder: Decoder | None, reporter: Reporter = SILENT
+) -> Iterator[NamedLightField]:
+    """The light fields of a file or folder; a recording has one for each frame.
+
+    Views that differ visibly in brightness or colour are made like the central one, in a recording all frames by what
+    the first shows, and the reporter is told; others are what the file holds, to the bit.
+    """
+    contents = open_light_fields(path, assumed=assumed, decoder=decoder)
+    name = path.name if path.is_dir() and not contents.is_recording else path.stem
+    bits = line_on_bits(path)
+    if bits is not None:
+        reporter.note("views", f"{name}: {bits}")
+    for note in contents.notes:
+        reporter.note("views", f"{name}: {note}")
+    equalisation: Equalisation | None = None
+    for number, light_field in enumerate(contents.frames):
+        own_name = f"{name}_{number:06d}" if contents.is_recording else name
+        time_s = None if contents.times_s is None else contents.times_s[number]
+        if number == 0:
+            equalisation = unequal(light_field)
+            if equalisation is not None:
+                apart = np.abs(equalisation.gain - 1.0).max()
+                reporter.note("views", f"{name}: views differ by up to {apart:.0%} in brightness or colour, matched")
+        alike = light_field if equalisation is None else matched(light_field, equalisation)
+        yield NamedLightField(
+            own_name, alike, contents.depth_range_mm, time_s, number if contents.is_recording else None
+        )

@@ -1,0 +1,140 @@
+"""A video or a camera's stream becomes a recording of light fields, which is resumed after an interruption."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from mirrorcam.core.console.reporter import Reporter
+from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Lost
+from mirrorcam.core.video.live_camera import LiveCamera
+from mirrorcam.core.video.spread_frames import WatchedSource
+from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.io.formats.hci import write_hci
+from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
+from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
+from mirrorcam.optics.light_field.io.stream import Decoded, RecordingCheck, record
+from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
+from mirrorcam.optics.light_field.light_field import LightField
+
+StreamFormat = Literal["zarr", "hci", "stanford"]
+Show = Callable[[float, LightField], None]
+"""What else happens to a frame that is decoded: its time in s, and its light field."""
+
+
+@dataclass(frozen=True)
+class StreamRecorder:
+    """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and checks each recording.
+
+    What `show` makes for each stream gets the frames that are decoded, too.
+    """
+
+    decoder: Decoder
+    output: OutputFolder
+    to: StreamFormat
+    limit: int | None
+    regular_grid_at_mm: float | None
+    reporter: Reporter
+    check: RecordingCheck | None = None
+    show: Callable[[], Show] | None = None
+
+    def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
+        """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
+
+        Returns the number of frames that it states and that could not be used. Raises InputError for a stream without a
+        frame that can be used, and where nothing can be written.
+        """
+        sink, suffix = _sink(self.to)
+        path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
+        equalisation = self.decoder.equalisation
+        refuse_streams([name], self.to, self.output, self.check)
+        recording = Recording(
+            path,
+            about(
+                self.decoder.views,
+                origin,
+                regular_grid_at_mm=self.regular_grid_at_mm,
+                limit=self.limit,
+                equalisation=None if equalisation is None else equalisation.gain.tolist(),
+            ),
+            sink,
+        )
+        if recording.complete:
+            self.reporter.note("decode", f"{path} is there already, of the same frames")
+            return len(recording.entries.lost)
+        if recording.entries.last >= 0:
+            self.reporter.note("decode", f"{name}: going on after frame {recording.entries.last}")
+        expected = expected_frames(source, self.limit)
+        watched = WatchedSource(source)
+        try:
+            self._decode(watched, name, recording, picture, expected)
+        except KeyboardInterrupt:
+            if isinstance(source, LiveCamera):
+                self._finish(recording, source, watched, name, None)
+            else:
+                recording.close()
+                kept = count_text(len(recording.entries.numbers), "frame")
+                self.reporter.note("decode", f"{kept} kept, the same command resumes")
+            raise
+        self._finish(recording, source, watched, name, expected)
+        entries = recording.entries
+        return len(entries.lost) + max((expected or 0) - len(entries.numbers) - len(entries.lost), 0)
+
+    def _finish(
+        self, recording: Recording, source: Stream, watched: WatchedSource, name: str, expected: int | None
+    ) -> None:
+        """Tell which frames were lost, give the recording its name, and check it."""
+        count = len(recording.entries.numbers)
+        for line in losses(source, count, recording.entries.lost, expected):
+            self.reporter.note("decode", f"{name}: {line}")
+        recording.finish()
+        first = self.output.path / f"{name}_views.png"
+        self.reporter.note("decode", f"{recording.path} written: {count_text(count, 'frame')}; the first in {first}")
+        if self.check is not None:
+            self.check.report(watched.seen.kept, f"{name}_{self.check.file}", sources_text(source))
+
+    def _decode(
+        self, source: WatchedSource, name: str, recording: Recording, picture: str, expected: int | None
+    ) -> None:
+        shown = bool(recording.entries.numbers)
+        show = None if self.show is None else self.show()
+        with self.reporter.work("decode", name, "frames") as advance:
+
+            def on_frame(done: int, item: Decoded) -> None:
+                nonlocal shown
+                if not isinstance(item, Lost) and not shown:
+                    with self.output.staged(complete=False) as folder:
+                        write_image(folder / picture, tiles(item[1]))
+                    shown = True
+                if not isinstance(item, Lost) and show is not None:
+                    show(item[0].time_s, item[1])
+                advance(done, max(done, expected or 0))
+
+            record(self.decoder, source, recording, on_frame=on_frame, limit=self.limit)
+
+
+def refuse_streams(names: Iterable[str], to: StreamFormat, output: OutputFolder, check: RecordingCheck | None) -> None:
+    """Raise InputError where a file of others is in the place of a recording, its picture or its check."""
+    for name in names:
+        path = output.path / f"{name}{_sink(to)[1]}"
+        for place in (path, path.with_name(path.name + ".partial")):
+            if place.is_file():
+                raise InputError(f"{place}: is a file, expected a recording of this video, or nothing")
+        if not path.exists():
+            beside = ["views.png", *([] if check is None else [check.file])]
+            output.refuse_others(*(glob.escape(f"{name}_{file}") for file in beside))
+
+
+def _sink(to: StreamFormat) -> tuple[Sink, str]:
+    """Sink that writes a stream in a format, and the ending of its name."""
+    if to == "zarr":
+        return ZarrSink(), ".zarr"
+    return Folders(write_hci if to == "hci" else write_stanford), ""

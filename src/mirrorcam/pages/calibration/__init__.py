@@ -1,1 +1,0 @@
-"""The report of a calibration: its verdict and the diagnostics behind it."""

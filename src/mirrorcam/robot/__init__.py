@@ -1,0 +1,1 @@
+"""Bags for ROS, and the viewer."""

@@ -1,0 +1,122 @@
+"""What is installed: this program, the libraries of each extra beside the versions that were tested, other programs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import sys
+import sysconfig
+from importlib import metadata
+from pathlib import Path
+
+import mirrorcam
+from mirrorcam.cad.write.slicer import PROGRAMS as SLICERS
+from mirrorcam.core.disk.fingerprint import OURS, normalised, required
+from mirrorcam.core.extras import MODULES, missing_modules
+from mirrorcam.core.values import Value
+
+CONSTRAINTS = "constraints.txt"
+BASE = "base"
+PURPOSES = {
+    BASE: "design, board, calibrate, decode, live, depth, and all that reads light fields",
+    "cad": "the parts of a device: mirrorcam cad, adjust, camera new, run",
+    "render": "synthetic sets and scenes: mirrorcam render, scene, picture, validate, run",
+    "fe": "mirrorcam cad --elastic (with the program gmsh)",
+    "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
+    "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
+    "parquet": "mirrorcam sweep --table parquet",
+    "robot": "ROS 2 bags: mirrorcam decode --mcap",
+    "view": "mirrorcam decode --view, in rerun's viewer",
+    "studio": "the pages in the browser: mirrorcam studio, live",
+}
+PROGRAMS = {
+    "PrusaSlicer": (SLICERS, "printing time and plastic of parts, and whether they need support"),
+    "gmsh": (("gmsh",), "meshes for mirrorcam cad --elastic"),
+}
+
+
+class Package(Value):
+    """A distribution that an extra asks for: the version that is installed, if any, and the tested one, if one was."""
+
+    name: str
+    installed: str | None
+    tested: str | None
+
+
+class Extra(Value):
+    """An extra, or the base installation: what it is for, what it consists of, and the modules that are missing."""
+
+    name: str
+    purpose: str
+    packages: tuple[Package, ...]
+    missing: tuple[str, ...]
+
+
+class Program(Value):
+    """A program that is run where it is installed."""
+
+    name: str
+    purpose: str
+    path: str | None
+
+
+class Installation(Value):
+    """Everything about an installation that a report of an error should say."""
+
+    version: str
+    folder: str
+    python: str
+    executable: str
+    system: str
+    extras: tuple[Extra, ...]
+    programs: tuple[Program, ...]
+
+
+def installation() -> Installation:
+    """What is installed here; no library is imported to find out."""
+    tested = versions_tested()
+    return Installation(
+        version=mirrorcam.__version__,
+        folder=str(Path(mirrorcam.__file__).parent),
+        python=platform.python_version(),
+        executable=sys.executable,
+        system=platform.platform(),
+        extras=tuple(_extra(name, tested) for name in PURPOSES),
+        programs=tuple(_program(name) for name in PROGRAMS),
+    )
+
+
+def versions_tested() -> dict[str, str]:
+    """Version by normalised name of every distribution that was there when the tests passed: `constraints.txt`."""
+    folder = Path(mirrorcam.__file__).parent
+    places = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # of a wheel, of a checkout
+    text = next(place for place in places if place.is_file()).read_text(encoding="utf-8")
+    return {normalised(name): version for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)}
+
+
+def _extra(name: str, tested: dict[str, str]) -> Extra:
+    base = required(OURS, frozenset())
+    names = base if name == BASE else required(OURS, frozenset({name})) - base
+    packages = tuple(Package(name=each, installed=_version(each), tested=tested.get(each)) for each in sorted(names))
+    if name == BASE:
+        missing = tuple(package.name for package in packages if package.installed is None)
+    else:
+        missing = tuple(missing_modules(name)) if name in MODULES else ()
+    return Extra(name=name, purpose=PURPOSES[name], packages=packages, missing=missing)
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _program(name: str) -> Program:
+    commands, purpose = PROGRAMS[name]
+    # Where Python was called by its path, the folder of its programs need not be on that of the shell.
+    places = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
+    found = (path for command in commands if (path := shutil.which(command, path=places)))
+    return Program(name=name, purpose=purpose, path=next(found, None))

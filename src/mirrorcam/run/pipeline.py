@@ -1,0 +1,238 @@
+"""The whole pipeline: design, part, synthetic set, blind calibration checked against truth, light field, page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.calibration.validation import validate, write_validation
+from mirrorcam.core.console.reporter import SILENT, Reporter
+from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.disk.fingerprint import NOT_INSTALLED
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.disk.stages import MANIFEST, Stage, perform, staleness
+from mirrorcam.core.extras import require
+from mirrorcam.core.processes.worker_pool import cores
+from mirrorcam.core.progress import Progress
+from mirrorcam.core.values import Metric
+from mirrorcam.designs.design_files import write_design
+from mirrorcam.lightfield.decoding import decode_picture
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
+
+# The frame that the page shows and decodes.
+SHOWN = 0
+# Maps of all pixels are 18 MB a frame, and nothing here reads them.
+SETTINGS = RenderSettings(maps=False)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All inputs that decide about the results of a run."""
+
+    spec: DesignSpec
+    target: Target
+    frames: int
+    base_frames: int
+    settings: RenderSettings
+    seed: int
+    small: bool
+    adapter: str = "none"
+    """The back that carries the device, by its kind."""
+    mirrors: Literal["glue", "screws"] = "glue"
+    """How mirrors sit."""
+
+
+def full_recipe(seed: int) -> Recipe:
+    """The nominal 3x3 camera at 1920x1080 with 20 frames."""
+    return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, settings=SETTINGS, seed=seed, small=False)
+
+
+def quick_recipe(seed: int) -> Recipe:
+    """A small example: 2x2 mirrors before a camera of half the resolution, a board of larger squares, few frames.
+
+    It keeps the limits of the full run: with other seeds, too, it uses about half of what they allow.
+    """
+    spec = DesignSpec(camera=Camera.c920().binned(0.5), rows=2, cols=2)
+    target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
+    return Recipe(spec, target, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
+
+
+def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
+    """The steps of a run into `root`, in order."""
+    nominal, synthetic = root / "design" / "layout.json", root / "set"
+    shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
+    calibrated = root / "validation" / "layout.json"
+
+    def design(folder: Path, progress: Progress) -> None:
+        write_design(recipe.spec, folder)
+
+    def part(folder: Path, progress: Progress) -> None:
+        from mirrorcam.cad.build import build_parts
+        from mirrorcam.cad.plan.back_table import back_of
+        from mirrorcam.cad.plan.hardware import HARDWARE
+
+        holder = HARDWARE.holder.replaced(mirrors=recipe.mirrors)
+        hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
+        build_parts(Layout.load(nominal), folder, hardware, previous=root / "cad", workers=cores(), progress=progress)
+
+    def render(folder: Path, progress: Progress) -> None:
+        from mirrorcam.render_scenes.sets.render_set import render_set
+        from mirrorcam.render_scenes.sets.set_request import SetRequest
+
+        request = SetRequest(
+            layout=Layout.load(nominal),
+            target=recipe.target,
+            frames=recipe.frames,
+            base_frames=recipe.base_frames,
+            seed=recipe.seed,
+            settings=recipe.settings,
+        )
+        render_set(request, folder, progress=progress)
+
+    def check(folder: Path, progress: Progress) -> None:
+        write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
+
+    def decode(folder: Path, progress: Progress) -> None:
+        decode_picture(shown, Decoder(Layout.load(calibrated)), folder)
+
+    def pictures(folder: Path, progress: Progress) -> None:
+        write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
+
+    return (
+        Stage(
+            "design",
+            design,
+            doing=f"{recipe.spec.arrangement.text} mirrors",
+            parameters={"spec": recipe.spec.model_dump(mode="json")},
+            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.designs"),
+        ),
+        Stage(
+            "cad",
+            part,
+            doing="every part, its files and checks",
+            unit="steps",
+            parameters={"adapter": recipe.adapter, "mirrors": recipe.mirrors},
+            reads=(nominal,),
+            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.cad"),
+            extras=("cad",),
+            programs={"slicer": _slicer()},
+        ),
+        Stage(
+            "set",
+            render,
+            doing=f"{recipe.frames} frames through the mirrors and {recipe.base_frames} without",
+            unit="frames",
+            parameters={
+                "target": recipe.target.model_dump(mode="json"),
+                "frames": recipe.frames,
+                "base_frames": recipe.base_frames,
+                "seed": recipe.seed,
+                "settings": recipe.settings.model_dump(mode="json"),
+            },
+            reads=(nominal,),
+            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.render_scenes"),
+            extras=("render",),
+            resumes=True,
+        ),
+        Stage(
+            "validation",
+            check,
+            doing="blind calibration, comparison with the truth",
+            reads=(synthetic,),
+            unit="pictures",
+            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.calibration"),
+        ),
+        Stage(
+            "light_field",
+            decode,
+            doing="views of one frame",
+            unit="frames",
+            reads=(calibrated, shown),
+            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.lightfield.decoding"),
+        ),
+        Stage(
+            "page",
+            pictures,
+            doing="pictures for the page",
+            reads=(shown, root / "light_field" / f"{shown.stem}_views.png"),
+            sources=("mirrorcam.run.run_page",),
+        ),
+    )
+
+
+def _slicer() -> str:
+    from mirrorcam.cad.write.slicer import slicer_version
+
+    return slicer_version() or NOT_INSTALLED
+
+
+def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> None:
+    """Do a stage, unless its subfolder already holds what it would make."""
+    reason = staleness(stage, output.root)
+    if not reason:
+        reporter.note(stage.name, "nothing changed, re-used")
+        return
+    if (output.root / stage.name).exists():
+        reporter.note(stage.name, f"done again: {reason}")
+    with reporter.work(stage.name, stage.doing, stage.unit) as advance:
+        perform(stage, output, advance)
+
+
+@dataclass(frozen=True)
+class RunFigures:
+    """The figures of a run, by name: of the design, of the parts, and of the calibration against the truth."""
+
+    design: Mapping[str, Metric]
+    parts: Mapping[str, Metric]
+    validation: Mapping[str, Metric]
+
+    @property
+    def passed(self) -> bool:
+        """True if every figure is within its limit."""
+        return all(m.passed for metrics in (self.design, self.parts, self.validation) for m in metrics.values())
+
+
+def run_all(
+    recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT, *, force: bool = False
+) -> RunFigures:
+    """Do the stages that are not done yet in `root`, and write `metrics.json` and `index.html`.
+
+    `command` is what the page says it was made by. Raises InputError where an extra is missing, before any work, and,
+    without `force`, where a file would be replaced that no run wrote, or that was changed since.
+    """
+    require("cad", "render")
+    with output_folder(root, "run", force=force) as output:
+        output.refuse_others("metrics.json", "index.html")
+        for stage in stages(recipe, root):
+            place = output.subfolder(stage.name)
+            place.refuse_unknown()
+            place.refuse_changed()
+            place.refuse_others(MANIFEST)
+        for stage in stages(recipe, root):
+            finish(stage, output, reporter)
+        figures = _figures(root)
+        named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
+        with output.staged(result="metrics.json") as folder:
+            write_metrics(
+                folder / "metrics.json",
+                {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},
+            )
+            write_page(root, folder / "index.html", command=command, small=recipe.small)
+    return figures
+
+
+def _figures(root: Path) -> RunFigures:
+    """The figures that the stages of a run have written."""
+    return RunFigures(
+        Layout.load(root / "design" / "layout.json").metrics,
+        read_metrics(root / "cad" / "checks.json"),
+        read_metrics(root / "validation" / "metrics.json"),
+    )

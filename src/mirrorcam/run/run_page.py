@@ -1,0 +1,127 @@
+"""The page of a run, made of the results in its folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import RootModel
+
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
+from mirrorcam.core.html.templates import PageFile, PagePicture
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import Metric
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.run.run_report import Report, index_html
+
+PICTURE_WIDTH_PX = 1600
+
+
+class _Metrics(RootModel[dict[str, Metric]]):
+    """The content of `metrics.json`."""
+
+
+def read_metrics(path: Path) -> dict[str, Metric]:
+    """Read `metrics.json`, or raise InputError in one line."""
+    return read_model(_Metrics, path, LARGEST_LAYOUT_BYTES).root
+
+
+def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
+    height, width = image.shape[:2]
+    if width <= width_px:
+        return image
+    size = (width_px, round(height * width_px / width))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def write_pictures(frame: Path, views: Path, out: Path) -> None:
+    """Write frame.jpg and views.jpg: the pictures of the page, no larger than it shows them."""
+    for path, name in ((frame, "frame.jpg"), (views, "views.jpg")):
+        write_image(out / name, _at_most(read_image(path), PICTURE_WIDTH_PX))
+
+
+def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
+    height, width = read_image(root / path).shape[:2]
+    return PagePicture(path=path, opens=opens, size_px=(width, height), alt=alt)
+
+
+def _focus_picture(root: Path) -> PagePicture | None:
+    """The picture of the depth of field, which a pinhole does not have."""
+    if not (root / "design/focus.png").exists():
+        return None
+    return _picture(
+        root,
+        "design/focus.png",
+        "design/focus.png",
+        "Circles of confusion over depth through each mirror, as focused and with the best focus",
+    )
+
+
+def gather(root: Path, *, command: str, small: bool) -> Report:
+    """The report of the finished stages below `root`."""
+    layout = Layout.load(root / "design" / "layout.json")
+    dataset = Dataset.load(root / "set")
+    shown = next((root / "light_field").glob("*.npz"))
+    with np.load(shown, allow_pickle=False) as light_field:
+        height, width = light_field["weights"].shape[2:]
+    frame = next(f"set/{name}" for name in dataset.frame_names if Path(name).stem == shown.stem)
+    views = f"light_field/{shown.stem}_views.png"
+    tolerances = dataset.tolerances
+    return Report(
+        command=command,
+        small=small,
+        parabola=Layout.load(root / "design" / "parabola.json"),
+        layout=layout,
+        view_size_px=(width, height),
+        frames=dataset.frames,
+        base_frames=dataset.base_frames,
+        as_built=(
+            f"each was tilted by {tolerances.tilt_deg:g}° and shifted by {tolerances.offset_mm:g} mm (one standard "
+            f"deviation), and the lens deviates from its data sheet"
+        ),
+        checks=read_metrics(root / "cad" / "checks.json"),
+        truth=read_metrics(root / "validation" / "metrics.json"),
+        before_after=_picture(
+            root,
+            "design/before_after.png",
+            "design/before_after.png",
+            "Sub-images, virtual cameras and overlap of the faceted parabola, beside those of the optimised layout",
+        ),
+        focus=_focus_picture(root),
+        part=_picture(
+            root, "cad/pictures/light.png", "cad/index.html", "The device, and the light from its lens to the scene"
+        ),
+        frame=_picture(root, "page/frame.jpg", frame, "A rendered frame: the board in every mirror"),
+        views=_picture(root, "page/views.jpg", views, "The decoded views beside each other"),
+        residuals=_picture(
+            root,
+            "validation/residuals.png",
+            "validation/report.html",
+            "Mean residuals as arrows over the sensor, by view, beside the distribution of all",
+        ),
+        part_files=tuple(
+            PageFile(f"cad/{name}", purpose)
+            for name, purpose in (
+                ("index.html", "all parts in 3-D, their files, drawings and checks"),
+                ("guide.md", "how to print, cut and assemble them"),
+                ("bom.md", "what to print, cut and buy"),
+                ("assembly.step", "the device, for any CAD program"),
+            )
+        ),
+        files=(
+            PageFile("design/layout.json", "the design: camera and mirrors"),
+            PageFile("validation/layout.json", "the same as it was calibrated, with its uncertainty"),
+            PageFile("validation/report.html", "how well the calibration fits, its uncertainty, and its checks"),
+            PageFile("metrics.json", "every figure on this page, with its unit and limit"),
+            PageFile("set/dataset.json", "the synthetic set; its truth lies in set/truth"),
+            PageFile(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
+        ),
+    )
+
+
+def write_page(root: Path, path: Path, *, command: str, small: bool) -> None:
+    """Write the page of the run in `root`, for which it links its files, to a path."""
+    write_text(path, index_html(gather(root, command=command, small=small)))

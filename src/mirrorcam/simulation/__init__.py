@@ -1,0 +1,1 @@
+"""The commands render, scene and picture: frames with known truth."""

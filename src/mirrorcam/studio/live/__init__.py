@@ -1,0 +1,1 @@
+"""The camera at work in a browser: aim, focus, calibrate, record."""

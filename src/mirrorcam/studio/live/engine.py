@@ -1,0 +1,219 @@
+"""The engine of `mirrorcam live`: frames, views, refocused pictures and depth of a camera, as a page shows them.
+
+Nothing heavy runs in the process of the engine. One process decodes and encodes, one measures depth at its own rate,
+and one aligns and finds boards; a thread of the engine stands by each.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from mirrorcam.core.disk.files import numbered
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.background_recorder import new_recording
+from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio.live.calibration import CalibrationRun
+from mirrorcam.studio.live.decoding_thread import DecodingThread
+from mirrorcam.studio.live.depth_thread import DepthThread
+from mirrorcam.studio.live.pictures import LivePicture, LivePictures
+from mirrorcam.studio.live.setup_thread import SetupThread
+from mirrorcam.studio.live.status import LiveMeters, LiveStatus
+from mirrorcam.studio.live.values import DECODED, LiveRequest, PictureKind, SessionAbout
+
+OUTLINE_POINTS = 8
+"""Points of an edge of an outline."""
+LEAST_PICTURES = MIN_FRAMES
+"""Calibration pictures without which no calibration is begun: its report asks for as many in every view."""
+
+
+class LiveEngine:
+    """A live session. Use it in a `with` block, or `close` it.
+
+    Parameters
+    ----------
+    request
+        What is shown.
+    out
+        Folder for recordings, calibration pictures and calibrations.
+    board
+        board.toml, to take calibration pictures.
+    idle_s
+        Time after which pictures of a kind that `wait_for` was not asked for are no longer made; by default they always
+        are.
+    hold
+        Whether a source that ends (a video, a folder) waits for `begin`; a camera does not.
+    tell
+        Takes each message of the session, in a thread of the engine.
+
+    Attributes
+    ----------
+    about : SessionAbout
+        What is shown.
+
+    Raises
+    ------
+    InputError
+        Where the layout, the board or the source cannot be opened.
+    """
+
+    def __init__(
+        self,
+        request: LiveRequest,
+        *,
+        out: Path = Path("output/live"),
+        board: Path | None = None,
+        idle_s: float | None = None,
+        hold: bool = False,
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.request, self.out, self.board = request, out, board
+        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(tell)
+        self._depth = DepthThread(request.layout, request.depth_width_px, self._pictures, self._meters)
+        self._setup = SetupThread(request.layout, board, self._meters)
+        self._decoding = DecodingThread(
+            request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup, hold=hold
+        )
+        self._calibration: CalibrationRun | None = None
+        self._closed = threading.Event()
+        try:
+            self.about: SessionAbout = self._decoding.open()
+        except BaseException:
+            self.close()
+            raise
+        for thread in (self._decoding, self._depth, self._setup):
+            thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Finish the recording and end all processes."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._pictures.end()
+        self._depth.close()
+        self._setup.close()
+        self._decoding.close()
+        if self._calibration is not None:
+            self._calibration.cancel()
+
+    def outlines_px(self) -> dict[str, list[list[float]]]:
+        """Outline (n, 2) of each mirror's sub-image as designed, in pixels of the camera, by the mirror's name."""
+        layout = Layout.load(self.request.layout)
+        found = {}
+        for k, name in enumerate(layout.mirror_names):
+            outline = layout.outline_px(k, points_per_edge=OUTLINE_POINTS, usable=True)
+            found[name] = outline[np.isfinite(outline).all(axis=1)].round(1).tolist()
+        return found
+
+    def begin(self) -> None:
+        """Let a source that waits begin; nothing where it has begun."""
+        self._decoding.play(again=False)
+
+    def play_again(self) -> None:
+        """Show a source that has ended from its start. Raises InputError where it has not, or has failed."""
+        status = self.status()
+        if status.failed is not None or not status.over:
+            raise InputError(f"{self.about.source} plays, or has failed, expected a source that has ended")
+        self._decoding.play(again=True)
+
+    def latest(self, kind: PictureKind) -> LivePicture | None:
+        """The newest picture of a kind; None before the first."""
+        return self._pictures.latest(kind)
+
+    def wait_for(self, kind: PictureKind, after: int, timeout_s: float) -> LivePicture | None:
+        """The newest picture of a kind whose serial number is beyond `after`; None where there is none in time."""
+        return self._pictures.wait_for(kind, after, timeout_s)
+
+    def focus(self, depth_mm: float) -> None:
+        """Refocus at a depth from the next frame on. Raises InputError for one not beyond the views."""
+        if not depth_mm > self.about.least_focus_mm:
+            least = f"more than {self.about.least_focus_mm:.0f} mm"
+            raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, {least}")
+        self._decoding.order(focus_mm=depth_mm)
+
+    def show(self, kinds: tuple[PictureKind, ...]) -> None:
+        """Make pictures of these kinds only."""
+        self._decoding.order(kinds=tuple(kind for kind in kinds if kind in DECODED))
+        self._depth.switch("depth" in kinds)
+
+    def align(self, on: bool) -> None:
+        """Compare the mirrors with the layout, again and again; switched on, from the start."""
+        self._setup.align(on)
+
+    def reset_focus_meter(self) -> None:
+        """Forget how sharp sub-images have been."""
+        self._decoding.order(reset_focus=True)
+
+    def record(self) -> Path:
+        """Write every frame to a new video from the next one on, and return its path.
+
+        Raises InputError where the source has ended, and where the folder cannot be written.
+        """
+        self._refuse_ended()
+        path = new_recording(self.out / "recordings")
+        self._decoding.order(record=path)
+        return path
+
+    def stop_recording(self) -> None:
+        """Finish the video."""
+        self._decoding.order(record=None)
+
+    def take_picture(self) -> Path:
+        """Write the next frame as a calibration picture, without loss, and return its path; `status` has the hint.
+
+        Raises InputError without a board, and where the source has ended.
+        """
+        self._refuse_ended()
+        if self.board is None:
+            raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
+        return self._decoding.take(self.out / "pictures")
+
+    def calibrate(self) -> Path:
+        """Calibrate from the pictures taken, in a process of its own; returns the folder that the result will be in.
+
+        Raises InputError with fewer than LEAST_PICTURES pictures, and while another calibration runs.
+        """
+        if self.board is None:
+            raise InputError("no board is stated, expected --board board.toml to calibrate")
+        pictures = self.out / "pictures"
+        if (count := self._pictures_kept()) < LEAST_PICTURES:
+            raise InputError(
+                f"{pictures}: number of calibration pictures is {count}, expected {LEAST_PICTURES} or more"
+            )
+        if self._calibration is not None and self._calibration.state().state == "running":
+            raise InputError("a calibration runs already, expected it to end first")
+        out = numbered(self.out / "calibrations", "calibration", "")
+        self._calibration = CalibrationRun(pictures, self.board, self.request.layout, out)
+        return out
+
+    def status(self) -> LiveStatus:
+        """How the session goes."""
+        return self._meters.status(
+            aligning=self._setup.aligning,
+            alignment=self._setup.report,
+            hint=self._setup.hint,
+            pictures_kept=self._pictures_kept(),
+            recording=self._decoding.recording,
+            calibration=None if self._calibration is None else self._calibration.state(),
+        )
+
+    def _pictures_kept(self) -> int:
+        return sum(1 for _ in (self.out / "pictures").glob("picture_*.png"))
+
+    def _refuse_ended(self) -> None:
+        if self._meters.ended:
+            raise InputError(f"{self.about.source} has ended, expected a source that gives more frames")

@@ -1,0 +1,156 @@
+"""The server of `mirrorcam live`: its page, the newest pictures, and what the page orders."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from pydantic import Field
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
+
+from mirrorcam.core.values import Value
+from mirrorcam.studio.live.engine import LiveEngine
+from mirrorcam.studio.live.page import live_page
+from mirrorcam.studio.live.values import LiveRequest, PictureKind
+from mirrorcam.studio.local_access import FILES, LocalAccess
+from mirrorcam.studio.loopback import listening_socket, run_server
+from mirrorcam.studio.page_requests import REFUSALS, asked
+from mirrorcam.studio.served_files import ServedFiles
+
+WAIT_S = 2.0
+"""How long a picture is waited for before the page asks again."""
+IDLE_S = 3.0
+"""Time after which pictures that no page asks for are no longer made."""
+
+Action = Literal["play_again", "focus", "align", "reset_focus", "record", "stop_recording", "take_picture", "calibrate"]
+
+
+class LiveOrder(Value):
+    """What the page wants to happen; `depth_mm` goes with focus, and `on` with align."""
+
+    action: Action
+    depth_mm: float = Field(default=math.nan, ge=0.0)
+    on: bool = False
+
+
+class LiveAnswers:
+    """Answers about a live session."""
+
+    def __init__(self, engine: LiveEngine) -> None:
+        self._engine = engine
+
+    async def page(self, request: Request) -> Response:
+        return HTMLResponse(live_page(self._engine, nonce=request.scope["nonce"]))
+
+    async def picture(self, request: Request) -> Response:
+        """The newest picture beyond a serial number, once there is one; status 204 where there is none for a while."""
+        kind, after = request.path_params["kind"], request.query_params.get("after", "0")
+        if kind not in get_args(PictureKind) or not (after.isascii() and after.isdigit() and len(after) < 16):
+            return PlainTextResponse("not found", status_code=404)
+        self._engine.begin()
+        found = await run_in_threadpool(self._engine.wait_for, kind, int(after), WAIT_S)
+        if found is None:
+            return Response(status_code=204)
+        headers = {"X-Serial": str(found.serial), "X-Frame": str(found.frame), "X-Time": f"{found.time_s:.3f}"}
+        return Response(found.jpeg, media_type="image/jpeg", headers=headers)
+
+    async def depth(self, request: Request) -> Response:
+        """The depth at a place of the reference view, mm, at parts of its width and height; null where not known."""
+        found, place = self._engine.latest("depth"), request.query_params
+        try:
+            right, down = float(place["right"]), float(place["down"])
+        except (KeyError, ValueError):
+            return PlainTextResponse("expected right and down, from 0 to 1", status_code=422)
+        if found is None or found.depth_mm is None or not (0.0 <= right <= 1.0 and 0.0 <= down <= 1.0):
+            return as_json({"depth_mm": None})
+        height, width = found.depth_mm.shape
+        value = int(found.depth_mm[min(int(down * height), height - 1), min(int(right * width), width - 1)])
+        return as_json({"depth_mm": value or None})
+
+    async def status(self, request: Request) -> Response:
+        return as_json(self._status())
+
+    async def order(self, request: Request) -> Response:
+        order, engine = await asked(LiveOrder, request), self._engine
+        actions: dict[Action, Callable[[], object]] = {
+            "play_again": engine.play_again,
+            "focus": lambda: engine.focus(order.depth_mm),
+            "align": lambda: engine.align(order.on),
+            "reset_focus": engine.reset_focus_meter,
+            "record": engine.record,
+            "stop_recording": engine.stop_recording,
+            "take_picture": engine.take_picture,
+            "calibrate": engine.calibrate,
+        }
+        made = await run_in_threadpool(actions[order.action])
+        return as_json({"path": str(made) if isinstance(made, Path) else None})
+
+    def _status(self) -> dict[str, Any]:
+        status = asdict(self._engine.status())
+        calibration = status["calibration"]
+        if calibration is not None and calibration["report"] is not None:
+            inside = Path(calibration["report"]).relative_to(self._engine.out)
+            calibration["page"] = f"{FILES}/{inside.as_posix()}"
+        return status
+
+
+def as_json(value: Any) -> Response:
+    """An answer of JSON: paths are text, and numbers that are none are null."""
+    return Response(json.dumps(plain(value), allow_nan=False), media_type="application/json")
+
+
+def plain(value: Any) -> Any:
+    """A value of what JSON knows."""
+    if isinstance(value, dict):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def live_app(engine: LiveEngine, port: int) -> Starlette:
+    """The application of one session."""
+    answers = LiveAnswers(engine)
+    return Starlette(
+        routes=[
+            Route("/", answers.page),
+            Route("/picture/{kind}", answers.picture),
+            Route("/depth", answers.depth),
+            Route("/status", answers.status),
+            Route("/order", answers.order, methods=["POST"]),
+            Mount(FILES, ServedFiles(engine.out)),
+        ],
+        middleware=[Middleware(LocalAccess, port=port)],
+        exception_handlers=REFUSALS,
+    )
+
+
+def serve_live(
+    request: LiveRequest,
+    *,
+    out: Path,
+    board: Path | None,
+    port: int,
+    browser: bool,
+    tell: Callable[[str], None],
+) -> int:
+    """Serve a session until Ctrl-C; returns 0. A source that ends begins when a page first asks for pictures.
+
+    Raises InputError where something cannot be opened.
+    """
+    listening = listening_socket(port)
+    with listening, LiveEngine(request, out=out, board=board, idle_s=IDLE_S, hold=True, tell=tell) as engine:
+        app = live_app(engine, listening.getsockname()[1])
+        run_server(app, listening, browser=browser, tell=tell, end=engine.close)
+    return 0

@@ -1,0 +1,282 @@
+"""A live session, in a process of its own: frames become pictures that a page can show.
+
+The functions at the end are what the process is called with; the session is the process's own.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame
+from mirrorcam.core.video.live_camera import LiveCamera
+from mirrorcam.optics.alignment.exposure_meter import measure_exposure
+from mirrorcam.optics.alignment.focus_meter import FocusMeter, sharpness
+from mirrorcam.optics.alignment.sub_image_masks import sub_image_masks
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.decoder import Decoder
+from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
+from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
+from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
+from mirrorcam.studio.live.recording import LiveRecording
+from mirrorcam.studio.live.source import open_source
+from mirrorcam.studio.live.values import Answer, LiveRequest, Orders, PictureKind, SessionAbout, Shown
+
+JPEG_QUALITY = 82
+METER_S = 0.2
+"""Time between two measurements of focus and exposure."""
+KEPT_FRAMES, KEPT_S = 6, 0.5
+"""Frames that are kept for the alignment, and the time between them."""
+
+
+class ViewsPicture:
+    """Makes pictures of all views beside each other, as `tiles` does, for light fields of one geometry."""
+
+    def __init__(self, light_field: LightField) -> None:
+        self._grid = light_field.is_grid
+        self._invalid = np.flatnonzero(~light_field.valid)
+        height, width = light_field.height_px, light_field.width_px
+        down, across = light_field.rows * (height + SEPARATOR_PX), light_field.cols * (width + SEPARATOR_PX)
+        self._picture = np.full((down - SEPARATOR_PX, across - SEPARATOR_PX, 3), SEPARATOR_RGB, np.uint8)
+        self._tile = np.array([height, width]) + SEPARATOR_PX
+        self.size_px = (self._picture.shape[1], self._picture.shape[0])
+        if not self._grid:
+            shown = tiles(light_field)
+            self.size_px = (shown.shape[1], shown.shape[0])
+
+    def of(self, light_field: LightField) -> NDArray[np.uint8]:
+        """The picture (h, w, 3); it is used again for the next one."""
+        if not self._grid:
+            return tiles(light_field)
+        samples: Any = light_field.samples
+        samples = samples.copy()
+        samples.reshape(-1, 3)[self._invalid] = INVALID_RGB
+        for t, s in np.ndindex(light_field.rows, light_field.cols):
+            top, left = self._tile * (t, s)
+            self._picture[top : top + light_field.height_px, left : left + light_field.width_px] = samples[t, s]
+        return self._picture
+
+
+class LiveSession:
+    """Decodes the newest frames of a source into pictures; one that ends is not read before orders say so.
+
+    Raises InputError where the layout or the source cannot be opened, or views share no field.
+    """
+
+    def __init__(self, request: LiveRequest) -> None:
+        cv2.setNumThreads(1)
+        self.layout = Layout.load(request.layout)
+        camera = self.layout.camera
+        self._lines: deque[str] = deque(maxlen=100)
+        self._decoder = Decoder(self.layout, width_px=request.view_width_px)
+        self._small = Decoder(self.layout, width_px=request.depth_width_px)
+        blank = self._decoder.decode(np.zeros((camera.height_px, camera.width_px, 3), np.uint8))
+        self._views, self._tiles = blank, ViewsPicture(blank)
+        scale = request.frame_width_px / camera.width_px
+        self._frame_px = (request.frame_width_px, round(camera.height_px * scale))
+        self._masks = sub_image_masks(self.layout)
+        self._meter, self._measured_s = FocusMeter(len(self._masks)), -np.inf
+        self._kept: deque[NDArray[np.uint8]] = deque(maxlen=KEPT_FRAMES)
+        self._kept_s = -np.inf
+        self._recording = LiveRecording(camera, self._lines.append)
+        self.opened = open_source(request.source, camera, self._lines.append)
+        self._every, self._plays = request.every, 0
+        self._newest: NewestFrame | None = None
+        self._dropped = self._lost = 0
+        self._last: Arrived | None = None
+        self._made: dict[PictureKind, float | None] = {}
+        if not self.opened.ends:
+            self._read()
+
+    @property
+    def about(self) -> SessionAbout:
+        """What the session shows."""
+        views, small = self._decoder.views, self._small.views
+        sizes: dict[PictureKind, tuple[int, int]] = {
+            "frame": self._frame_px,
+            "views": self._tiles.size_px,
+            "refocus": (views.width_px, views.height_px),
+            "depth": (small.width_px, small.height_px),
+        }
+        camera, reference = self.layout.camera, views.reference_depth_mm
+        least = views.reference_view_depth_mm + max(float(views.positions_mm[..., 2].max()), 0.0)
+        return SessionAbout(
+            source=self.opened.name,
+            kind=self.opened.kind,
+            layout_kind=self.layout.kind,
+            camera_px=(camera.width_px, camera.height_px),
+            sizes_px=sizes,
+            grid=(views.rows, views.cols),
+            reference_mm=reference,
+            near_mm=NEAR * reference,
+            far_mm=FAR * reference,
+            least_focus_mm=least,
+        )
+
+    def next(self, orders: Orders) -> Answer:
+        """The pictures of the next frame, as ordered. Raises InputError as the source does."""
+        if orders.reset_focus:
+            self._meter.reset()
+        self._recording.order(orders.record)
+        if orders.plays > self._plays and self.opened.ends:
+            self._plays = orders.plays
+            if self._newest is None or self._newest.over:
+                self._read()
+        arrived = None if self._newest is None else self._newest.take(orders.timeout_s)
+        over = self._newest is not None and self._newest.over
+        shown = None
+        if arrived is not None:
+            self._last, self._made = arrived, {}
+            shown = self._shown(arrived, orders)
+        elif over and self._last is not None:
+            shown = self._shown_again(self._last, orders)
+        recorded = self._recording.counts
+        source = self.opened.source
+        live = source if isinstance(source, LiveCamera) else None
+        return Answer(
+            shown,
+            over=over,
+            dropped=self._dropped
+            + (0 if self._newest is None else self._newest.dropped)
+            + (0 if live is None else live.dropped),
+            lost=self._lost + (0 if self._newest is None else self._newest.lost),
+            outages=0 if live is None else live.outages,
+            recorded=recorded.recorded,
+            not_recorded=recorded.lost,
+            memory_mb=resident_mb(),
+            lines=self._told(),
+        )
+
+    def close(self) -> tuple[str, ...]:
+        """Finish the recording, let go of the source, and return the last messages."""
+        self._recording.order(None)
+        if self._newest is None:
+            self.opened.source.stop()
+        else:
+            self._newest.stop()
+        self._recording.close()
+        return self._told()
+
+    def _read(self) -> None:
+        """Read the source, from its start where it ends."""
+        if self._newest is not None:
+            self._dropped += self._newest.dropped
+            self._lost += self._newest.lost
+        self._newest = NewestFrame(
+            self.opened.source,
+            paced=self.opened.paced and not self._every,
+            every=self._every,
+            arriving=self._recording.give,
+        )
+
+    def _shown_again(self, last: Arrived, orders: Orders) -> Shown | None:
+        """What is ordered and the last frame has not become yet: of other kinds, in another focus, for depth."""
+        kinds = tuple(
+            kind
+            for kind in orders.kinds
+            if kind not in self._made or (kind == "refocus" and self._made[kind] != orders.focus_mm)
+        )
+        depth = orders.depth and "depth" not in self._made
+        if not kinds and not depth:
+            return None
+        wanted = replace(orders, kinds=kinds, depth=depth, frames=False, take=None)
+        return replace(self._shown(replace(last, moment=time.monotonic()), wanted), again=True)
+
+    def _shown(self, arrived: Arrived, orders: Orders) -> Shown:
+        frame, jpegs = arrived.frame, dict[PictureKind, bytes]()
+        if "frame" in orders.kinds:
+            jpegs["frame"] = _jpeg(cv2.resize(frame.pixels, self._frame_px, interpolation=cv2.INTER_AREA))
+        if "views" in orders.kinds or "refocus" in orders.kinds:
+            light_field = self._decoder.decode(frame.pixels)
+            if "views" in orders.kinds:
+                jpegs["views"] = _jpeg(self._tiles.of(light_field))
+            if "refocus" in orders.kinds:
+                depth = light_field.reference_depth_mm if orders.focus_mm is None else orders.focus_mm
+                jpegs["refocus"] = _jpeg(to_bytes(refocus(light_field, FocalPlane.at_depth(light_field, depth))))
+        done = time.monotonic()
+        self._made |= dict.fromkeys(jpegs, orders.focus_mm) | ({"depth": None} if orders.depth else {})
+        samples = self._small.decode(frame.pixels).samples if orders.depth else None
+        measured = done - self._measured_s >= METER_S
+        grey: Any = cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY) if measured or orders.frames else None
+        sharp, exposure = None, None
+        if measured:
+            self._measured_s = done
+            sharp = tuple(self._meter.measure(sharpness(grey, self._masks)).tolist())
+            exposure = measure_exposure(frame.pixels, self._masks)
+        if grey is not None and done - self._kept_s >= KEPT_S:
+            self._kept_s = done
+            self._kept.append(grey)
+        return Shown(
+            number=frame.number,
+            time_s=frame.time_s,
+            arrived_s=arrived.moment,
+            done_s=done,
+            jpegs=jpegs,
+            sharpness=sharp,
+            exposure=exposure,
+            samples=None if samples is None else np.asarray(samples, np.uint8),
+            frames=tuple(self._kept) if orders.frames else (),
+            taken=self._taken(frame, orders.take),
+        )
+
+    def _taken(self, frame: Frame, path: Path | None) -> Path | None:
+        if path is None:
+            return None
+        if path.exists():
+            raise InputError(f"{path}: is there already, expected a new name")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, frame.pixels)
+        return path
+
+    def _told(self) -> tuple[str, ...]:
+        lines = tuple(self._lines)
+        self._lines.clear()
+        return lines
+
+
+def _jpeg(picture: Any) -> bytes:
+    """A picture (h, w, 3) in RGB as JPEG."""
+    encoded: bytes = simplejpeg.encode_jpeg(np.ascontiguousarray(picture), JPEG_QUALITY, colorsubsampling="420")
+    return encoded
+
+
+def resident_mb() -> float:
+    """Memory that this process holds, MB; NaN where the system is not Linux."""
+    if sys.platform != "linux":
+        return float("nan")
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+_SESSIONS: list[LiveSession] = []
+
+
+def open_session(request: LiveRequest) -> SessionAbout:
+    """Open this process's session, in place of the one before. Raises InputError as `LiveSession`."""
+    close_session()
+    _SESSIONS.append(LiveSession(request))
+    return _SESSIONS[0].about
+
+
+def next_pictures(orders: Orders) -> Answer:
+    """The next pictures of this process's session."""
+    return _SESSIONS[0].next(orders)
+
+
+def close_session() -> tuple[str, ...]:
+    """Close this process's session, if it has one, and return its last messages."""
+    return _SESSIONS.pop().close() if _SESSIONS else ()

@@ -1,0 +1,184 @@
+"""Alignment of mirrors and hints for calibration pictures of a live session, in a process of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import InputError
+from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner
+from mirrorcam.optics.alignment.scene_alignment import SceneAligner
+from mirrorcam.optics.calibration.detection.detect_boards import sub_images
+from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, pose_by_layout
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import load_board
+
+Aligning = Literal["off", "waiting", "measuring"]
+"""Whether mirrors are compared with the layout: not, of the frames to come, or of frames that are there."""
+FRAMES = 3
+"""Frames in which points of the scene are matched."""
+
+
+@dataclass(frozen=True)
+class TiltWords:
+    """What one source tells of a mirror: in words and, where it tells, degrees to the right and down, with sigmas."""
+
+    words: str
+    right_deg: float | None
+    down_deg: float | None
+    sigma_deg: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class AlignmentReport:
+    """What frames tell of the mirrors.
+
+    Attributes
+    ----------
+    names
+        What mirrors are called.
+    edges, scene
+        By edges of sub-images; and by points of the scene, empty where those are not matched.
+    camera
+        How the camera sits, in words.
+    designed_px, seen_px
+        Points of edges as designed, and where they are seen; only those that are seen.
+    points
+        Number of points of the scene.
+    """
+
+    names: tuple[str, ...]
+    edges: tuple[TiltWords, ...]
+    scene: tuple[TiltWords, ...]
+    camera: str
+    designed_px: tuple[tuple[float, float], ...]
+    seen_px: tuple[tuple[float, float], ...]
+    points: int
+
+
+@dataclass(frozen=True)
+class PoseHint:
+    """What a calibration picture showed, and what the next should.
+
+    Attributes
+    ----------
+    picture
+        Its name.
+    views, corners
+        Numbers of mirrors that show the board, and of corners.
+    sentence
+        The pose of the board in the next picture, in words.
+    sigma_deg
+        Standard deviation of the least certain mirror's normal so far.
+    enough
+        Whether the pictures suffice.
+    """
+
+    picture: str
+    views: int
+    corners: int
+    sentence: str
+    sigma_deg: float
+    enough: bool
+
+
+class LiveSetup:
+    """Aligns mirrors, and plans calibration pictures of one layout with a board."""
+
+    def __init__(self, layout: Path, board: Path | None) -> None:
+        cv2.setNumThreads(1)
+        self.layout = Layout.load(layout)
+        self._edges: EdgeAligner | None = None
+        self._scene: SceneAligner | None = None
+        self._near: Alignment | None = None
+        self._target = None if board is None else load_board(board)
+        self._planner: NextPosePlanner | None = None
+
+    def align(self, frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
+        """What frames (h, w) tell; `anew`: whatever was found before."""
+        if self._edges is None:
+            self._edges = EdgeAligner(self.layout)
+        if self._scene is None and len(self.layout.mirrors) >= LEAST_MIRRORS:
+            self._scene = SceneAligner(self.layout)
+        edges = self._near = self._edges.align(frames, None if anew else self._near)
+        scene = None if self._scene is None else self._scene.align(frames[-FRAMES:])
+        assert edges.edges is not None
+        designed, seen = edges.edges.seen_points
+        return AlignmentReport(
+            names=self.layout.mirror_names,
+            edges=_words(edges),
+            scene=() if scene is None else _words(scene),
+            camera=camera_words(edges),
+            designed_px=tuple(map(tuple, designed.round(1).tolist())),
+            seen_px=tuple(map(tuple, seen.round(1).tolist())),
+            points=0 if scene is None else scene.points,
+        )
+
+    def add_picture(self, path: Path) -> PoseHint:
+        """Find the board in a picture, and tell where it should be in the next one.
+
+        Raises InputError where no board is stated.
+        """
+        if self._target is None:
+            raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
+        if self._planner is None:
+            self._planner = NextPosePlanner.designed(self.layout, self._target)
+        found = sub_images(read_image(path, grey=True), self.layout, self._target).corners
+        pose = pose_by_layout(self.layout, self._target, found) if len(found) else None
+        if pose is not None:
+            self._planner.add(pose, found)
+        following = self._planner.next()
+        return PoseHint(
+            picture=path.name,
+            views=len(np.unique(found.view)),
+            corners=len(found),
+            sentence=following.sentence,
+            sigma_deg=float(following.sigma_deg.max()),
+            enough=following.enough,
+        )
+
+
+def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
+    def known(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    return tuple(
+        TiltWords(each.words, known(each.right_deg), known(each.down_deg), each.sigma_deg) for each in alignment.mirrors
+    )
+
+
+def camera_words(alignment: Alignment) -> str:
+    """How the camera sits: "camera turned 0.4° right, 0.1° up, rolled 0.2°"; axes of the picture."""
+    turn, sigma = alignment.camera_turn_deg, alignment.camera_turn_sigma_deg
+    if not np.isfinite(turn).all():
+        return "cannot tell how the camera sits"
+    right, up, roll = turn[1], turn[0], turn[2]
+    sideways = f"{abs(right):.1f}° {'right' if right >= 0 else 'left'} (±{sigma[1]:.1f}°)"
+    upwards = f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°)"
+    rolled = f"{abs(roll):.1f}° {'clockwise' if roll >= 0 else 'anticlockwise'} (±{sigma[2]:.1f}°)"
+    return f"camera turned {sideways}, {upwards}, rolled {rolled}"
+
+
+_SETUPS: list[LiveSetup] = []
+
+
+def open_setup(layout: Path, board: Path | None) -> None:
+    """Prepare this process. Raises InputError for files that cannot be read."""
+    _SETUPS[:] = [LiveSetup(layout, board)]
+
+
+def align_mirrors(frames: tuple[NDArray[np.uint8], ...], anew: bool) -> AlignmentReport:
+    """What frames tell of the mirrors."""
+    return _SETUPS[0].align(frames, anew)
+
+
+def add_picture(path: Path) -> PoseHint:
+    """What a calibration picture shows, and where the board should be in the next one."""
+    return _SETUPS[0].add_picture(path)

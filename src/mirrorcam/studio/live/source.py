@@ -1,0 +1,105 @@
+"""What a live page shows frames of: a camera, a video file, or pictures of a folder."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.core.images.jpeg import DamagedPicture
+from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
+from mirrorcam.core.values import InputError
+from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, shown
+from mirrorcam.core.video.frames import Frame, Lost, Source
+from mirrorcam.core.video.video import Video
+from mirrorcam.optics.geometry.camera import Camera
+
+FOLDER_HZ = 5.0
+"""Pictures of a folder in a second."""
+
+Kind = Literal["camera", "video", "folder"]
+
+
+class PictureFolder:
+    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `tell` takes a line about its other files.
+
+    Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
+    """
+
+    def __init__(self, folder: Path, size: tuple[int, int], tell: Callable[[str], None] = lambda line: None) -> None:
+        self._paths, self._over, self._size = pictures_in([folder], tell), threading.Event(), size
+        check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
+
+    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+        """The pictures that follow number `after`; raises InputError for one of another size."""
+        for number, path in enumerate(self._paths):
+            if number <= after:
+                continue
+            if self._over.is_set():
+                return
+            try:
+                pixels = read_image(path)
+            except DamagedPicture:
+                yield Lost(number, "is damaged")
+                continue
+            check_size(path, (pixels.shape[1], pixels.shape[0]), self._size, "the layout's camera")
+            yield Frame(number, number / FOLDER_HZ, pixels)
+
+    def stop(self) -> None:
+        """End `frames`."""
+        self._over.set()
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """A source, what it is called, what it is, and whether its frames wait for their times."""
+
+    source: Source
+    name: str
+    kind: Kind
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends, and may then be read again from its start: files do, cameras do not."""
+        return self.kind != "camera"
+
+    @property
+    def paced(self) -> bool:
+        """Whether frames of a file are to be shown when their times say."""
+        return self.ends
+
+
+def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda line: None) -> LiveSource:
+    """The source that a text names: a folder, a video file, or the number or address of a camera.
+
+    Parameters
+    ----------
+    text
+        What is named.
+    wanted
+        The camera whose size frames must have.
+    tell
+        Takes a line when a camera goes and when it is back, remarks on a video, and about files of a folder that are
+        not shown.
+
+    Raises
+    ------
+    InputError
+        For a source that cannot be opened, or is of another size.
+    """
+    size = wanted.width_px, wanted.height_px
+    is_number = text.isascii() and text.isdigit()
+    path = None if is_number else existing(text)
+    if path is not None and path.is_dir():
+        return LiveSource(PictureFolder(path, size, tell), path.name, "folder")
+    if path is not None and path.is_file() and not is_sdp(path):
+        video = Video(path, tell)
+        check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
+        return LiveSource(video, path.name, "video")
+    if not is_number and path is None and "://" not in text and not text.startswith("/dev/"):
+        raise InputError(
+            f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
+        )
+    return LiveSource(camera(text, *size, tell=tell), shown(text), "camera")

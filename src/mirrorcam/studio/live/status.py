@@ -1,0 +1,222 @@
+"""How a live session goes: its counts, rates, latencies, meters and messages."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mirrorcam.optics.alignment.exposure_meter import Exposure
+from mirrorcam.studio.live.calibration import CalibrationState
+from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
+from mirrorcam.studio.live.values import Answer, Shown
+
+REMEMBERED = 120
+"""Frames over which rates and latencies are measured."""
+RECENT_S = 3.0
+LINES_KEPT = 50
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """How a session goes.
+
+    Attributes
+    ----------
+    frames
+        Number of frames shown.
+    rate_hz, depth_hz
+        Pictures in a second, in the last RECENT_S.
+    latency_ms, latency_p95_ms
+        From the arrival of a frame to its encoded pictures: median, and of 19 in 20. None before the first frame.
+    depth_latency_ms
+        The same of depth, its median.
+    dropped, lost, outages
+        Frames left out as newer ones had arrived, frames that could not be read, and how often the camera was gone.
+    over
+        Whether the source has ended.
+    memory_mb
+        Memory of the process that decodes.
+    sharpness
+        Of each mirror, relative to its best so far; NaN where it cannot be told.
+    exposure
+        Exposure.
+    aligning
+        Whether mirrors are compared with the layout.
+    alignment
+        What the last frames tell of the mirrors; None before the first answer since that was switched on.
+    hint
+        What the last calibration picture showed, and where the board should be in the next one.
+    pictures, taken
+        Number of calibration pictures taken, and the last of them.
+    pictures_kept
+        Number of all that a calibration would use, with those of earlier sessions.
+    recording
+        The file that frames go to, their number, and that of the frames which are lost to it.
+    calibration
+        How far the calibration is.
+    depth_median_mm
+        Depth in the middle of the picture.
+    lines
+        The last messages.
+    failed
+        Why the session has ended before its source; None where it has not.
+    failed_parts
+        Why "depth" or "setup" has ended, where it has.
+    """
+
+    frames: int
+    rate_hz: float
+    depth_hz: float
+    latency_ms: float | None
+    latency_p95_ms: float | None
+    depth_latency_ms: float | None
+    dropped: int
+    lost: int
+    outages: int
+    over: bool
+    memory_mb: float
+    sharpness: tuple[float, ...]
+    exposure: Exposure | None
+    aligning: Aligning
+    alignment: AlignmentReport | None
+    hint: PoseHint | None
+    pictures: int
+    taken: Path | None
+    pictures_kept: int
+    recording: tuple[Path, int, int] | None
+    calibration: CalibrationState | None
+    depth_median_mm: float | None
+    lines: tuple[str, ...]
+    failed: str | None
+    failed_parts: dict[str, str]
+
+
+class LiveMeters:
+    """Counts, rates and messages of a session, from what its processes give; any thread may note and ask.
+
+    `tell` takes each message as it comes.
+    """
+
+    def __init__(self, tell: Callable[[str], None] = lambda line: None) -> None:
+        self._tell, self._lock = tell, threading.Lock()
+        self._arrivals: deque[float] = deque(maxlen=REMEMBERED)
+        self._latencies: deque[float] = deque(maxlen=REMEMBERED)
+        self._depths: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
+        self._answer: Answer | None = None
+        self._frames = self._pictures = 0
+        self._sharpness: tuple[float, ...] = ()
+        self._exposure: Exposure | None = None
+        self._depth_median_mm: float | None = None
+        self._lines: deque[str] = deque(maxlen=LINES_KEPT)
+        self._failed: str | None = None
+        self._taken: Path | None = None
+        self._failed_parts: dict[str, str] = {}
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more frames come."""
+        with self._lock:
+            return self._failed is not None or (self._answer is not None and self._answer.over)
+
+    def note(self, answer: Answer) -> None:
+        """Count what the process that decodes has answered."""
+        for line in answer.lines:
+            self.say(line)
+        with self._lock:
+            self._answer = answer
+            shown = answer.shown
+            if shown is None:
+                return
+            if not shown.again:
+                self._frames += 1
+                self._arrivals.append(shown.done_s)
+                self._latencies.append(1e3 * (shown.done_s - shown.arrived_s))
+            self._sharpness = self._sharpness if shown.sharpness is None else shown.sharpness
+            self._exposure = self._exposure if shown.exposure is None else shown.exposure
+            if shown.taken is not None:
+                self._pictures, self._taken = self._pictures + 1, shown.taken
+
+    def note_depth(self, shown: Shown, median_mm: float) -> None:
+        """Count that depth of a frame has been measured now; the median is NaN where it is not known."""
+        done_s = time.monotonic()
+        with self._lock:
+            self._depths.append((done_s, 1e3 * (done_s - shown.arrived_s)))
+            self._depth_median_mm = median_mm if np.isfinite(median_mm) else None
+
+    def say(self, line: str) -> None:
+        """Add a message."""
+        self._tell(line)
+        with self._lock:
+            self._lines.append(line)
+
+    def fail(self, reason: str) -> None:
+        """Say why the session has ended before its source."""
+        self.say(reason)
+        with self._lock:
+            self._failed = reason
+
+    def fail_part(self, part: str, reason: str) -> None:
+        """Say why "depth" or "setup" has ended; the session goes on."""
+        self.say(reason)
+        with self._lock:
+            self._failed_parts[part] = reason
+
+    def status(
+        self,
+        *,
+        alignment: AlignmentReport | None,
+        hint: PoseHint | None,
+        aligning: Aligning = "off",
+        pictures_kept: int = 0,
+        recording: Path | None,
+        calibration: CalibrationState | None,
+    ) -> LiveStatus:
+        """How the session goes, with what others know: `recording` is the file that frames go to."""
+        now = time.monotonic()
+        with self._lock:
+            answer, latencies = self._answer, sorted(self._latencies)
+            depths = [(done, latency) for done, latency in self._depths if now - done < RECENT_S]
+            recorded = (0, 0) if answer is None else (answer.recorded, answer.not_recorded)
+            return LiveStatus(
+                frames=self._frames,
+                rate_hz=rate([each for each in self._arrivals if now - each < RECENT_S]),
+                depth_hz=rate([done for done, _ in depths]),
+                latency_ms=quantile(latencies, 0.5),
+                latency_p95_ms=quantile(latencies, 0.95),
+                depth_latency_ms=quantile(sorted(latency for _, latency in depths), 0.5),
+                dropped=0 if answer is None else answer.dropped,
+                lost=0 if answer is None else answer.lost,
+                outages=0 if answer is None else answer.outages,
+                over=answer is not None and answer.over,
+                memory_mb=0.0 if answer is None else answer.memory_mb,
+                sharpness=self._sharpness,
+                exposure=self._exposure,
+                aligning=aligning,
+                alignment=alignment,
+                hint=hint,
+                pictures=self._pictures,
+                taken=self._taken,
+                pictures_kept=pictures_kept,
+                recording=None if recording is None else (recording, *recorded),
+                calibration=calibration,
+                depth_median_mm=self._depth_median_mm,
+                lines=tuple(self._lines),
+                failed=self._failed,
+                failed_parts=dict(self._failed_parts),
+            )
+
+
+def rate(moments: Sequence[float]) -> float:
+    """Events in a second, of the times of some in order; 0 where there are none, or one."""
+    return (len(moments) - 1) / (moments[-1] - moments[0]) if len(moments) > 1 and moments[-1] > moments[0] else 0.0
+
+
+def quantile(ordered: Sequence[float], part: float) -> float | None:
+    """The value that a part of ordered ones is below; None of none."""
+    return ordered[min(int(part * len(ordered)), len(ordered) - 1)] if ordered else None

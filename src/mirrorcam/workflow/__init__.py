@@ -1,1 +1,0 @@
-"""Steps of work: stages, sweeps, workers, folders."""

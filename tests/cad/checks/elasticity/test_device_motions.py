@@ -1,0 +1,73 @@
+"""The whole device by finite elements: against laws of statics, and the mount's stated tilt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.checks.elasticity.condensed_solid import Carried, Solid
+from mirrorcam.cad.checks.elasticity.device_motions import CAMERA, DeviceMotions, TiedPart, device_motions, tied_motions
+from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+FIRST, LAST = np.array([0.0, 3.0, 3.0]), np.array([60.0, 3.0, 3.0])
+
+
+def test_motions_of_a_plastic_are_sums_of_parts(default_layout: Layout, turning: DeviceMotions) -> None:
+    name = default_layout.mirror_names[0]
+    gravity = turning.under_gravity(2000.0, 3.0)[name]
+    np.testing.assert_allclose(gravity, (3.0 + 1.0) / 2000.0 * turning.plastic_weight[name])
+    strain = turning.of_strain(2e-3, 5.0, 7.0)[name]
+    np.testing.assert_allclose(strain, 2e-3 * turning.plastic_strain[name])
+
+
+def test_a_device_tilted_any_way_moves_as_the_sum_of_three_directions(bar: Tetrahedra) -> None:
+    """Two bars tied by a screw, with a camera and a glued mirror, solved once more as they are tilted."""
+    gravity = np.array([0.36, -0.48, 0.8])
+    across = np.array([0.8, 0.6, 0.0])
+    turn = np.column_stack([gravity, across, np.cross(gravity, across)])
+    upright = _tied_bars(bar, np.eye(3)).under_gravity(2000.0, 1.2)["mirror"] @ gravity
+    # In axes whose first is that of gravity.
+    tilted = _tied_bars(bar, turn).under_gravity(2000.0, 1.2)["mirror"][:, 0]
+    assert np.linalg.norm(upright[3:]) > 0.0
+    np.testing.assert_allclose(np.kron(np.eye(2), turn) @ tilted, upright, rtol=1e-6, atol=1e-9)
+
+
+def _tied_bars(bar: Tetrahedra, turn: FloatArray) -> DeviceMotions:
+    """One bar ends on the ground, the other stands beyond its end; both in axes that are the columns of `turn`."""
+    solids = [Solid(Tetrahedra((bar.points + offset) @ turn, bar.corners)) for offset in (np.zeros(3), LAST - FIRST)]
+    first, last = (np.flatnonzero(np.abs(Solid(bar).nodes[:, 0] - x) < 1e-6) for x in (0.0, LAST[0]))
+    at = np.array([FIRST, LAST]) @ turn
+    middle = np.array([0.0, 0.0, 20.0])
+    halfway = np.flatnonzero(np.abs(Solid(bar).nodes[:, 0] - LAST[0] / 2.0) < 1e-6)
+    camera = Carried(halfway, (FIRST + LAST) / 2.0 @ turn, 1.0, ((FIRST + LAST) / 2.0 + middle) @ turn)
+    beyond = (2.0 * LAST - FIRST) @ turn
+    glue = np.tile(1e-3 * np.eye(3), (len(last), 1, 1))
+    mirror = Carried(last, beyond, 0.5, beyond + middle @ turn, glue)
+    parts = (TiedPart(solids[0], (0, 1), {CAMERA: camera}), TiedPart(solids[1], (1,), {"mirror": mirror}))
+    return tied_motions(parts, ((first, last), (first,)), at, (0,), 0.0)
+
+
+@pytest.fixture(scope="module")
+def solved(device: Device) -> DeviceMotions:
+    pytest.importorskip("skfem", reason="scikit-fem is not installed (extra fe)")
+    return device_motions(device, 8.0)
+
+
+@pytest.mark.slow
+def test_where_all_expands_alike_the_device_only_grows(device: Device, solved: DeviceMotions, gmsh: str) -> None:
+    """Mirrors move off the camera by the strain, but for where it rests, and do not turn."""
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        motion = solved.of_strain(1e-3, 1e-3, 1e-3)[name]
+        middle = mirror.rig_from_plane[:3, 3]
+        assert np.linalg.norm(motion[:3] - 1e-3 * middle) < 0.2 * np.linalg.norm(1e-3 * middle)
+        assert np.linalg.norm(motion[3:]) < 1e-9
+
+
+@pytest.mark.slow
+def test_mirrors_turn_nearly_as_one_body(solved: DeviceMotions, gmsh: str) -> None:
+    turns = np.array([motion[3:] for motion in solved.under_gravity(2300.0, 1.24).values()])
+    assert np.degrees(np.linalg.norm(turns, axis=(1, 2)).max()) < 0.3
+    assert np.abs(turns - turns.mean(axis=0)).max() < 0.1 * np.abs(turns).max()

@@ -1,0 +1,71 @@
+"""The assembly drawing: a balloon for every line of its parts list, each at a piece of that item, nothing overlaps."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.guide.assembly_drawing import (
+    BALLOON_MM,
+    draw_assembly,
+    listed_items,
+    write_assembly_drawing,
+)
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.title_block import PARTS_TOLERANCE
+from tests.cad.guide.conftest import Made
+from tests.cad.guide.test_drawing import crossed, outside, overlaps
+
+
+@pytest.fixture(scope="module")
+def sheet(made: Made) -> DrawingSheet:
+    return draw_assembly(made.device.layout, made.pieces, "0123456789ab")
+
+
+def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
+    listed = listed_items(made.pieces)
+    assert [item.number for item in listed] == list(range(1, len(listed) + 1))
+    assert Counter(piece.name for item in listed for piece in item.pieces) == Counter(p.name for p in made.pieces)
+    assert {len({piece.title for piece in item.pieces}) for item in listed if item.pieces[0].kind != "mirror"} == {1}
+    (mirrors,) = (item for item in listed if item.pieces[0].kind == "mirror")
+    assert len(mirrors.pieces) == len(made.device.layout.mirrors)
+    assert all(item.reference for item in listed if item.pieces[0].kind in ("part", "screw", "insert", "nut"))
+
+
+def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -> None:
+    said = Counter(words.text for words in sheet.words)
+    circles = [line.mean(axis=0) for line, _ in sheet.drawn if len(line) == 49 and np.isclose(line[0], line[-1]).all()]
+    listed = listed_items(made.pieces)
+    assert len(circles) == len(listed)
+    for item in listed:
+        assert said[item.description] == 1
+        inside = [
+            words
+            for words in sheet.words
+            if words.text == str(item.number)
+            and min(np.linalg.norm(words.corners.mean(axis=0) - middle) for middle in circles) < BALLOON_MM / 2.0
+        ]
+        assert len(inside) == 1
+
+
+def test_nothing_lies_over_anything(sheet: DrawingSheet) -> None:
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
+    first, second = (
+        write_assembly_drawing(tmp_path / name, made.device.layout, made.pieces, "0123456789ab") for name in "ab"
+    )
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_the_general_tolerance_is_that_of_the_parts_drawings(sheet: DrawingSheet) -> None:
+    said = [words.text for words in sheet.words]
+    assert PARTS_TOLERANCE in said
+    assert [text for text in said if "±" in text] == []

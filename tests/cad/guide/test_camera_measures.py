@@ -1,0 +1,41 @@
+"""The drawing of where to measure a camera: every letter and value, nothing over anything, on the sheet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.guide.camera_measures import MEASURES, draw_camera
+from mirrorcam.optics.geometry.camera_body import CameraBody
+from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+from tests.cad.guide.test_drawing import outside, overlaps
+
+
+@pytest.mark.parametrize("name", camera_names())
+def test_every_camera_of_the_library_has_its_drawing(name: str) -> None:
+    body = read_body(name)
+    sheet = draw_camera(body)
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    said = [words.text for words in sheet.words]
+    for measure in MEASURES:
+        assert measure.letter in said
+        assert f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}" in said
+    for letter, value in (("A", body.width_mm), ("B", body.height_mm), ("C", body.depth_mm)):
+        assert f"{letter} {value:g}" in said
+
+
+def test_letters_and_fields_are_named_once() -> None:
+    assert len({measure.letter for measure in MEASURES}) == len(MEASURES)
+    assert len({measure.field for measure in MEASURES}) == len(MEASURES)
+    assert {measure.field for measure in MEASURES} <= set(CameraBody.model_fields)
+
+
+def test_views_are_to_scale() -> None:
+    body = read_body("c920")
+    sheet = draw_camera(body)
+    (side,) = (line for line, _ in sheet.drawn if len(line) == 5 and np.allclose(line[0], line[-1]))
+    outline = max((line for line, _ in sheet.drawn if len(line) > 70), key=lambda line: float(np.ptp(line[:, 0])))
+    scale = np.ptp(outline[:, 0]) / body.width_mm
+    assert np.ptp(outline[:, 1]) / body.height_mm == pytest.approx(scale)
+    assert np.ptp(side, axis=0) / scale == pytest.approx([body.depth_mm, body.height_mm])

@@ -1,0 +1,389 @@
+"""Drawings: what they say, that nothing lies over anything, the same bytes, real files."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from build123d import Box, GeomType, Pos
+from shapely import LineString, Polygon
+
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.blocks import BlocksPlan
+from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
+from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, write_drawing
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.hole_callouts import PRESSED
+from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
+from mirrorcam.cad.guide.title_block import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL
+from mirrorcam.cad.plan.back_table import BACKS, back_of
+from mirrorcam.cad.plan.cuts import PiecePlan
+from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.part_plan import PartPlan
+from tests.cad.guide.test_annotation import Dimensions
+from tests.hostile_names import ACCEPTED
+
+ROOT = Path(__file__).parents[3]
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
+    """Pairs of words that cover each other."""
+    boxes = [(words.text, Polygon(words.corners).buffer(-0.05)) for words in sheet.words]
+    return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
+
+
+def outside(sheet: DrawingSheet) -> list[str]:
+    width, height = sheet.size_mm
+    low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
+    return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
+
+
+def crossed(sheet: DrawingSheet) -> list[str]:
+    """Words that an edge of the part runs through."""
+    edges = [LineString(line) for line, width in sheet.drawn if width in (VISIBLE_MM, SMALL_MM)]
+    return [
+        words.text
+        for words in sheet.words
+        if any(Polygon(words.corners).buffer(-0.1).intersects(edge) for edge in edges)
+    ]
+
+
+def struck(sheet: DrawingSheet) -> list[str]:
+    """Words that a dimension, extension or leader line, or the trace of a section, runs through."""
+    lines = [LineString(line) for line, width in sheet.drawn if width in (LINE_MM, TRACE_MM)]
+    return [
+        words.text for words in sheet.words if any(Polygon(words.corners).buffer(-0.2).intersects(a) for a in lines)
+    ]
+
+
+def test_a_block_says_its_size_holes_and_places(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    said = [words.text for words in sheet.words]
+    # Length, depth and height, once each; two holes, 40 apart, 10 from the left edge and 15 from the lower one.
+    for text in ("60", "30", "40", "2x Ø6 through", "MC-99", "Block", part.identity, "CERN-OHL-W-2.0", "2 : 1"):
+        assert said.count(text) == 1, text
+    assert said.count("10") == 2
+    assert said.count("15") == 1
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+@pytest.mark.parametrize("size_mm", [(60.0, 30.0, 1.0), (200.0, 200.0, 240.0), (47.0, 12.0, 90.0)])
+def test_any_size_finds_its_scale_and_room(block: Callable[..., PartPlan], size_mm: tuple[float, float, float]) -> None:
+    part = block(size_mm)
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[..., PartPlan], tmp_path: Path) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer.replaced(plastic=name))
+    (field,) = (words for words in sheet.words if words.text.endswith(", printed"))
+    said = "".join(shown if shown == sent else "?" for shown, sent in zip(field.text, name, strict=False))
+    assert name.startswith(said.split("?")[0])
+    assert np.ptp(field.corners[:, 0]) <= MATERIAL_MM
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    sheet.write(tmp_path / "part", "MC-99 Block")
+    ET.parse(tmp_path / "part.svg")
+
+
+def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    there = sheet.words[0].corners[0]
+    sheet.text(there, "over it", 2.5)
+    sheet.text((415.0, 100.0), "beyond", 2.5)
+    edge = next(line for line, width in sheet.drawn if width == VISIBLE_MM)
+    sheet.text(edge[0], "on an edge", 2.5)
+    assert len(overlaps(sheet)) > 0
+    assert "beyond" in outside(sheet)
+    assert "on an edge" in crossed(sheet)
+
+
+def test_a_piece_keeps_the_dimensions_that_lie_on_it(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    half = part.make(part.plan) & (Pos(-30, 0, 0) * Box(60, 60, 60))
+    low, high = (-30.0, -15.0, -5.0), (0.0, 15.0, 5.0)
+    piece = PiecePlan(part.plan, part.make, np.eye(4), low, high, np.zeros((0, 4, 4)), (3.0, 8.0), 1.2)
+    said = [words.text for words in draw(half, replace(part, plan=piece), HARDWARE.printer).words]
+    assert "Ø6 through" in said
+    assert "2x Ø6 through" not in said
+    assert "40" not in said
+
+
+BACK_PARTS = {
+    "none": ("adapter_desk",),
+    "tripod": ("adapter_tripod",),
+    "arca": ("adapter_arca",),
+    "iso9409": ("adapter_flange", "adapter_centring"),
+    "gen3": ("adapter_flange", "adapter_spacer"),
+    "gen2": ("adapter_saddle", "adapter_cap"),
+    "profile20": ("adapter_profile",),
+    "vesa": ("adapter_vesa",),
+    "monitor": ("adapter_hook", "adapter_jaw"),
+}
+OF_BACKS = tuple(f"{kind} {name}" for kind, names in BACK_PARTS.items() for name in names)
+NAMES = ("mount", "camera_clip", "fit_coupon", *OF_BACKS)
+ALL = (*NAMES, "dust_cover")
+
+
+@cache
+def parts_with(device: Device, kind: str) -> dict[str, PartPlan]:
+    """The parts of the default device with a back, by their names."""
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))
+    return {part.name: part for part in parts_of(replace(device, back=back))}
+
+
+def part_of(device: Device, name: str) -> PartPlan:
+    """A part of the default device; one of a back has the back's kind before its name."""
+    kind, _, part = name.rpartition(" ")
+    return parts_with(device, kind or "none")[part]
+
+
+def test_the_parts_of_all_backs_are_drawn(device: Device) -> None:
+    assert tuple(BACK_PARTS) == tuple(BACKS)
+    for kind, names in BACK_PARTS.items():
+        assert {name for name in parts_with(device, kind) if name.startswith("adapter_")} == set(names)
+
+
+@cache
+def drawn(device: Device, name: str) -> DrawingSheet:
+    """The drawing of a part of the default device."""
+    part = part_of(device, name)
+    return draw(part.make(part.plan), part, HARDWARE.printer)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
+    sheet = drawn(device, name)
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    assert crossed(sheet) == []
+    assert struck(sheet) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
+    """By its size, as often as the plan has it, each with its depth or that it goes through."""
+    plan = part_of(device, name).plan
+    wanted: Counter[str] = Counter()
+    for cut in plan.cuts:
+        if isinstance(cut, Bore):
+            width = number(2.0 * cut.radius_mm)
+            long = number(2.0 * cut.radius_mm + cut.travel_mm)
+            wanted[f"slot {width} x {long}" if cut.travel_mm else f"Ø{width}"] += 1
+        elif isinstance(cut, Hexagon):
+            wanted[f"hex {number(cut.flats_mm)}"] += 1
+        elif isinstance(cut, Countersink):
+            wanted["countersink"] += 1
+    assert called_out(drawn(device, name)) == wanted
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_hole_is_deeper_than_its_part(device: Device, name: str) -> None:
+    part = part_of(device, name)
+    solid = part.make(part.plan)
+    size = np.array(tuple(solid.bounding_box().size))
+    for hole in dimensions_of(part, solid, HARDWARE.screw):
+        if isinstance(hole, Hole) and (found := re.search(r"↧([\d.]+)", hole.text)):
+            assert float(found[1]) * np.abs(hole.axis_in_rig).max() <= size[np.abs(hole.axis_in_rig).argmax()] + 0.01
+    if name == "mount":
+        slots = [words.text for words in drawn(device, name).words if "slot" in words.text and "↧" in words.text]
+        assert slots
+        for text in slots:
+            assert float(re.findall(r"↧([\d.]+)", text)[0]) < device.mount.section.depth_mm
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_part_has_a_hatched_section_that_is_traced(device: Device, name: str) -> None:
+    sheet = drawn(device, name)
+    said = [words.text for words in sheet.words]
+    assert said.count("A") == 2
+    assert len([text for text in said if re.match(r"A-A( \(|$)", text)]) == 1
+    assert sum(width == HATCH_LINE_MM for _, width in sheet.drawn) > 10
+
+
+def called_out(sheet: DrawingSheet) -> Counter[str]:
+    """How often a drawing calls out holes of each size with a depth or as through."""
+    found: Counter[str] = Counter()
+    for words in sheet.words:
+        if match := re.fullmatch(
+            r"(?:(\d+)x )?(Ø[\d.]+|slot [\d.]+ x [\d.]+|hex [\d.]+(?= A/F)).*(?:↧[\d.]+|through).*", words.text
+        ):
+            found[match[2]] += int(match[1] or 1)
+        elif match := re.fullmatch(r"(?:(\d+)x )?countersink (?:Ø[\d.]+|slot [\d.]+ x [\d.]+) x 84°.*", words.text):
+            found["countersink"] += int(match[1] or 1)
+    return found
+
+
+def test_a_drawing_states_one_general_tolerance_its_revision_and_its_date(
+    block: Callable[..., PartPlan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    part = block()
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    assert [text for text in said if "±" in text or "2768" in text] == [GENERAL_TOLERANCE]
+    assert part.identity in said
+    assert "2023-11-14" in said
+
+
+def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None:
+    """From the foot's corner at the slide, as the holder's plan has them, and how far apart along the face."""
+    part = next(part for part in parts_of(device) if part.name == "mount")
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    holder, mount = device.holder, device.mount
+    flat = np.column_stack([holder.holes_in_mount_mm, np.zeros(4), np.ones(4)])
+    screws = (flat @ holder.rig_from_mount.T)[:, :3]
+    corner = np.array([0.0, mount.slide[1], mount.foot[0, 2]])
+    assert mount.bed_turn_deg == 0.0
+    for row in np.unique(np.abs(screws - corner)[:, 1:].round(2), axis=0):
+        assert {number(value) for value in row} <= set(said)
+    apart = np.ptp(holder.holes_in_mount_mm, axis=0)
+    assert f"{number(apart[1])} head screws" in said
+    assert number(apart[0]) in said
+    assert "4x Ø3.4 through for M3" in said
+    # The foot's holes are counted from its edge at the slide, not from wherever the mount reaches furthest.
+    assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in said
+    assert number(mount.section.depth_mm) in said
+
+
+def test_a_drawing_names_the_model_that_its_other_shapes_are_as(device: Device) -> None:
+    for name in ("mount", "camera_clip"):
+        said = [words.text for words in drawn(device, name).words]
+        assert said.count(MODEL) == 1
+        assert said.count(f"parts/{name}.step") == 1
+
+
+def test_gauges_have_no_tolerance_that_their_steps_lie_within(device: Device) -> None:
+    """The coupon's steps are 0.1 and 0.3 mm; what an insert is pressed into in a part has half of such a step."""
+    said = [words.text for words in drawn(device, "fit_coupon").words]
+    assert GAUGE_TOLERANCE in said
+    assert [text for text in said if "±" in text] == []
+    height = device.hardware.camera.height_mm
+    for text in (f"{number(height + 0.3)} go", f"{number(height - 0.3)} no-go", "20.6 seat", "15.6 seat", "2.4 plate"):
+        assert said.count(text) == 1, text
+    pressed = [words.text for words in drawn(device, "camera_clip").words if words.text.endswith("insert (far side)")]
+    assert pressed
+    assert all(f"Ø4 {PRESSED} ↧" in text for text in pressed)
+
+
+def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:
+    said = [words.text for words in drawn(device, "camera_clip").words]
+    assert device.clip.nest is not None
+    for screw in device.clip.nest.screws:
+        assert f"{number(screw.leaf.thickness_mm)} leaf" in said
+    wall = np.ptp(np.vstack([device.clip.pieces[0].base, device.clip.pieces[0].top])[:, 1])
+    assert f"{number(float(wall))} wall" in said
+    said = [words.text for words in drawn(device, "dust_cover").words]
+    for text in ("1.2 wall", "1.2 floor", f"{number(2.0 * device.mount.half_width_mm + 2.0)} gap"):
+        assert said.count(text) == 1, text
+
+
+def test_the_isometric_keeps_clear_of_a_long_callout(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    hole = Hole(
+        np.array([20.0, 0.0, 5.0]), np.array([0.0, 0.0, 1.0]), 6.0, "through, and a purpose that takes many words"
+    )
+    solid = part.make(part.plan)
+    sheet = draw(solid, replace(part, plan=Dimensions((hole,))), HARDWARE.printer)
+    assert crossed(sheet) == []
+    assert outside(sheet) == []
+
+
+def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
+    """From its left side, its face on the mount, and its foot, each distance once."""
+    said = [words.text for words in drawn(device, "camera_clip").words]
+    nest, clip = device.clip.nest, device.clip
+    assert nest is not None
+    left = min(float(np.vstack([piece.base, piece.top])[:, 0].min()) for piece in clip.pieces)
+    for number_of, point in enumerate(nest.points - [left, clip.slide_y_mm, clip.bottom_mm]):
+        for value in np.abs(point):
+            kinds = ("pad", "stop") if number_of < 3 else ("stop",)
+            assert any(said.count(f"{number(value)} {kind}") == 1 for kind in kinds), (number_of, value)
+
+
+@pytest.mark.parametrize("name", OF_BACKS)
+def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
+    """Along each axis of rig, planes hang together by lengths, sizes, depths of holes, or as mirror images of such."""
+    part = part_of(device, name)
+    if not isinstance(part.plan, BlocksPlan):
+        pytest.skip("a ring's planes are not all parallel to those of rig")
+    solid = part.make(part.plan)
+    sheet_says = dimensions_of(part, solid, HARDWARE.screw)
+    box = solid.bounding_box()
+    ends = np.array([tuple(box.min), tuple(box.max)])
+    for axis in range(3):
+        planes = {
+            round(float(tuple(face.center())[axis]), 2)
+            for face in solid.faces()
+            if face.geom_type == GeomType.PLANE and abs(tuple(face.normal_at())[axis]) > 1.0 - 1e-6
+        }
+        size = ends[:, axis].round(2).tolist()
+        joined, known = [], set(size)
+        for each in sheet_says:
+            if isinstance(each, Length):
+                points = each.points_in_rig[:, axis].round(2).tolist()
+                if np.abs(each.span_in_rig).argmax() == axis:
+                    joined.append(points)
+                    # One that lies in the middle locates both of its ends.
+                    known |= set(points) if abs(sum(points) - sum(size)) < 0.02 else set()
+            elif each.cut_mm is not None and abs(each.axis_in_rig[axis]) > 0.9:
+                found = re.search(r"↧([\d.]+)", each.text)
+                mouth = float(each.centre_in_rig[axis])
+                deep = float(found[1]) if found else each.cut_mm
+                joined.append([round(mouth, 2), round(mouth + deep * float(each.axis_in_rig[axis]), 2)])
+            else:
+                # The sides of slots and pockets.
+                half = each.diameter_mm / 2.0
+                known |= {round(float(each.centre_in_rig[axis]) + side * half, 2) for side in (-1.0, 1.0)}
+        for _ in planes:
+            for ends_of_one in joined:
+                if any(abs(place - end) < 0.02 for place in known for end in ends_of_one):
+                    known |= set(ends_of_one)
+            known |= {round(sum(size) - place, 2) for place in known}
+        unknown = [plane for plane in sorted(planes) if min(abs(plane - place) for place in known) > 0.02]
+        assert unknown == [], "xyz"[axis]
+
+
+def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
+    part = block()
+    svg, pdf = write_drawing(tmp_path / "a", part.make(part.plan), part, HARDWARE.printer)
+    root = ET.parse(svg).getroot()
+    assert (root.get("width"), root.get("height")) == ("1190.551181pt", "841.889764pt")
+    assert len(root.findall(f".//{SVG}path")) > 20
+    assert pdf.read_bytes().startswith(b"%PDF-")
+    assert b"/MediaBox [ 0 0 1190.5511811024 841.8897637795 ]" in pdf.read_bytes()
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path;"
+        "from tests.cad.guide.conftest import block_part;"
+        "from mirrorcam.cad.plan.hardware import HARDWARE; from mirrorcam.cad.guide.drawing import write_drawing;"
+        "part = block_part();"
+        "write_drawing(Path(sys.argv[2]), part.make(part.plan), part, HARDWARE.printer)"
+    )
+    subprocess.run([sys.executable, "-c", program, str(ROOT), str(tmp_path / "b")], check=True)
+    for path in (svg, pdf):
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()

@@ -1,0 +1,119 @@
+"""Places of holes: in a table where they are many, in true length where they are oblique, slots by their sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.guide.dimension_lines import number
+from mirrorcam.cad.guide.drawing import draw
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.hole_places import (
+    MOST_PLACES,
+    callout,
+    draw_oblique,
+    hole_groups,
+    hole_tables,
+    numbered,
+    oblique_holes,
+    oblique_lengths,
+)
+from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.core.values import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+SQUARE = np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0)])
+VIEWS = tuple(PartView(axes, (SQUARE,), ()) for axes in (TOP, FRONT, RIGHT))
+
+
+def row_of(count: int) -> list[Hole]:
+    return [Hole(np.array([5.0 + 7.0 * place, 3.0 + place, 0.0]), UP, 3.4, "through") for place in range(count)]
+
+
+def test_more_holes_than_dimensions_have_room_for_are_in_a_table() -> None:
+    assert hole_tables(hole_groups(VIEWS, row_of(MOST_PLACES)), VIEWS) == ()
+    holes = row_of(MOST_PLACES + 1)
+    (table,) = hole_tables(hole_groups(VIEWS, holes), VIEWS)
+    # From above downwards: the last is the highest.
+    assert table.rows[0] == ("1", "33.00", "7.00")
+    assert table.rows[-1] == ("5", "5.00", "3.00")
+    assert table.notes == ("view from above, mm from", "the lower left corner of that view")
+    datum = Datum(np.array([5.0, 3.0, 9.0]), "the first of them")
+    (table,) = hole_tables(hole_groups(VIEWS, [replace(hole, datum=datum) for hole in holes]), VIEWS)
+    assert table.rows[-1] == ("5", "0.00", "0.00")
+    assert table.notes[1] == "the first of them"
+
+
+def test_numbers_do_not_depend_on_the_order_of_the_plan() -> None:
+    holes = row_of(6)
+    assert numbered(holes, VIEWS[0]) == numbered(holes[::-1], VIEWS[0]) == holes[::-1]
+
+
+def test_a_slot_has_its_width_and_its_length() -> None:
+    slot = Hole(np.zeros(3), UP, 3.4, "through for M3", 5.0, travel_mm=8.0)
+    assert callout(slot, 1.0) == "slot 3.4 x 11.4 through for M3"
+    groove = Hole(np.zeros(3), UP, 9.0, "x 84°", 5.0, "countersink", 8.0)
+    assert callout(groove, 1.0) == "countersink slot 9 x 17 x 84° (far side)"
+
+
+def oblique(turned_deg: float) -> Hole:
+    """A hole at (20, 10, 30) whose axis lies in the front view, entered from above at its angle to the level."""
+    turned = np.radians(turned_deg)
+    return Hole(np.array([20.0, 10.0, 30.0]), -np.array([np.cos(turned), 0.0, np.sin(turned)]), 4.0, "↧6")
+
+
+def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> None:
+    hole = oblique(30.0)
+    groups = hole_groups(VIEWS, [hole])
+    assert oblique_holes(groups, VIEWS, []) == [(1, hole)]
+    placed = PlacedView(VIEWS[1], 2.0, np.array([100.0, 50.0]))
+    across, up = oblique_lengths(placed, hole)
+    assert (across.words, up.words) == ("20", "30")
+    # A length of the plan that leads to its axis does instead; one beside it does not.
+    on_axis = hole.centre_in_rig + 5.0 * hole.axis_in_rig
+    for away, left in ((0.0, 0), (1.0, 1)):
+        to_axis = Length(np.array([np.zeros(3), on_axis + away * UP]))
+        assert len(oblique_holes(groups, VIEWS, [to_axis])) == left
+    # Those that a view looks along are dimensioned in that.
+    assert oblique_holes(hole_groups(VIEWS, row_of(3)), VIEWS, []) == []
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "said"),
+    [(30.0, "30"), (45.0, "45"), (60.0, "30"), (120.0, "30"), (150.0, "30"), (-20.0, "20"), (200.0, "20")],
+)
+def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: str) -> None:
+    sheet = DrawingSheet(200.0, 200.0)
+    hole = oblique(turned_deg)
+    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
+    assert [words.text for words in sheet.words] == [f"{said}°"]
+    at = np.array([80.0, 90.0])
+    arc = max((line for line, _ in sheet.drawn), key=len)
+    ways = (arc - at) / np.linalg.norm(arc - at, axis=1)[:, None]
+    ends = np.degrees(np.arccos(np.clip(ways[0] @ ways[-1], -1.0, 1.0)))
+    assert ends == pytest.approx(float(said), abs=0.01)
+    # It begins on an axis of the view, and ends on that of the hole.
+    assert np.abs(ways[0]).max() == pytest.approx(1.0)
+    out: FloatArray = -hole.axis_in_rig[[0, 2]]
+    np.testing.assert_allclose(ways[-1], out, atol=1e-9)
+
+
+def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
+    part = next(part for part in parts_of(device) if part.name == "camera_clip")
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    clip = device.clip
+    assert clip.nest is not None
+    screw = clip.nest.screws[1]
+    mouth = screw.tip - screw.mouth_mm * screw.axis
+    corners = np.vstack([np.vstack([piece.base, piece.top]) for piece in clip.pieces])
+    reach = min(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
+    far = max(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
+    assert {number(reach), number(far)} & set(said)
+    assert number(float(mouth[1]) - clip.slide_y_mm) in said
+    assert "45°" in said

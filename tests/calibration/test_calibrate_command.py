@@ -1,0 +1,145 @@
+"""`mirrorcam calibrate`: which options go together, what it refuses, and an exit code that tells of alarms."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorcam import cli
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco, default_board, save_board
+from mirrorcam.render_scenes.sets.render_set import render_set
+from mirrorcam.render_scenes.sets.set_request import SetRequest
+from mirrorcam.render_scenes.settings import RenderSettings
+from tests.command_line import assert_refused_here
+from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
+from tests.optics.layouts import faceted_parabola
+
+TOGETHER = "--direct-view goes with --mirrors N, without --layout"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("", "expected --layout LAYOUT, or --direct-view"),
+        ("--layout layout.json --mirrors 2", "expected --layout LAYOUT, or --direct-view"),
+        ("--direct-view", TOGETHER),
+        ("--direct-view --mirrors 2 --layout layout.json", TOGETHER),
+        ("--direct-view --mirrors 2 --lens fisheye", "--lens and --surface go with --layout"),
+        ("--direct-view --mirrors 145", "--mirrors 145: Input should be less than or equal to 144"),
+        ("--layout nowhere.json", "no such file"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused_in_one_line(
+    arguments: str,
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_refused_here(["calibrate", "picture.png", "--board", "board.toml", *arguments.split()], capfd, expected)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_without_a_corner_are_refused(
+    tmp_path: Path, default_layout: Layout, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    default_layout.save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", default_board())
+    for name in ("one.png", "two.png", "base.png"):
+        write_image(tmp_path / name, np.zeros((1080, 1920, 3), dtype=np.uint8))
+    arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
+    before = set(tmp_path.rglob("*"))
+    assert_refused_here(arguments.split(), capfd, "no corner of the board found in any of 2 frames")
+    # What was found in the pictures is kept, so that they are not searched again beside better ones.
+    kept = tmp_path / "calibrated" / "detections"
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
+
+
+@pytest.mark.parametrize("option", ["--base b.png", "--live-hint", "--direct-view --mirrors 2"])
+def test_corners_take_the_place_of_pictures(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    corners = "calibrate --corners a.csv --layout layout.json --board board.toml"
+    assert_refused_here(f"{corners} {option}".split(), capfd, "--corners goes without --base, --live-hint and --direct")
+    both = "calibrate a.png --corners a.csv --layout layout.json --board board.toml"
+    assert_refused_here(both.split(), capfd, "expected pictures, or --corners FILE")
+    nominal_layout().save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", default_board())
+    (tmp_path / "a.csv").write_text("picture,view,corner,x_px,y_px\na,0-0,0,1,2\na,9-0,0,1,2\n")
+    assert_refused_here(
+        corners.split(), capfd, "a.csv, line 3: view '9-0', expected direct or a mirror from 0-0 to 1-1"
+    )
+    assert not (tmp_path / "output").exists()
+
+
+@pytest.mark.parametrize("alarms", [(), ("the mirrors bend",)])
+def test_an_alarm_is_printed_and_ends_it_with_1(
+    alarms: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sound = sound_calibration()
+    assert sound.diagnostics is not None
+    found = replace(sound, notes=("a note",), diagnostics=replace(sound.diagnostics, alarms=alarms))
+    written: list[Path] = []
+    files = "mirrorcam.calibration.calibration_files"
+    monkeypatch.setattr(f"{files}.calibrate_files", lambda *arguments: found)
+    monkeypatch.setattr(f"{files}.write_calibration", lambda result, folder, command: written.append(folder))
+    arguments = ["calibrate", "picture.png", "--board", "board.toml", "--layout", "layout.json", "--out", str(tmp_path)]
+    assert cli.main(arguments) == len(alarms)
+    printed = capfd.readouterr().out
+    assert "a note" in printed
+    assert ("alarm: the mirrors bend" in printed) == bool(alarms)
+    assert "mirror 0" not in printed  # figures of single mirrors are in the report
+    assert [folder.is_relative_to(tmp_path) for folder in written] == [True]
+
+
+CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+
+
+def layout_of(rows: int, cols: int) -> Layout:
+    return faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=rows, cols=cols), fill=0.92)
+
+
+@pytest.fixture(scope="module")
+def six_mirrors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set of a device of 2 x 3 mirrors."""
+    folder = tmp_path_factory.mktemp("six") / "set"
+    board = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
+    settings = RenderSettings(renderer="fast", maps=False)
+    request = SetRequest(layout=layout_of(2, 3), target=board, frames=7, base_frames=5, seed=1, settings=settings)
+    render_set(request, folder)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("same_places", [True, False])
+def test_a_layout_of_four_mirrors_for_a_device_of_six_ends_with_1(
+    six_mirrors: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], *, same_places: bool
+) -> None:
+    own = layout_of(2, 3)
+    four = own.replaced(cols=2, mirrors=tuple(own.mirrors[number] for number in (0, 1, 3, 4)))
+    (four if same_places else layout_of(2, 2)).save(tmp_path / "layout.json")
+    pictures = [str(six_mirrors / "frames"), "--base", str(six_mirrors / "base")]
+    options = ["--board", str(six_mirrors / "board.toml"), "--out", str(tmp_path / "out")]
+    assert cli.main(["calibrate", *pictures, *options, "--layout", str(six_mirrors / "layout.json")]) == 0
+    assert cli.main(["calibrate", *pictures, *options, "--layout", str(tmp_path / "layout.json")]) == 1
+    alarm = "alarm: boards in 7 of 7 frames belong to no mirror of the layout"
+    cause = "the frames seem to show 2 x 3, the layout has 2 x 2 mirrors"
+    (line,) = (line for line in capfd.readouterr().out.splitlines() if alarm in line)
+    assert cause in line
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Do not use it" in page
+    assert cause in page
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["alarms"]["value"] >= 1
+    assert metrics["frames_with_unknown_mirrors"]["value"] == 7

@@ -1,0 +1,56 @@
+"""Errors of calibrated mirrors against the truth, for known turns and shifts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.calibration.validation import LIMITS, Validation, decoded_metrics, mirror_errors
+from mirrorcam.core.figures.figure_labels import LABELS
+from mirrorcam.core.values import InputError, Metric
+from mirrorcam.optics.geometry.layout import Layout
+from tests.optics.calibration.sound_calibration import sound_calibration
+
+
+def test_a_layout_has_no_error_against_itself(small_layout: Layout) -> None:
+    found = mirror_errors(small_layout, small_layout)
+    assert {name: metric.value for name, metric in found.items()} == dict.fromkeys(found, pytest.approx(0.0, abs=1e-9))
+
+
+def test_a_mirror_moved_along_its_normal_is_off_by_that_much(small_layout: Layout) -> None:
+    first, second = small_layout.mirrors
+    centre = second.virtual_centre_in_rig_mm
+    away = centre / np.linalg.norm(centre)
+    farther = second.replaced(
+        virtual_centre_in_rig_mm=centre + 0.1 * away, outline_in_rig_mm=second.outline_in_rig_mm + 0.05 * away
+    )
+    found = mirror_errors(small_layout.replaced(mirrors=(first, farther)), small_layout)
+    assert found["distance_error_max_mm"].value == pytest.approx(0.05, rel=1e-6)
+    assert found["distance_error_rms_mm"].value == pytest.approx(0.05 / np.sqrt(2.0), rel=1e-6)
+    assert found["normal_error_max_deg"].value == pytest.approx(0.0, abs=1e-6)
+
+
+def test_another_number_of_mirrors_is_refused(small_layout: Layout, default_layout: Layout) -> None:
+    with pytest.raises(InputError, match="9 mirrors calibrated, truth has 2"):
+        mirror_errors(default_layout, small_layout)
+
+
+def test_one_figure_past_its_limit_fails_a_validation() -> None:
+    good, bad = Metric(value=1.0, unit="mm", limit=1.0), Metric(value=1.1, unit="mm", limit=1.0)
+    assert Validation(sound_calibration(), {"a": good, "b": Metric(value=9.0, unit="mm")}).passed
+    assert not Validation(sound_calibration(), {"a": good, "b": bad}).passed
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_validation_without_decoded_corners_fails_with_the_reason() -> None:
+    found = decoded_metrics(np.zeros(0))
+    assert found["decoded_corners"].value == 0
+    for name in ("decoded_corner_rms_px", "decoded_corner_p95_px"):
+        assert not found[name].known
+        assert "no corner was found" in found[name].reason
+    limited = {name: metric.replaced(limit=1.0) for name, metric in found.items() if not metric.known}
+    assert not Validation(sound_calibration(), limited).passed
+
+
+def test_every_check_has_a_label() -> None:
+    assert set(LIMITS) - set(LABELS) == set()

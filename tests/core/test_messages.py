@@ -1,0 +1,42 @@
+"""Messages of one line: the first finding with its place, the others by their number."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mirrorcam.core.messages import LONGEST_MESSAGE, one_line, shortened
+
+
+class Side(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    width_mm: float
+    height_mm: float = 1.0
+
+
+class Sides(BaseModel):
+    sides: dict[str, Side]
+
+
+def message(fields: object) -> str:
+    with pytest.raises(ValidationError) as caught:
+        Sides.model_validate({"sides": fields})
+    return one_line(caught.value, Sides)
+
+
+def test_a_finding_has_its_place_and_the_number_of_the_others() -> None:
+    assert message({"a": {}}) == "sides.a.width_mm: Field required"
+    assert message({"a": {}, "b": {}}) == "sides.a.width_mm: Field required (and 1 more)"
+
+
+def test_a_key_that_is_not_known_comes_first_with_what_may_have_been_meant() -> None:
+    assert message({"a": {"widht_mm": 1.0}}) == "sides.a.widht_mm: not known, did you mean width_mm? (and 1 more)"
+    assert message({"a": {"width_mm": 1.0, "zzz": 1.0}}) == "sides.a.zzz: not known"
+
+
+def test_a_long_text_loses_its_middle() -> None:
+    assert shortened("short") == "short"
+    long = shortened("a" * 1000 + "b" * 1000)
+    assert len(long) <= LONGEST_MESSAGE
+    assert long.startswith("aaa") and long.endswith("bbb") and " ... " in long
+    assert len(message({"x" * 1000: {}})) <= LONGEST_MESSAGE

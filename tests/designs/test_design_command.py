@@ -1,0 +1,132 @@
+"""`mirrorcam design` writes what it found and prints it next to the parabola, or says why there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.cli import main, pattern_from_text
+from mirrorcam.core.figures.figure_texts import figure_text
+from mirrorcam.core.processes.calls import Calls, in_turn
+from mirrorcam.core.values import InputError
+from mirrorcam.designs.design_request import request_toml
+from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.verify import verify
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.layout import Layout
+from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
+
+
+@pytest.fixture
+def solved(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Layout:
+    """The default layout with its figures and verdict, which the optimiser then gives for any spec."""
+    spec = DesignSpec()
+    layout = default_layout.replaced(
+        spec=spec, metrics=evaluate(default_layout, spec.depths_mm), verdict=verify(default_layout, spec)
+    )
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+    return layout
+
+
+def no_parabola(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
+    raise InfeasibleDesign("spacing", "facets 30 mm apart do not fit the parabola")
+
+
+def test_all_figures_stand_beside_those_of_the_parabola(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    titles = [line.strip() for line in printed.splitlines() if line[:1].isalpha() and len(line.split("  ")) > 1]
+    for title in ("overlap of the views", "depth", "mirrors", "focus of the camera", "verdict"):
+        assert title in titles
+    rows = [line.split() for line in printed.splitlines() if line.startswith("  ")]
+    limited = [metric for metric in solved.metrics.values() if metric.limit is not None]
+    assert len([row for row in rows if row[-1] == "pass"]) == len(solved.verdict) + len(limited)
+    assert len(rows) >= len(solved.metrics) + len(solved.verdict)
+    parabola = Layout.load(tmp_path / "parabola.json")
+    assert parabola.verdict.keys() == solved.verdict.keys()
+    assert parabola.metrics.keys() == solved.metrics.keys()
+    assert Layout.load(tmp_path / "layout.json") == solved
+
+
+def test_no_row_is_torn_in_two(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["design", "--out", str(tmp_path)])
+    lines = capsys.readouterr().out.splitlines()
+    headers, titles, said = 3, 5, 4
+    assert len(lines) == headers + titles + said + len(solved.metrics) + len(solved.verdict)
+
+
+def test_a_spec_without_a_parabola_is_designed_all_the_same(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert main(["design", "--out", str(tmp_path)]) == 0
+    assert "parabola.json" in results(tmp_path)
+    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", no_parabola)
+    assert main(["design", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed
+    assert "pixel efficiency at 300 mm" in printed
+    # The parabola of an earlier spec does not stay beside a layout that it does not belong to.
+    assert results(tmp_path) == ["before_after.png", "focus.png", "layout.json"]
+
+
+def test_nothing_is_written_where_no_layout_meets_the_spec(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", no_parabola)
+    assert main(["design", "--out", str(tmp_path / "new")]) == 2
+    assert not (tmp_path / "new").exists()
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_design_is_kept_and_printed_where_no_device_can_be_built_so(
+    solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", "--tolerance", "--tilt-deg", "40", "--out", str(tmp_path)]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert printed.err.startswith("mirrorcam: tolerances")
+    assert "grid error" in printed.out
+    assert Layout.load(tmp_path / "layout.json") == solved
+    assert not (tmp_path / "tolerance.json").exists()
+
+
+def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
+    assert_refused(tmp_path, "design --fold-deg 90 --depths-mm 20 --out design", "infeasible design, depth constraint")
+
+
+def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
+    result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert results(tmp_path / "design") == [
+        "before_after.png",
+        "focus.png",
+        "layout.json",
+        "parabola.json",
+    ]
+    layout, parabola = (Layout.load(tmp_path / "design" / name) for name in ("layout.json", "parabola.json"))
+    for text in ("parabola", "optimised", *(figure_text(x.metrics["grid_error"].value) for x in (parabola, layout))):
+        assert text in result.stdout
+
+
+def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('name = "mine"\npositions = [[0, 0], [1, 0], [0.4, 2]]\n')
+    assert pattern_from_text("hex7") == Pattern.hexagonal(1)
+    assert pattern_from_text(str(file)) == Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
+    assert pattern_from_text("none") is None
+    file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
+    with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
+        pattern_from_text(str(file))
+
+
+def test_a_request_in_a_file_is_designed(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    request = tmp_path / "design.toml"
+    request.write_text(request_toml(DesignSpec(rows=2)), encoding="utf-8")
+    assert main(["design", str(request), "--out", str(tmp_path / "out")]) == 0
+    assert "2 x 3 mirrors" in capsys.readouterr().out
+    assert_refused_here(["design", str(request), "--rows", "4"], capsys, "expected one of the two")
+    assert_refused_here(["design", str(tmp_path / "none.toml")], capsys, "no such file")

@@ -1,0 +1,332 @@
+"""A sweep keeps every design as it is finished, does again only what is missing, and says the same in any order."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.processes.worker_pool import Died
+from mirrorcam.core.values import InputError
+from mirrorcam.designs import sweep_work
+from mirrorcam.designs.design_sweep import Results, table_of, write_table
+from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_work import Answer, answer, record_text
+from mirrorcam.optics.design.spec_grid import Outcome
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from tests.designs.made_up_designs import SPECS, Counting, solved, sweep_into
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {name: content for name, content in files.items() if not name.startswith(HIDDEN)}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Outcome]]:
+    """A folder with the four designs of SPECS, made one after another in one process."""
+    folder = tmp_path_factory.mktemp("finished")
+    outcomes = sweep_into(SPECS, folder, partial(design_here, workers=1))
+    assert [outcome.status for outcome in outcomes] == ["solved"] * 4
+    return folder, outcomes
+
+
+def test_outcomes_come_in_the_order_of_the_specs(tmp_path: Path) -> None:
+    said: list[tuple[int, int]] = []
+    outcomes = sweep_into(SPECS, tmp_path, Counting(), lambda done, total: said.append((done, total)))
+    assert [outcome.spec for outcome in outcomes] == list(SPECS)
+    assert said == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_what_is_finished_is_not_done_again(tmp_path: Path) -> None:
+    first = sweep_into(SPECS[:2], tmp_path, Counting(solved))
+    runner = Counting(solved)
+    outcomes = sweep_into(SPECS, tmp_path, runner)
+    assert sorted(runner.asked, key=SPECS.index) == list(SPECS[2:])
+    assert outcomes[:2] == first
+    again = Counting()
+    assert sweep_into(SPECS, tmp_path, again) == outcomes
+    assert again.asked == []
+
+
+def record_of(folder: Path) -> Path:
+    return min((folder / "results").iterdir())
+
+
+def delete_both(folder: Path) -> None:
+    (folder / "layouts" / record_of(folder).name).unlink()
+    record_of(folder).unlink()
+
+
+def delete_record(folder: Path) -> None:
+    record_of(folder).unlink()
+
+
+def truncate_record(folder: Path) -> None:
+    record_of(folder).write_bytes(record_of(folder).read_bytes()[:-40])
+
+
+def delete_layout(folder: Path) -> None:
+    (folder / "layouts" / record_of(folder).name).unlink()
+
+
+def alter_layout(folder: Path) -> None:
+    (folder / "layouts" / record_of(folder).name).write_text("{ }")
+
+
+def swap_records(folder: Path) -> None:
+    first, second, *_ = sorted((folder / "results").iterdir())
+    first.write_bytes(second.read_bytes())
+
+
+def edit_record(folder: Path) -> None:
+    data = json.loads(record_of(folder).read_text())
+    data["outcome"]["finding"] = "my own words"
+    record_of(folder).write_text(json.dumps(data))
+
+
+@pytest.mark.parametrize("harm", [delete_both, delete_record, delete_layout])
+def test_what_is_missing_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
+    sweep_into(SPECS, tmp_path, Counting(solved))
+    before = files_of(tmp_path)
+    harm(tmp_path)
+    runner = Counting(solved)
+    sweep_into(SPECS, tmp_path, runner)
+    assert len(runner.asked) == 1
+    assert files_of(tmp_path) == before
+
+
+@pytest.mark.parametrize("harm", [truncate_record, edit_record, alter_layout, swap_records])
+def test_what_was_changed_is_refused_until_it_is_deleted(harm: Callable[[Path], None], tmp_path: Path) -> None:
+    sweep_into(SPECS, tmp_path, Counting(solved))
+    before = files_of(tmp_path)
+    name = record_of(tmp_path).name
+    harm(tmp_path)
+    changed = files_of(tmp_path)
+    with pytest.raises(InputError, match=rf"{name}: was changed since this command wrote it"):
+        sweep_into(SPECS, tmp_path, Counting(solved))
+    assert files_of(tmp_path) == changed
+    for folder in ("results", "layouts"):
+        (tmp_path / folder / name).unlink(missing_ok=True)
+    sweep_into(SPECS, tmp_path, Counting(solved))
+    assert files_of(tmp_path) == before
+
+
+def change_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    other = sweep_work.made_with() | {"mirrorcam.optics.design": "0" * 64}
+    for module in ("mirrorcam.designs.design_sweep", "mirrorcam.designs.sweep_work"):
+        monkeypatch.setattr(f"{module}.made_with", lambda: other)
+
+
+def test_changed_sources_make_everything_out_of_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sweep_into(SPECS, tmp_path, Counting())
+    change_sources(monkeypatch)
+    runner = Counting()
+    sweep_into(SPECS, tmp_path, runner)
+    assert len(runner.asked) == 4
+
+
+def test_no_design_loads_what_is_left_out_of_the_sources() -> None:
+    listed = "name for name in sys.modules if name.startswith('mirrorcam.optics.')"
+    code = f"import mirrorcam.optics.design.optimise, sys; print(*({listed}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "mirrorcam.optics.design.optimise" in loaded
+    parts = {name.split(".")[2] for name in loaded}
+    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.")}
+    assert {f"mirrorcam.optics.{part}" for part in parts} == recorded
+
+
+def test_a_failure_is_told_and_tried_again(tmp_path: Path) -> None:
+    def died(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
+        yield 0, Died("3 workers died of it, the last by signal 9")
+
+    (outcome,) = sweep_into(SPECS[:1], tmp_path, died)
+    assert (outcome.status, outcome.finding) == ("failed", "3 workers died of it, the last by signal 9")
+    assert json.loads(record_of(tmp_path).read_text())["outcome"]["status"] == "failed"
+    runner = Counting(solved)
+    assert [outcome.status for outcome in sweep_into(SPECS[:1], tmp_path, runner)] == ["solved"]
+    assert len(runner.asked) == 1
+
+
+def test_a_design_that_has_become_infeasible_takes_its_layout_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweep_into(SPECS, tmp_path, Counting(solved))
+    change_sources(monkeypatch)
+    sweep_into(SPECS[1:], tmp_path, Counting())
+    assert len(list((tmp_path / "layouts").iterdir())) == 1
+
+
+def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: Path) -> None:
+    def foreign(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
+        record = json.loads(record_text(solved(specs[0]), "{}"))
+        record["made_with"]["scipy"] = "1.0"
+        yield 0, Answer(json.dumps(record), "{}")
+
+    with pytest.raises(InputError, match=r"^scipy of a worker is not what this sweep began with"):
+        sweep_into(SPECS, tmp_path, foreign)
+    assert files_of(tmp_path) == {}
+
+
+def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
+    finished: tuple[Path, list[Outcome]], tmp_path: Path
+) -> None:
+    folder, outcomes = finished
+
+    def backwards(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
+        for number, got in design_here(specs[::-1], 2):
+            yield len(specs) - 1 - number, got
+
+    assert sweep_into(SPECS, tmp_path, backwards) == outcomes
+    assert files_of(tmp_path) == files_of(folder)
+    for outcome in outcomes:
+        layout = Layout.load(tmp_path / Results.layout_name(outcome.spec))
+        assert (layout.spec, layout.metrics) == (outcome.spec, outcome.metrics)
+
+
+def test_a_killed_worker_costs_no_finished_design_and_changes_none(
+    finished: tuple[Path, list[Outcome]], tmp_path: Path
+) -> None:
+    folder, outcomes = finished
+    kept: list[list[str]] = []
+
+    def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
+        for number, got in design_here(specs, 2, answer):
+            if not kept:
+                victims = multiprocessing.active_children()
+                assert len(victims) == 2
+                for victim in victims:
+                    assert victim.pid is not None
+                    os.kill(victim.pid, signal.SIGKILL)
+            yield number, got
+            kept.append([path.name for path in (tmp_path / "results").iterdir()])
+
+    assert sweep_into(SPECS, tmp_path, with_a_kill) == outcomes
+    assert [len(names) for names in kept] == [1, 2, 3, 4]
+    assert files_of(tmp_path) == files_of(folder)
+
+
+def sweeping(folder: Path) -> subprocess.Popen[str]:
+    """`mirrorcam sweep` over eight designs into folder/out, in a process group of its own."""
+    arguments = ["sweep", "--counts", "1x2", "2x1", "--tradeoffs", "0.3", "0.6", "--scales-mm", "80", "90"]
+    command = [sys.executable, "-m", "mirrorcam", *arguments, "--workers", "2"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    return subprocess.Popen(
+        [*command, "--out", "out"],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_until(true: Callable[[], bool], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.02)
+
+
+def alive(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    "kill",
+    [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
+)
+def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
+    results, layouts = tmp_path / "out" / "results", tmp_path / "out" / "layouts"
+    process = sweeping(tmp_path)
+    try:
+        wait_until(lambda: len(list(layouts.glob("[!.]*"))) >= 1)
+        if kill:
+            process.kill()
+        else:
+            os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        wait_until(lambda: not alive(process.pid))
+    finally:
+        if alive(process.pid):
+            os.killpg(process.pid, signal.SIGKILL)
+    if kill:
+        assert process.returncode == -signal.SIGKILL
+    else:
+        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
+    assert not (tmp_path / "out" / "sweep.csv").exists()
+    before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
+    assert 1 <= len(before) < 8
+    again = sweeping(tmp_path)
+    printed, said = again.communicate(timeout=120)
+    assert (again.returncode, said) == (0, "")
+    assert "8 solved, 0 infeasible, 0 failed" in printed
+    assert {name: (results / name).stat().st_mtime_ns for name in before} == before
+    with (tmp_path / "out" / "sweep.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["rows"], row["scale_mm"], row["tradeoff"]) for row in rows] == [
+        (count, scale, tradeoff) for count in "12" for scale in ("80.0", "90.0") for tradeoff in ("0.3", "0.6")
+    ]
+    folder, outcomes = finished
+    for outcome in outcomes:
+        name = Results.layout_name(outcome.spec)
+        assert (tmp_path / "out" / name).read_bytes() == (folder / name).read_bytes()
+
+
+TABLE = [
+    *(solved(spec) for spec in SPECS[:2]),
+    Outcome(spec=SPECS[2], status="infeasible", constraint="spacing", finding='2 mm, "too close"'),
+]
+
+
+def test_tables_hold_the_same_in_every_format(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    rows = table_of(TABLE)
+    for suffix in ("csv", "json", "parquet"):
+        write_table(tmp_path / f"sweep.{suffix}", rows)
+        first = (tmp_path / f"sweep.{suffix}").read_bytes()
+        write_table(tmp_path / f"sweep.{suffix}", table_of(TABLE))
+        assert (tmp_path / f"sweep.{suffix}").read_bytes() == first
+    assert json.loads((tmp_path / "sweep.json").read_text()) == {"schema": "mirrorcam.sweep-table/1", "designs": rows}
+    table = parquet.read_table(tmp_path / "sweep.parquet")
+    assert table.to_pylist() == rows
+    assert {str(table.schema.field(name).type) for name in ("scale_mm", "grid_error")} == {"double"}
+    with (tmp_path / "sweep.csv").open(newline="") as stream:
+        cells = list(csv.DictReader(stream))
+    assert [row["depths_mm"] for row in cells] == ["300 500"] * 3
+    assert [row["grid_error"] for row in cells] == ["0.3", "0.6", ""]
+    assert [row["finding"] for row in cells] == ["", "", '2 mm, "too close"']
+    assert [row["layout"] for row in cells] == [*(Results.layout_name(spec) for spec in SPECS[:2]), ""]
+    assert list(cells[0]) == list(rows[0])
+
+
+def test_the_table_holds_no_time(finished: tuple[Path, list[Outcome]]) -> None:
+    assert not [name for name in table_of(finished[1])[0] if "second" in name]
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path: Path) -> None:
+    runner = Counting()
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match="out: is a file, expected a folder"):
+        sweep_into(SPECS, tmp_path / "out", runner)
+    assert runner.asked == []
+    shutil.rmtree(tmp_path)

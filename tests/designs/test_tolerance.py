@@ -1,0 +1,134 @@
+"""What `mirrorcam design --tolerance` writes and prints."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mirrorcam import cli
+from mirrorcam.core.console.progress import console
+from mirrorcam.core.figures.figure_texts import figures_alike
+from mirrorcam.designs.design_command import print_tolerance
+from mirrorcam.designs.tolerance import tolerance_metrics, write_tolerance
+from mirrorcam.optics.design.assess.monte_carlo import Study
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.run.run_page import read_metrics
+
+FILES = ("tolerance.json", "tolerance.png")
+
+
+@pytest.fixture(scope="module")
+def pair() -> Layout:
+    return design(DesignSpec(rows=1, cols=2))
+
+
+def test_figures_lie_flat_with_their_units(found: Study) -> None:
+    metrics = tolerance_metrics(found)
+    assert (metrics["tolerance.tilt_deg"].value, metrics["tolerance.tilt_deg"].unit) == (0.3, "deg")
+    assert (metrics["tolerance.camera_offset_mm"].value, metrics["tolerance.camera_offset_mm"].unit) == (0.5, "mm")
+    assert metrics["devices"].value == 20
+    spread = found.spreads[1.0]["grid_error"]
+    values = [metrics[f"grid_error.{end}"].value for end in ("design", "p5", "median", "p95")]
+    assert values == [spread.nominal, spread.low, spread.median, spread.high]
+    assert metrics["grid_error.median"].unit == "grid spacings"
+    coarse = metrics["at_2x.pixel_efficiency_300mm.p5"]
+    assert (coarse.value, coarse.unit) == (found.spreads[2.0]["pixel_efficiency_300mm"].low, "of the sensor")
+    assert metrics["share.mirror_tilt.misregistration_500mm"].value > 0.5
+    assert metrics["at_2x.hidden_mirrors"].value == found.hidden[2.0]
+    names = len(found.spreads[1.0])
+    assert len(metrics) == 5 + 1 + 4 * (4 * names + 1) + 5 * names
+
+
+def test_tables_show_every_figure(found: Study, capsys: pytest.CaptureFixture[str]) -> None:
+    console.cache_clear()
+    print_tolerance(found)
+    printed = capsys.readouterr().out
+    console.cache_clear()
+    for words in ("mirrors tilted 0.3° and shifted 0.3 mm", "p95", "0.25x", "mirror", "hidden mirrors"):
+        assert words in printed
+    for spread in found.spreads[1.0].values():
+        for text in figures_alike([spread.nominal, spread.low, spread.median, spread.high]):
+            assert text in printed
+
+
+def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> None:
+    studies = [write_tolerance(pair, Tolerances.hobby(), tmp_path / name) for name in ("one", "two")]
+    assert studies[0] == studies[1]
+    for name in FILES:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == [*FILES]
+    assert read_metrics(tmp_path / "one" / "tolerance.json") == tolerance_metrics(studies[0])
+
+
+def test_a_layout_without_a_spec_says_so(default_layout: Layout, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="found none to take depths from"):
+        write_tolerance(default_layout.replaced(spec=None), Tolerances.none(), tmp_path)
+
+
+@pytest.fixture
+def command(
+    monkeypatch: pytest.MonkeyPatch, pair: Layout, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> Callable[[str], tuple[int, str, str]]:
+    """`mirrorcam design`, with a layout at hand for what the optimiser would find; exit code, output, errors."""
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: pair)
+    monkeypatch.chdir(tmp_path)
+
+    def run(arguments: str) -> tuple[int, str, str]:
+        console.cache_clear()
+        code = cli.main(["design", "--rows", "1", "--cols", "2", "--out", "out", *arguments.split()])
+        console.cache_clear()
+        return code, *capfd.readouterr()
+
+    return run
+
+
+def test_the_option_alone_describes_a_hobby_printer(
+    command: Callable[[str], tuple[int, str, str]], tmp_path: Path
+) -> None:
+    code, output, errors = command("--tolerance")
+    assert (code, errors) == (0, "")
+    metrics = json.loads((tmp_path / "out" / "tolerance.json").read_text())
+    for name, value in Tolerances.hobby().model_dump(include={"tilt_deg", "offset_mm", "camera_turn_deg"}).items():
+        assert metrics[f"tolerance.{name}"]["value"] == value
+    assert metrics["devices"]["value"] == 200
+    assert "tolerance.json and out/tolerance.png written" in output
+    # A layout that nothing is said about takes what was said of the former with it.
+    assert command("")[0] == 0
+    assert not any((tmp_path / "out" / name).exists() for name in FILES)
+
+
+def test_tolerances_can_be_given(command: Callable[[str], tuple[int, str, str]], tmp_path: Path) -> None:
+    code, output, _ = command("--tolerance --tilt-deg 0.1 --sheet-thickness-mm 0 --centre-px 8")
+    assert code == 0
+    metrics = json.loads((tmp_path / "out" / "tolerance.json").read_text())
+    assert metrics["tolerance.tilt_deg"]["value"] == 0.1
+    assert "share.sheet_thickness.grid_error" not in metrics
+    assert metrics["share.camera_itself.off_sensor"]["value"] > 0.1
+    assert "mirrors tilted 0.1°" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ("--tolerance --tilt-deg -1", "--tilt-deg -1.0: Input should be greater than or equal to 0"),
+        ("--tolerance --camera-turn-deg nan", "--camera-turn-deg nan: Input should be a finite number"),
+        ("--tolerance --offset-mm wide", "--offset-mm: could not convert string to float"),
+        ("--tilt-deg 0.5", "tolerances are given, expected --tolerance with them"),
+        ("--tolerance --sheet-thickness-mm 0.4", "sheet_thickness_mm 0.4"),
+    ],
+)
+def test_bad_tolerances_are_refused_in_one_line(
+    command: Callable[[str], tuple[int, str, str]], arguments: str, complaint: str, tmp_path: Path
+) -> None:
+    code, _, errors = command(arguments)
+    assert code == 2
+    assert errors.count("\n") == 1
+    assert errors.startswith("mirrorcam: ")
+    assert complaint in errors
+    assert not any((tmp_path / "out" / name).exists() for name in FILES)

@@ -1,0 +1,25 @@
+"""What commands over light fields share: how many there are in words, and how many lines are printed of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mirrorcam.core.console.progress import console
+from mirrorcam.lightfield.light_fields import PRINTED_LINES, LightFieldsOptions, say_some
+
+
+def test_light_fields_are_counted_in_words() -> None:
+    assert LightFieldsOptions(light_fields=(Path("a.npz"),)).counted == "1 light field"
+    assert LightFieldsOptions(light_fields=(Path("a.npz"), Path("b.npz"))).counted == "2 light fields"
+
+
+def test_of_very_many_lines_the_first_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    console.cache_clear()
+    say_some("depth", [f"line {number}" for number in range(2 * PRINTED_LINES)])
+    printed = capsys.readouterr().out.splitlines()
+    console.cache_clear()
+    assert len(printed) == PRINTED_LINES + 1
+    assert printed[-2].endswith(f"line {PRINTED_LINES - 1}")
+    assert printed[-1].endswith(f"and {PRINTED_LINES} more like these")

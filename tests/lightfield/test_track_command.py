@@ -1,0 +1,68 @@
+"""`mirrorcam track`: it writes what the tracker finds, says where it is lost, and bad input is one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.relief_scene import Relief, even_views, light_field_of
+from mirrorcam import cli
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
+from mirrorcam.optics.light_field.motion import LightFieldTracker
+from tests.command_line import assert_refused_here, results
+
+SIZE: dict[str, Any] = {"width_px": 160, "height_px": 120, "focal_px": 280.0, "centre_px": np.array([79.5, 59.5])}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Light fields a, b and c of a camera that moves, and one of another scene."""
+    folder, views = tmp_path_factory.mktemp("track"), even_views(3, 10.0, **SIZE)
+    for number, name in enumerate("abc"):
+        pose = rigid(np.eye(3), [8.0 * number, 3.0 * number, 0.0])
+        save_npz(folder / f"{name}.npz", light_field_of(Relief(), views, world_from_view=pose, subsamples=1)[0])
+    save_npz(folder / "other.npz", light_field_of(Relief(seed=4), views, subsamples=1)[0])
+    return folder
+
+
+def test_files_hold_the_poses_of_the_tracker(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [str(stored / f"{name}.npz") for name in "abc"]
+    assert cli.main(["track", *files, "--rate-hz", "10", "--out", str(tmp_path)]) == 0
+    assert results(tmp_path) == ["trajectory.json", "trajectory.png", "trajectory.tum"]
+    tracker = LightFieldTracker(load_npz(stored / "a.npz"))
+    expected = [tracker.track(load_npz(stored / f"{name}.npz")) for name in "abc"]
+    rows = np.loadtxt(tmp_path / "trajectory.tum")
+    assert np.allclose(rows[:, 0], [0.0, 0.1, 0.2])
+    assert np.allclose(rows[:, 1:4] * 1000.0, [pose.world_from_view[:3, 3] for pose in expected], atol=1e-5)
+    assert np.linalg.norm(rows[2, 1:4] * 1000.0 - [16.0, 6.0, 0.0]) < 0.3
+    frames = json.loads((tmp_path / "trajectory.json").read_text(encoding="utf-8"))["frames"]
+    assert [frame["name"] for frame in frames] == ["a", "b", "c"]
+    assert np.allclose(frames[2]["covariance"], expected[2].covariance)
+    said = capsys.readouterr().out
+    assert "3 of 3 poses, 1 key frame, path 17." in said
+
+
+def test_lost_light_fields_are_named_and_left_out(
+    stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [str(stored / f"{name}.npz") for name in ("a", "other", "c")]
+    assert cli.main(["track", *files, "--out", str(tmp_path / "one")]) == 0
+    assert "other: lost, too little of the last key frame is seen" in capsys.readouterr().out
+    assert len(np.loadtxt(tmp_path / "one" / "trajectory.tum")) == 2
+    assert cli.main(["track", *files[:2], "--out", str(tmp_path / "two")]) == 1
+
+
+def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, out = str(stored / "a.npz"), ["--out", str(tmp_path / "out")]
+    assert_refused_here(["track", first, *out], capsys, "1 light field, expected at least two")
+    save_npz(tmp_path / "wide.npz", light_field_of(Relief(), even_views(3, 12.0, **SIZE), subsamples=1)[0])
+    both = ["track", first, str(tmp_path / "wide.npz"), *out]
+    assert_refused_here(both, capsys, "has other views than those of layout")
+    assert_refused_here(["track", first, "--near-mm", "500", "--far-mm", "400", *out], capsys, "nearest depth below")
+    assert_refused_here(["track", str(tmp_path / "no.npz"), first, *out], capsys, "no.npz")
+    assert not (tmp_path / "out" / "trajectory.tum").exists()

@@ -1,0 +1,148 @@
+"""COLMAP's models, written by COLMAP itself, project as COLMAP does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.optics.camera_files.read.colmap import LENSES, model_folder, read_colmap
+from mirrorcam.optics.camera_files.read.registry import read_rig
+from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
+from tests.optics.camera_files.rigs import EXACT, device
+
+PARAMETERS = {
+    "SIMPLE_PINHOLE": [500.0, 320.0, 240.0],
+    "PINHOLE": [500.0, 510.0, 320.0, 240.0],
+    "SIMPLE_RADIAL": [500.0, 320.0, 240.0, 0.05],
+    "RADIAL": [500.0, 320.0, 240.0, 0.05, -0.02],
+    "OPENCV": [500.0, 510.0, 320.0, 240.0, 0.05, -0.02, 0.001, -0.002],
+    "FULL_OPENCV": [500.0, 510.0, 320.0, 240.0, 0.05, -0.02, 0.001, -0.002, 0.01, 0.03, -0.01, 0.002],
+    "OPENCV_FISHEYE": [500.0, 510.0, 320.0, 240.0, 0.05, -0.02, 0.01, 0.002],
+    "SIMPLE_FISHEYE": [500.0, 320.0, 240.0],
+    "FISHEYE": [500.0, 510.0, 320.0, 240.0],
+    "SIMPLE_RADIAL_FISHEYE": [500.0, 320.0, 240.0, 0.05],
+    "RADIAL_FISHEYE": [500.0, 320.0, 240.0, 0.05, -0.02],
+    "EUCM": [500.0, 510.0, 320.0, 240.0, 0.6, 1.1],
+}
+
+
+def points() -> FloatArray:
+    return np.random.default_rng(0).uniform([-0.4, -0.4, 0.8], [0.4, 0.4, 2.0], (40, 3))
+
+
+def model_of(camera: pycolmap.Camera, names: dict[str, pycolmap.Rigid3d]) -> pycolmap.Reconstruction:
+    """A model with one camera, of pictures by name with their poses, as COLMAP's mapper makes it without a rig."""
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(camera)
+    for number, (name, pose) in enumerate(names.items(), start=1):
+        model.add_image_with_trivial_frame(pycolmap.Image(name=name, camera_id=camera.camera_id, image_id=number), pose)
+    return model
+
+
+@pytest.fixture(scope="module")
+def binary(exported: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The exported model, written again by COLMAP as binary."""
+    folder = tmp_path_factory.mktemp("binary")
+    pycolmap.Reconstruction(exported / "colmap" / "sparse").write_binary(folder)
+    return folder
+
+
+def test_every_lens_that_is_known_is_tested() -> None:
+    assert PARAMETERS.keys() == LENSES.keys()
+
+
+@pytest.mark.parametrize("model", sorted(LENSES))
+@pytest.mark.parametrize("binary", [True, False])
+def test_lenses_are_colmaps(model: str, binary: bool, tmp_path: Path) -> None:
+    camera = pycolmap.Camera(model=model, width=640, height=480, params=PARAMETERS[model], camera_id=3)
+    pose = pycolmap.Rigid3d(pycolmap.Rotation3d([0.0, 0.0, 0.1]), [1.0, 2.0, 3.0])
+    written = model_of(camera, {"view_0_1/0000.png": pose})
+    if binary:
+        written.write_binary(tmp_path)
+    else:
+        written.write_text(tmp_path)
+    rig = read_colmap(tmp_path)
+    (found,) = rig.cameras
+    expected = np.asarray(camera.img_from_cam(points())) - 0.5  # COLMAP: the corner of the top-left pixel
+    np.testing.assert_allclose(found.lens.project(points()), expected, atol=1e-9)
+    assert (found.name, found.size_px, rig.unit_mm) == ("view_0_1", (640, 480), None)
+    np.testing.assert_allclose(np.array(found.camera_from_rig)[:3], pose.matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize("what", ["text", "binary"])
+def test_our_own_scores_zero(what: str, exported: Path, binary: Path) -> None:
+    rig = read_rig(exported / "colmap" if what == "text" else binary)
+    score = device().score(rig)
+    assert score.figures["max_px"].value < EXACT
+    assert score.alignment == "similarity"
+    assert score.notes == ("poses are those of the rig",)
+    metric = device().score(read_rig(exported, "colmap", "m"))
+    assert metric.alignment == "rigid"
+    assert abs(metric.figures["scale_error_percent"].value) < EXACT
+
+
+def test_text_and_binary_are_one(exported: Path, binary: Path) -> None:
+    for ours, theirs in zip(
+        read_colmap(exported / "colmap" / "sparse").cameras, read_colmap(binary).cameras, strict=True
+    ):
+        assert ours.name == theirs.name
+        np.testing.assert_allclose(np.array(ours.camera_from_rig), np.array(theirs.camera_from_rig), atol=1e-12)
+
+
+def test_without_a_rig_poses_are_those_of_the_picture_that_most_views_have(exported: Path, tmp_path: Path) -> None:
+    """A mapper without a rig places every picture by itself: views at another time do not mix."""
+    source = exported / "colmap" / "sparse"
+    for name in ("cameras.txt", "images.txt"):
+        (tmp_path / name).write_bytes((source / name).read_bytes())
+    with (tmp_path / "images.txt").open("a") as file:
+        file.write("90 1 0 0 0 9 9 9 1 view_0_0/0001.png\n10.5 20.5 -1 30 40 7\n")
+        file.write("91 1 0 0 0 9 9 9 2 view_0_1/0001.png\n\n")
+    rig = read_colmap(tmp_path)
+    assert rig.notes == ("poses are those of the picture 0000.png",)
+    assert device().score(rig).figures["max_px"].value < EXACT
+
+
+def test_other_lenses_are_refused_by_name(tmp_path: Path) -> None:
+    camera = pycolmap.Camera(model="FOV", width=640, height=480, params=[500.0, 510.0, 320.0, 240.0, 0.9], camera_id=1)
+    model_of(camera, {"view_0_0/a.png": pycolmap.Rigid3d()}).write_binary(tmp_path)
+    with pytest.raises(InputError, match="camera 1: FOV, expected one of SIMPLE_PINHOLE"):
+        read_colmap(tmp_path)
+
+
+def test_one_camera_may_be_that_of_all_views(tmp_path: Path) -> None:
+    """The lens behind all mirrors is one, and so COLMAP may be told."""
+    views = virtual_cameras(device().truth)
+    lens = views[0].camera
+    parameters = [lens.fx_px, lens.fy_px, lens.cx_px + 0.5, lens.cy_px + 0.5, *lens.distortion[:4]]
+    size = {"width": lens.width_px, "height": lens.height_px}
+    camera = pycolmap.Camera(model="OPENCV", **size, params=parameters, camera_id=1)
+    poses = {f"{view.name}.png": pycolmap.Rigid3d(view.camera_from_rig[:3]) for view in views}
+    model_of(camera, poses).write_binary(tmp_path)
+    rig = read_colmap(tmp_path)
+    assert rig.notes == ("poses are those of the pictures",)
+    assert device().score(rig).figures["max_px"].value < EXACT
+
+
+def test_cameras_of_a_rig_without_folders_of_their_own_are_refused(exported: Path, tmp_path: Path) -> None:
+    for path in (exported / "colmap" / "sparse").iterdir():
+        (tmp_path / path.name).write_text(path.read_text().replace(" 2 view_0_1/", " 1 view_0_1/"))
+    with pytest.raises(InputError, match="camera 1 has no folder of pictures of its own"):
+        read_colmap(tmp_path)
+
+
+def test_a_model_without_pictures_is_refused(tmp_path: Path) -> None:
+    camera = pycolmap.Camera(model="PINHOLE", width=640, height=480, params=PARAMETERS["PINHOLE"], camera_id=1)
+    model_of(camera, {}).write_text(tmp_path)
+    with pytest.raises(InputError, match="no images, expected a model with poses"):
+        read_colmap(tmp_path)
+
+
+def test_the_model_is_found_where_colmap_puts_it(tmp_path: Path) -> None:
+    assert model_folder(tmp_path) is None
+    (tmp_path / "sparse" / "0").mkdir(parents=True)
+    (tmp_path / "sparse" / "0" / "cameras.bin").touch()
+    assert model_folder(tmp_path) == tmp_path / "sparse" / "0"

@@ -1,0 +1,90 @@
+"""Commands that a page starts: their progress and end, and that they can be cancelled."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mirrorcam.cad.plan.back_table import BACKS
+from mirrorcam.core.values import InputError
+from mirrorcam.studio.jobs import JobReport, Jobs, Plan, plans
+
+SCRIPT = """
+import sys, time
+print("parts        1/4 steps after 1 s", flush=True)
+{}
+"""
+
+
+def ended(jobs: Jobs) -> JobReport:
+    for _ in range(300):
+        report = jobs.reports()[0]
+        if report.state != "running":
+            return report
+        time.sleep(0.05)
+    raise AssertionError("the job does not end")
+
+
+def test_a_job_reports_its_progress_and_its_page(scripted: Path, tmp_path: Path) -> None:
+    jobs = Jobs(tmp_path)
+    page = tmp_path / "d" / "parts" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.touch()
+    scripted.write_text(SCRIPT.format("time.sleep(0.5)"))
+    started = jobs.start("parts", "d")
+    assert started.state == "running"
+    assert started.page == ""
+    for _ in range(100):
+        if jobs.reports()[0].progress is not None:
+            break
+        time.sleep(0.02)
+    assert jobs.reports()[0].progress == 0.25
+    done = ended(jobs)
+    assert (done.state, done.progress, done.page) == ("done", 1.0, "d/parts/index.html")
+    assert done.command.startswith("mirrorcam cad ")
+
+
+def test_a_job_that_fails_says_so_with_its_last_words(scripted: Path, tmp_path: Path) -> None:
+    jobs = Jobs(tmp_path)
+    scripted.write_text(SCRIPT.format('sys.exit("mirrorcam: no space")'))
+    jobs.start("run", "d")
+    failed = ended(jobs)
+    assert failed.state == "failed"
+    assert failed.lines[-1] == "mirrorcam: no space"
+
+
+def test_one_job_of_a_kind_works_on_a_design_and_can_be_cancelled(scripted: Path, tmp_path: Path) -> None:
+    jobs = Jobs(tmp_path)
+    scripted.write_text(SCRIPT.format("time.sleep(60)"))
+    jobs.start("set", "d")
+    with pytest.raises(InputError, match="already"):
+        jobs.start("set", "d")
+    while not jobs.reports()[0].lines:
+        time.sleep(0.02)
+    jobs.cancel(1)
+    assert ended(jobs).state == "cancelled"
+    with pytest.raises(InputError, match="job 9"):
+        jobs.cancel(9)
+    jobs.start("set", "d")
+    jobs.close()
+    assert ended(jobs).state == "cancelled"
+
+
+def test_commands_write_below_the_folder_of_the_design(tmp_path: Path) -> None:
+    for plan in plans(tmp_path / "d").values():
+        assert isinstance(plan, Plan)
+        out = plan.arguments[plan.arguments.index("--out") + 1]
+        assert Path(out) == tmp_path / "d" / plan.folder
+
+
+@pytest.mark.parametrize("adapter", BACKS)
+def test_what_carries_the_device_is_told_to_the_commands_that_build_it(adapter: Any, tmp_path: Path) -> None:
+    made = plans(tmp_path / "d", adapter)
+    for kind in ("parts", "run"):
+        arguments = made[kind].arguments
+        assert arguments[arguments.index("--adapter") + 1] == adapter
+    assert "--adapter" not in made["set"].arguments
+    assert plans(tmp_path / "d") == plans(tmp_path / "d", "none")
