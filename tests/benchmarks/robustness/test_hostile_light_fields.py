@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.robustness.hostile_light_fields import HOSTILE, Change, plant
 from benchmarks.robustness.light_fields import _ending, good
-from mirrorcam.optics.base.pictures import read_image
 from mirrorcam.optics.base.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 
@@ -33,8 +32,3 @@ def test_each_is_refused(subject: str, change: Change, tmp_path: Path) -> None:
         with pytest.raises(InputError):
             list(open_light_fields(path).frames)
     assert not (tmp_path / "secrets" / "executed").exists()
-
-
-def test_secrets_are_pictures_that_would_be_read(tmp_path: Path) -> None:
-    plant(tmp_path)
-    assert read_image(tmp_path / "view_00_02.png").shape == (18, 24, 3)
