@@ -1,4 +1,4 @@
-"""A picture of every camera of the library in its clip: `python -m benchmarks.camera_gallery docs/images/cameras.jpg`.
+"""A picture of every camera of the library in its clip: `python -m docs.make_cameras docs/images/cameras.jpg`.
 
 Each is seen from the side of the scene and from above, to a scale of its own, its clip in orange.
 """
