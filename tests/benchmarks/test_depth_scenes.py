@@ -16,7 +16,6 @@ from benchmarks.depth_scenes.rendered_scene import (
     RenderedScene,
     Scene,
     depth_views,
-    srgb,
 )
 from benchmarks.depth_scenes.surfaces import block, sheet
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
@@ -54,22 +53,6 @@ def test_depth_is_that_of_the_planes(plain: RenderedScene) -> None:
     is_top = (up > 0) & (np.abs(x * top) < 250.0) & (top * away > 4000.0) & (top * away < 4500.0)
     expected = np.where(is_box, front, np.where(is_top, top, np.minimum(floor, 7000.0 / away)))
     np.testing.assert_allclose(found, expected, rtol=2e-6)
-
-
-def test_edges_are_round_the_box_only(plain: RenderedScene) -> None:
-    views = depth_views(3, SIZE_PX)
-    depth, edges = plain.depth_mm(views, 1, 1), plain.edges(views)
-    jump = np.abs(np.diff(1.0 / depth, axis=1)).argmax(axis=1)
-    row = SIZE_PX // 2
-    assert edges[row, jump[row]] or edges[row, jump[row] + 1]
-    assert not edges[row, :5].any()
-    assert not edges[-1].any()
-    assert edges.mean() < 0.1
-
-
-def test_srgb_has_its_known_values() -> None:
-    light = np.array([-1.0, 0.0, 0.001, 0.2140, 1.0, 3.0], np.float32)
-    assert srgb(light).tolist() == [0, 0, 3, 127, 255, 255]
 
 
 @pytest.mark.slow
