@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, choices=(3, 5, 9), default=3)
     parser.add_argument("--size", type=int, default=512, help="side of each view, px")
     add_json_option(parser)
-    request = parser.parse_args()
+    request = parser.parse_intermixed_args()
     wrong = sorted(set(request.names) - set(SCENES))
     if wrong:
         parser.error(f"unknown scene {wrong[0]!r}, expected of {', '.join(SCENES)}")
