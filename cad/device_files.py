@@ -6,13 +6,14 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
+from mirrorcam.cad.assembly.pieces import pieces_of
+from mirrorcam.cad.build import PICTURES
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
-from mirrorcam.cad.guide.device_pictures import PICTURES, pictures_of
+from mirrorcam.cad.guide.device_pictures import pictures_of
 from mirrorcam.cad.guide.live_view import write_live_view
 from mirrorcam.cad.guide.picture_views import write_picture
 from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
@@ -20,6 +21,7 @@ from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.cad.plan.part_plan import COUPON
 from mirrorcam.cad.write.bill_files import write_bom
 from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics
 from mirrorcam.cad.write.gltf import write_glb
@@ -36,7 +38,7 @@ from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 
-def write_device(
+def write_files(
     device: Device, out: Path, previous: Path | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
     """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
@@ -44,7 +46,7 @@ def write_device(
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 6 + PICTURES + elastic
+    done, total = 0, len(made) + 6 + len(PICTURES) + elastic
 
     def step() -> None:
         nonlocal done

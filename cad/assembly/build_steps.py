@@ -9,9 +9,11 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-HOLDER, MOUNT, CLIP, CAMERA = "mirror_holder", "mount", "camera_clip", "camera"
+from mirrorcam.cad.plan.part_plan import CARRIER, CLIP, HOLDER, MOUNT
+
+CAMERA = "camera"
 # Regular expressions of the names.
-MIRROR, ADAPTER, CARRIER = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", r"carrier_\d+(?:-\d+)?"
+MIRROR, ADAPTER, CARRIERS = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", rf"{CARRIER}\d+(?:-\d+)?"
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ STEPS = (
     Step("print"),
     Step("cut"),
     Step("inserts"),
-    Step("mirrors", ((MIRROR, HOLDER), (MIRROR, CARRIER), (CARRIER, HOLDER))),
+    Step("mirrors", ((MIRROR, HOLDER), (MIRROR, CARRIERS), (CARRIERS, HOLDER))),
     Step("holder", ((HOLDER, MOUNT),)),
     Step("camera", ((CAMERA, CLIP),), pictures="base"),
     Step("clip", ((CLIP, MOUNT),)),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import carrier_name, named_faces
+from mirrorcam.cad.assembly.named_faces import named_faces
 from mirrorcam.cad.assembly.ways_out import (
     foot_nut_ways_mm,
     holder_nut_ways_mm,
@@ -26,7 +26,18 @@ from mirrorcam.cad.parts.bed_placement import turn
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.item_frames import ACROSS, along, beyond
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
+from mirrorcam.cad.plan.part_plan import (
+    CLIP,
+    COUPON,
+    COVER,
+    FORMING,
+    HOLDER,
+    MOUNT,
+    BoughtItem,
+    PartPlan,
+    Rgb,
+    carrier_name,
+)
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.cad.splitting.split import Pieces, split
@@ -45,11 +56,11 @@ SCENE = np.array([0.0, 1.0, 0.0])
 CARRIER_OUT_MM = 25.0
 
 EXPLODE = {
-    "mirror_holder": (0.0, 30.0, 60.0),
-    "mount": (0.0, -60.0, 0.0),
-    "camera_clip": (0.0, 20.0, -20.0),
-    "fit_coupon": (0.0, 0.0, 0.0),
-    "dust_cover": (0.0, 0.0, 0.0),
+    HOLDER: (0.0, 30.0, 60.0),
+    MOUNT: (0.0, -60.0, 0.0),
+    CLIP: (0.0, 20.0, -20.0),
+    COUPON: (0.0, 0.0, 0.0),
+    COVER: (0.0, 0.0, 0.0),
 }
 
 
@@ -62,17 +73,17 @@ def parts_of(device: Device) -> tuple[PartPlan, ...]:
 def _on_bed(device: Device) -> Pieces:
     """Printed parts, and the pins between pieces; cached per device, since splitting a part makes its solid."""
     corners = {
-        "mirror_holder": device.holder.corners_in_rig,
-        "mount": corners_of(device.mount.pieces),
-        "camera_clip": corners_of(device.clip.pieces),
+        HOLDER: device.holder.corners_in_rig,
+        MOUNT: corners_of(device.mount.pieces),
+        CLIP: corners_of(device.clip.pieces),
         **{part.name: part.plan.corners for part in device.back.parts},
-        "fit_coupon": corners_of(device.coupon.pieces),
-        **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
+        COUPON: corners_of(device.coupon.pieces),
+        **({COVER: corners_of((device.cover.outer,))} if device.cover else {}),
         **{carrier_name(each.name): corners_of((each.body,)) for each in device.mirror_carriers},
     }
-    cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
+    cuts = {HOLDER: device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
-        cuts["mount"] = ((), device.mount.bed_cuts_mm)
+        cuts[MOUNT] = ((), device.mount.bed_cuts_mm)
     pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
     parts = (part for piece in pieces for part in piece.parts)
     return Pieces(
@@ -85,7 +96,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
     mount, clip, coupon = device.mount, device.clip, device.coupon
     return (
         _part(
-            "mirror_holder",
+            HOLDER,
             "Mirror holder",
             1,
             device.holder,
@@ -94,7 +105,7 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             (0.36, 0.39, 0.44),
         ),
         _part(
-            "mount",
+            MOUNT,
             "Mount",
             2,
             mount,
@@ -102,9 +113,9 @@ def _whole(device: Device) -> tuple[PartPlan, ...]:
             turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
             (0.16, 0.46, 0.62),
         ),
-        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
+        _part(CLIP, "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
         *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
-        _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
+        _part(COUPON, "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
         *_cover(device),
         *_carriers(device),
     )
@@ -114,7 +125,7 @@ def _cover(device: Device) -> tuple[PartPlan, ...]:
     if device.cover is None:
         return ()
     bed_from_rig = lying_on(device.cover.rig_from_front)
-    return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
+    return (_part(COVER, "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
 
 
 def _carriers(device: Device) -> Iterator[PartPlan]:
@@ -176,7 +187,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
     slide = clip.slide_at - clip.slide.grip_mm * scene
-    head, foot = ("mount", "mirror_holder"), (back.parts[0].name, "mount")
+    head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
         *_screws(
             device,
@@ -187,7 +198,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             holder_nut_ways_mm,
             slots,
         ),
-        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip"), slide_nut_ways_mm),
+        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_ways_mm),
         *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_ways_mm, size=back.foot_size),
         *(item for joint in back.joints for item in _of_joint(device, joint)),
         *back.items,
@@ -207,7 +218,7 @@ def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
 def explode_of(device: Device) -> dict[str, FloatArray]:
     """How far each printed part is moved (3,) in an exploded view, by its name."""
     own = {name: np.array(move) for name, move in EXPLODE.items()}
-    off = EXPLODE["mirror_holder"] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
+    off = EXPLODE[HOLDER] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
     carriers = {carrier_name(each.name): off for each in device.mirror_carriers}
     return own | {part.name: part.explode_mm for part in device.back.parts} | carriers
 
@@ -259,22 +270,20 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     """The fasteners of the camera in its clip: sprung screws that press a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     above = np.array([0.0, 0.0, 1.0])
-    apart = np.array(EXPLODE["camera_clip"])
+    apart = np.array(EXPLODE[CLIP])
     held_by = hardware.camera.held_by
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem(
-                "screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, ("camera_clip",)
-            )
+            yield BoughtItem("screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, (CLIP,))
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, ("camera_clip",))
+        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, (CLIP,))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         way = insert_way_mm(out) if insert else sprung.nut_way_mm
         across = ACROSS if insert else SCENE - (SCENE @ out) * out
-        yield _thread(device, along(seat, out, across), apart, ("camera_clip",), way)
+        yield _thread(device, along(seat, out, across), apart, (CLIP,), way)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
@@ -284,10 +293,10 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
         return
     adjuster, away, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
     moves = explode_of(device)
-    base = moves["mirror_holder"]
+    base = moves[HOLDER]
     for carrier, heads in zip(holder.carriers, holder.heads.reshape(-1, 3, 3), strict=True):
         name = carrier_name(carrier.name)
-        joins, apart = ("mirror_holder", name), moves[name]
+        joins, apart = (HOLDER, name), moves[name]
         for head in heads:
             top = head - SUNK_MM * away
             yield BoughtItem(

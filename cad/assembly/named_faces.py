@@ -5,15 +5,8 @@ from __future__ import annotations
 import re
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.plan.part_plan import NamedFace
+from mirrorcam.cad.plan.part_plan import HOLDER, NamedFace, carrier_name
 from mirrorcam.cad.plan.seats import seat_height_mm
-
-HOLDER = "mirror_holder"
-
-
-def carrier_name(mirror: str) -> str:
-    """Name of the part that carries a mirror, by the mirror's name."""
-    return f"carrier_{mirror}"
 
 
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:

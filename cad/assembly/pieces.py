@@ -14,8 +14,17 @@ from build123d import Part
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import carrier_name
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
+from mirrorcam.cad.plan.part_plan import (
+    APART,
+    CLIP,
+    FORMING,
+    HOLDER,
+    BoughtItem,
+    BuiltPart,
+    MassProperties,
+    Rgb,
+    carrier_name,
+)
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -49,9 +58,6 @@ MIRRORS, BRASS, STEEL = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
 MIRROR_OUT_MM = 35.0
 CAMERA_OUT_MM = 15.0
 BOARD_OUT_MM = 40.0
-COUPON, COVER = "fit_coupon", "dust_cover"
-APART = (COUPON, COVER)
-"""Parts to print that are no pieces of the device in use."""
 
 TOLERANCE_MM = 0.05
 ANGLE_RAD = 0.35
@@ -85,7 +91,7 @@ def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
     return (
         *printed,
         *mirror_pieces(device, printed),
-        camera_piece(device, next(piece for piece in printed if piece.name.startswith("camera_clip"))),
+        camera_piece(device, next(piece for piece in printed if piece.name.startswith(CLIP))),
         *item_pieces(bought_items(device)),
     )
 
@@ -120,7 +126,7 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
 def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
     """The holder, or of a split one the piece whose centre of mass is nearest to the middle of a mirror."""
     middle = mirror.outline_in_rig_mm.mean(axis=0)
-    holders = [part for part in parts if part.name.startswith("mirror_holder")]
+    holders = [part for part in parts if part.name.startswith(HOLDER)]
     return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - middle)))
 
 

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.core.values import InputError
 
-NAME = "adapter_arca"
+(NAME,) = ArcaBack.parts
 
 
 def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:

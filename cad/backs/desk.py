@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.core.values import FloatArray
 
-NAME = "adapter_desk"
+(NAME,) = DeskBack.parts
 
 
 def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:

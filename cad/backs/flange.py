@@ -29,7 +29,8 @@ from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
-BRACKET = "adapter_flange"
+BRACKET, CENTRING = Iso9409Back.parts
+_, SPACER = Gen3Back.parts
 # The centring ring is loose in the plate and in the flange by this much on each side, so that it goes in by hand.
 LOOSE_MM = 0.2
 RING_WALL_MM = 4.0
@@ -55,7 +56,7 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
     radius, deep = centre - LOOSE_MM, table.centre_deep_mm
     low = face - deep * ALONG_Y
     hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, deep + thick + 2.0 * OUTSIDE_MM)
-    centring = BlocksPlan("adapter_centring", (), (hole,), discs=(Disc(low, radius, deep + thick),))
+    centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, deep + thick),))
     flange = ring(face - 6.0 * ALONG_Y, (centre, table.flange_mm / 2.0), 6.0)
     arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
     back = _back_of(table, bracket, centring, "Centring ring", spots, "M6", hardware)
@@ -87,7 +88,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))
     # Between a hole and the rim there is no space for a wall: it is a slot, open to the edge.
     slots = (_slot(spot, clearance, disc_thick, face) for spot in spots)
-    spacer = BlocksPlan("adapter_spacer", (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
+    spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
     inner, outer, high = table.rim_mm
     module = faceted(Disc(face - 40.0 * ALONG_Y, outer, 40.0))
     back = _back_of(table, bracket, spacer, "Spacer", spots, "M5", hardware)

@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
-HOOK, JAW = "adapter_hook", "adapter_jaw"
+HOOK, JAW = MonitorBack.parts
 # Level with the plate, so that a key reaches them under the clip of a wide camera.
 SCREW = f"M4{COUNTERSUNK}"
 # The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the

@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 
-NAME = "adapter_profile"
+(NAME,) = ProfileBack.parts
 T_NUT = "M5 T-slot"
 # From the mount to a screw's axis, and on to the end of the plate; the plate stands out so far before and behind.
 BESIDE_MM, BEYOND_MM, OVER_MM = 9.0, 8.0, 3.0

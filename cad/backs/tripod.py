@@ -15,7 +15,7 @@ from mirrorcam.cad.plan.back_table import TripodBack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
 
-NAME = "adapter_tripod"
+(NAME,) = TripodBack.parts
 # The tripod's head: a plate that is kept clear, as a common ball head has it.
 HEAD_MM = (50.0, 20.0)
 # The plate reaches this far before the mount: the wall of the countersinks.

@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import thread_of
 
-NAME = "adapter_vesa"
+(NAME,) = VesaBack.parts
 EXPLODE = np.array([0.0, -60.0, -45.0])
 # From a screw to the plate's edge, from the shelf to the upper screws, and the ribs from the middle.
 EDGE_MM, UNDER_MM, RIB_X_MM = 8.0, 14.0, 26.0

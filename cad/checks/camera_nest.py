@@ -9,6 +9,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, least_contact_n
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import CLIP
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
@@ -43,7 +44,7 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         "reclamped_between_views_px": (repeats.between_views_px, "px", 3),
     }
     reclamped = {
-        f"camera_clip.{name}": Metric(value=round(value, digits), unit=unit)
+        f"{CLIP}.{name}": Metric(value=round(value, digits), unit=unit)
         for name, (value, unit, digits) in figures.items()
     }
     if clip.nest is None:
@@ -54,10 +55,10 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
     forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.nest.screws]
     strain = max(screw.leaf.strain for screw in clip.nest.screws)
     return {
-        "camera_clip.contact_n": Metric(value=round(least, 2), unit="N", limit=0.0, lower_is_better=False),
-        "camera_clip.leaf_strain": Metric(value=round(strain, 5), unit="", limit=printer.plastic_strain),
-        "camera_clip.back_screw_n": Metric(value=round(forces[0], 1), unit="N"),
-        "camera_clip.end_screw_n": Metric(value=round(forces[1], 1), unit="N"),
+        f"{CLIP}.contact_n": Metric(value=round(least, 2), unit="N", limit=0.0, lower_is_better=False),
+        f"{CLIP}.leaf_strain": Metric(value=round(strain, 5), unit="", limit=printer.plastic_strain),
+        f"{CLIP}.back_screw_n": Metric(value=round(forces[0], 1), unit="N"),
+        f"{CLIP}.end_screw_n": Metric(value=round(forces[1], 1), unit="N"),
         **reclamped,
     }
 
@@ -88,4 +89,4 @@ def check_rest(
     if clip is not None and camera is not None:
         upper = [solid.trim_by_plane((0.0, 0.0, 1.0), over) for solid in (clip, camera)]
         gap = min(float(upper[0].min_gap(upper[1], NEAR_MM)), NEAR_MM)
-    return {"camera_clip.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}
+    return {f"{CLIP}.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}

@@ -9,6 +9,7 @@ from itertools import combinations
 import manifold3d
 import numpy as np
 
+from mirrorcam.cad.plan.part_plan import CARRIER, HOLDER
 from mirrorcam.core.values import Metric
 
 # Where faces touch, numbers rounded in a file let them sink into each other by this much at most.
@@ -26,7 +27,6 @@ THREADS = ("insert", "nut")
 # A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
-HOLDER, CARRIER = "mirror_holder", "carrier_"
 # The shell of the robot's wrist, and what is clamped round it, bored to its diameter.
 WRIST, CLAMP = "wrist", "adapter_"
 

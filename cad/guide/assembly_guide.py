@@ -15,7 +15,7 @@ from shapely import Polygon, maximum_inscribed_circle
 from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
+from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASURES
@@ -27,7 +27,7 @@ from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.hardware import Hardware, field_of_view
-from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.part_plan import COUPON, COVER, BuiltPart
 from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text

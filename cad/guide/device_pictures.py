@@ -54,8 +54,6 @@ EDGE_TEXT = "This edge at the longest mark"
 
 
 NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
-PICTURES = 11
-"""Number of pictures of a device."""
 
 
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:

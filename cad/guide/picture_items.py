@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from mirrorcam.cad.assembly.build_steps import CLIP
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import home_of, joins_of
 from mirrorcam.cad.guide.picture_views import Item
 from mirrorcam.cad.guide.shading import Rgb, ShadedBody
+from mirrorcam.cad.plan.part_plan import CLIP
 from mirrorcam.core.values import FloatArray
 
 PALE = 0.55

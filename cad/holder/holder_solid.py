@@ -15,7 +15,7 @@ from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import recipe
+from mirrorcam.cad.plan.part_plan import HOLDER, recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import InputError
@@ -101,4 +101,4 @@ def _one_holder(holder: BuildPart) -> Part:
     solids = holder.solids()
     if len(solids) != 1:
         raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")
-    return Part(solids, label="mirror_holder")
+    return Part(solids, label=HOLDER)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
+from mirrorcam.cad.plan.part_plan import CLIP, FORMING, BoughtItem
 from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
@@ -29,7 +29,7 @@ LASTING = 0.25
 HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
-PRESSING = ("camera_clip",)
+PRESSING = (CLIP,)
 # Screws against springs, which are turned to adjust a mirror, and not tightened.
 ADJUSTING = "carrier_"
 ON_AXIS_MM = 1e-3

@@ -28,9 +28,9 @@ from build123d import (
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.assembly.pieces import APART, CAMERA_RGB, ITEM_RGB, MIRROR_RGB, holder_under, item_names
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, holder_under, item_names
 from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
+from mirrorcam.cad.plan.part_plan import APART, CLIP, BuiltPart, Rgb
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.step_text import ordered_step
 from mirrorcam.core.disk.files import write_text
@@ -70,7 +70,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
         mirrors.append(_joined(printed[holder_under(mirror, fitted).name], solid, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
-    bought.append(_joined(_bearer(("camera_clip",), printed), camera, np.eye(4)))
+    bought.append(_joined(_bearer((CLIP,), printed), camera, np.eye(4)))
     items = bought_items(device)
     shapes: dict[tuple[str, str, float], Shape[Any]] = {}
     for name, item in zip(item_names(items), items, strict=True):

@@ -33,11 +33,11 @@ def test_backs_that_are_there_are_not_built_again(
 ) -> None:
     built: list[str] = []
 
-    def build(layout: object, folder: Path, hardware: object) -> dict[str, Metric]:
+    def build(layout: object, folder: Path, hardware: object, *, workers: int) -> dict[str, Metric]:
         built.append(folder.name)
         return CHECKS
 
-    monkeypatch.setattr(backs, "write_device", build)
+    monkeypatch.setattr(backs, "build_parts", build)
     monkeypatch.setattr(sys, "argv", ["backs", str(tmp_path)])
     backs.main()
     assert built == list(BACKS)

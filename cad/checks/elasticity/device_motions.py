@@ -27,6 +27,7 @@ from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.core.values import FloatArray, InputError
@@ -99,15 +100,15 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     solids = {
         name: Solid(_meshed(part, name, size_mm))
         for name, part in {
-            "mirror_holder": make_holder(device.holder),
-            "mount": make_mount(mount),
-            "camera_clip": make_clip(clip),
+            HOLDER: make_holder(device.holder),
+            MOUNT: make_mount(mount),
+            CLIP: make_clip(clip),
         }.items()
     }
     parts = (
-        TiedPart(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
-        TiedPart(solids["mount"], (*feet, *heads, *slides), {}),
-        TiedPart(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
+        TiedPart(solids[HOLDER], heads, _mirrors(device, solids[HOLDER].nodes)),
+        TiedPart(solids[MOUNT], (*feet, *heads, *slides), {}),
+        TiedPart(solids[CLIP], slides, {CAMERA: _camera(device, solids[CLIP].nodes)}),
     )
     held = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
     return tied_motions(parts, held, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
