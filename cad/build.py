@@ -1,4 +1,4 @@
-"""The builder of a layout's device: the files that it writes, and what it refuses before it loads the CAD kernel."""
+"""The builder of a layout's device: what it refuses before any file is written."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.plan.part_plan import CARRIER, CLIP, COUPON, COVER, HOLDER, MOUNT
 from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.processes.worker_process import begin_loading
@@ -17,40 +16,6 @@ from mirrorcam.optics.geometry.layout import Layout
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
 # What takes seconds to load, with the CAD kernel.
 KERNEL = ("mirrorcam.cad.device_files",)
-PICTURES = (
-    *("assembled", "exploded", "light", "behind", "print"),
-    *("inserts", "mirrors", "holder", "camera", "clip", "adapter"),
-)
-"""Names of the pictures of a device's model, in the order in which the page shows them."""
-
-
-def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
-    """Return the paths in its folder of all files that a device of this hardware may have, as patterns of `Path.glob`.
-
-    A part that is larger than the printer's bed is written in numbered pieces, the mirrors of several stock sheets in
-    numbered sheets. With `elastic`, the files of finite elements come in addition.
-    """
-    cover = (COVER,) if hardware.holder.dust_cover else ()
-    carriers = (f"{CARRIER}[0-9]*",) if hardware.holder.mirrors == "screws" else ()
-    whole = (HOLDER, MOUNT, CLIP, *hardware.back.parts, COUPON, *cover, *carriers)
-    parts = (*whole, *(f"{part}_[0-9]*" for part in whole))
-    robot = (
-        *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
-        *(f"robot/meshes/{name}.stl" for name in ("mirrors", "camera", "fasteners", "camera_hull")),
-        *(f"robot/meshes/{part}_hull.stl" for part in parts),
-    )
-    return (
-        *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
-        *(f"parts/{part}.{ending}" for part in parts for ending in ("step", "stl", "3mf")),
-        *(f"parts/.{part}.json" for part in parts),
-        *(f"drawings/{part}.{ending}" for part in (*parts, "assembly") for ending in ("svg", "pdf")),
-        *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
-        *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
-        *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
-        *(f"pictures/{name}.png" for name in (*PICTURES, "live_view", "live_overlay")),
-        *(robot if hardware.back.on_arm else ()),
-        *(("elasticity.md", "elasticity.json", "robot/gravity.json") if elastic else ()),
-    )
 
 
 def build_parts(

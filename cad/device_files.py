@@ -7,7 +7,6 @@ from pathlib import Path
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import pieces_of
-from mirrorcam.cad.build import PICTURES
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
@@ -20,8 +19,8 @@ from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
 from mirrorcam.cad.mirrors.mirror_svg import write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
 from mirrorcam.cad.part_files import make_part
+from mirrorcam.cad.plan.device_names import COUPON, PICTURES
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.plan.part_plan import COUPON
 from mirrorcam.cad.write.bill_files import write_bom
 from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics
 from mirrorcam.cad.write.gltf import write_glb

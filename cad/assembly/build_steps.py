@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from mirrorcam.cad.plan.part_plan import CARRIER, CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
 
 CAMERA = "camera"
 # Regular expressions of the names.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.plan.part_plan import HOLDER, NamedFace, carrier_name
+from mirrorcam.cad.plan.device_names import HOLDER, carrier_name
+from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.plan.seats import seat_height_mm
 
 

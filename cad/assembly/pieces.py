@@ -14,17 +14,8 @@ from build123d import Part
 from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.plan.part_plan import (
-    APART,
-    CLIP,
-    FORMING,
-    HOLDER,
-    BoughtItem,
-    BuiltPart,
-    MassProperties,
-    Rgb,
-    carrier_name,
-)
+from mirrorcam.cad.plan.device_names import APART, CLIP, HOLDER, carrier_name
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror

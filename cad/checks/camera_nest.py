@@ -8,8 +8,8 @@ from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, least_contact_n
 from mirrorcam.cad.parts.reclamping import repeatability
+from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import CLIP
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout

@@ -9,7 +9,7 @@ from itertools import combinations
 import manifold3d
 import numpy as np
 
-from mirrorcam.cad.plan.part_plan import CARRIER, HOLDER
+from mirrorcam.cad.plan.device_names import CARRIER, HOLDER
 from mirrorcam.core.values import Metric
 
 # Where faces touch, numbers rounded in a file let them sink into each other by this much at most.

@@ -33,8 +33,9 @@ from mirrorcam.cad.checks.step_views import check_step_views
 from mirrorcam.cad.checks.surrounding_light import check_surrounding_light
 from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
+from mirrorcam.cad.plan.device_names import APART, CARRIER, CLIP, COVER, HOLDER
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import APART, CARRIER, CLIP, COVER, HOLDER, BuiltPart, MassProperties
+from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 

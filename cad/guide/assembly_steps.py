@@ -11,7 +11,7 @@ import numpy as np
 
 from mirrorcam.cad.assembly.build_steps import CAMERA, is_piece_of
 from mirrorcam.cad.assembly.pieces import Piece
-from mirrorcam.cad.plan.part_plan import CARRIER, CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
 
 # All parts of a back, by the beginning of their names.

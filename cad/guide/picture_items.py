@@ -12,7 +12,7 @@ from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import home_of, joins_of
 from mirrorcam.cad.guide.picture_views import Item
 from mirrorcam.cad.guide.shading import Rgb, ShadedBody
-from mirrorcam.cad.plan.part_plan import CLIP
+from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.core.values import FloatArray
 
 PALE = 0.55

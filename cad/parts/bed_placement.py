@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import Polygon, box, get_coordinates
+import shapely
+from shapely import Polygon, get_coordinates
 
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
@@ -86,7 +87,7 @@ def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
 def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
     """The halves of an area below and above a cut across it as turned, turned back."""
     turned = Polygon(get_coordinates(area.exterior) @ turn(degrees).T)
-    parts = (box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
+    parts = (shapely.box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), shapely.box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
     below, above = (get_coordinates(turned.intersection(part).convex_hull) @ turn(degrees) for part in parts)
     return Polygon(below), Polygon(above)
 

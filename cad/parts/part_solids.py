@@ -31,8 +31,9 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
-from mirrorcam.cad.plan.part_plan import CLIP, COUPON, COVER, MOUNT, carrier_name, recipe
+from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray, InputError
 

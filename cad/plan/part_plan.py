@@ -20,20 +20,8 @@ if TYPE_CHECKING:
 
 Rgb = tuple[float, float, float]
 
-HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
-"""Names of the printed parts of every device, if it has them; the names of a back's parts are in its table."""
-APART = (COUPON, COVER)
-"""Printed parts that are no pieces of the device in use."""
-CARRIER = "carrier_"
-"""Start of the names of the carriers of mirrors on screws."""
-
 FORMING = " thread-forming"
 """End of the size of a screw that cuts its thread itself, in plastic."""
-
-
-def carrier_name(mirror: str) -> str:
-    """Return the name of the part that carries a mirror, from the mirror's name."""
-    return f"{CARRIER}{mirror}"
 
 
 _RECIPES: dict[Callable[..., Any], str] = {}

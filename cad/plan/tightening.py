@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import CLIP, FORMING, BoughtItem
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
 from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
@@ -31,7 +32,6 @@ HELD = 0.5
 PRESS_N = 50.0
 PRESSING = (CLIP,)
 # Screws against springs, which are turned to adjust a mirror, and not tightened.
-ADJUSTING = "carrier_"
 ON_AXIS_MM = 1e-3
 
 
@@ -62,7 +62,7 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
-    if screw.joins[-1].startswith(ADJUSTING):
+    if screw.joins[-1].startswith(CARRIER):
         return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
         return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
+import shapely
 from build123d import Part
 from manifold3d import Manifold, Mesh64
-from shapely import Polygon, box, intersection_all
 from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.bed import cut_slack_mm
@@ -99,12 +99,12 @@ def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardwa
     turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
     half = reach_of_pin_mm(hardware)
     levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
-    solid = intersection_all([_section(turned, float(level)) for level in levels])
+    solid = shapely.intersection_all([_section(turned, float(level)) for level in levels])
     around = clearance_round_pin_mm(hardware)
-    return solid.buffer(-around).intersection(box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
+    return solid.buffer(-around).intersection(shapely.box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
 
 
 def _section(body: Manifold, level: float) -> BaseGeometry:
     """A section across z; loops inside loops are holes."""
-    loops = (Polygon(loop) for loop in body.slice(level).to_polygons())
-    return reduce(lambda one, other: one.symmetric_difference(other), loops, Polygon())
+    loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
+    return reduce(lambda one, other: one.symmetric_difference(other), loops, shapely.Polygon())

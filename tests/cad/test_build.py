@@ -17,9 +17,10 @@ import mirrorcam.cad.build
 import mirrorcam.cad.checks.elasticity.elasticity_report
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.build import build_parts, files_of
+from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.guide.picture_views import DevicePicture
 from mirrorcam.cad.plan.back_table import BACKS, DeskBack, back_of
+from mirrorcam.cad.plan.device_names import files_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.core.values import InputError, Metric

@@ -26,8 +26,8 @@ from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
+from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.core.values import FloatArray, InputError

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from mirrorcam.cad.build import files_of
 from mirrorcam.cad.plan.back_table import back_of
+from mirrorcam.cad.plan.device_names import files_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.disk.output_folder import output_folder
