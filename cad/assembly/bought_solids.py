@@ -23,8 +23,8 @@ from build123d import (
     extrude,
 )
 
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 
 ABOVE: Any = (Align.CENTER, Align.CENTER, Align.MIN)

@@ -25,11 +25,9 @@ from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.bed_placement import turn
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
-from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.item_frames import ACROSS, along, beyond
+from mirrorcam.cad.plan.fasteners import ACROSS, COUNTERSUNK, Stack, along, beyond
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
-from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.cad.splitting.split import Pieces, split
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips

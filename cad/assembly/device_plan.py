@@ -18,12 +18,12 @@ from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.fasteners import THREADS
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
+from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout

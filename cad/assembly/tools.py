@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.plan.fasteners import diameter_mm
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.threads import diameter_mm
 
 # Across flats of the hexagon socket, mm, by the thread's diameter: ISO 4762, table 1, and ISO 10642, table 1.
 SOCKETS_MM = {

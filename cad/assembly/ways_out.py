@@ -6,7 +6,7 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.foot import foot_plate_mm
-from mirrorcam.cad.plan.item_frames import beyond
+from mirrorcam.cad.plan.fasteners import beyond
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.core.values import FloatArray
 

@@ -11,8 +11,8 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import ArcaBack
+from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.core.values import InputError
 

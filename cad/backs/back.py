@@ -7,9 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.part_plan import BoughtItem, Rgb
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection, Rgb
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 

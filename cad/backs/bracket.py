@@ -11,9 +11,9 @@ from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import along_x, box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray

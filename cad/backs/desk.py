@@ -12,8 +12,8 @@ from mirrorcam.cad.backs.foot_plate import BEHIND_MM, back_of_plate, foot_plate
 from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import DeskBack
+from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.core.values import FloatArray
 
 (NAME,) = DeskBack.parts

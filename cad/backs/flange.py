@@ -19,13 +19,10 @@ from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.item_frames import along
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 

@@ -13,9 +13,9 @@ from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import DeskBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.core.values import FloatArray
 
 BEHIND_MM = 2.0

@@ -19,12 +19,20 @@ from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import Gen2Back
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
+from mirrorcam.cad.plan.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    Bore,
+    Hexagon,
+    Stack,
+    beyond,
+    head_space_mm,
+    stack,
+    thread,
+)
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
-from mirrorcam.cad.plan.item_frames import beyond
+from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray, InputError

@@ -11,14 +11,20 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import MonitorBack
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.dimension import length
+from mirrorcam.cad.plan.fasteners import (
+    COUNTERSUNK,
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    Bore,
+    Countersink,
+    Hexagon,
+    along,
+    thread_of,
+)
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
-from mirrorcam.cad.plan.item_frames import along
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 

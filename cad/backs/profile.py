@@ -11,12 +11,10 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import ProfileBack
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 
 (NAME,) = ProfileBack.parts
 T_NUT = "M5 T-slot"

@@ -11,13 +11,11 @@ from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import VesaBack
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.threads import thread_of
 
 (NAME,) = VesaBack.parts
 EXPLODE = np.array([0.0, -60.0, -45.0])

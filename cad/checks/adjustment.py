@@ -18,7 +18,7 @@ from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import carrier_name
-from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8

@@ -10,8 +10,8 @@ import numpy as np
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.backs.back import Back, Stand
 from mirrorcam.cad.backs.blocks import TRIPOD
+from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.part_plan import BoughtItem, MassProperties
-from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 STANDARD_GRAVITY = 9.80665

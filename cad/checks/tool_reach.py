@@ -17,8 +17,8 @@ from mirrorcam.cad.assembly.build_steps import is_piece_of, parts_when_joined
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, common_mm3
 from mirrorcam.cad.checks.insertion import swept
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.core.values import FloatArray, Metric
 
 # The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.

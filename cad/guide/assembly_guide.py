@@ -27,9 +27,8 @@ from mirrorcam.cad.mirrors.stock_sheets import stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
-from mirrorcam.cad.plan.hardware import Hardware, field_of_view
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text

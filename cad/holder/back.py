@@ -12,11 +12,9 @@ from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
 from mirrorcam.cad.holder.screw_holes import screw_depths_mm, slot_way, slot_width_mm, tip_mm
-from mirrorcam.cad.plan.bed import bed_lengths_mm, cut_slack_mm
-from mirrorcam.cad.plan.cuts import Cuts, thin_beside_mm2
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, clearance_round_pin_mm, cut_slack_mm, thin_beside_mm2
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of

@@ -16,10 +16,9 @@ from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm
 from mirrorcam.cad.holder.carrier_areas import CarrierArea
 from mirrorcam.cad.holder.glue import glue_mm3, groove_volume, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
-from mirrorcam.cad.plan.dimension import Hole
+from mirrorcam.cad.plan.dimension import Hole, holes
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes
 from mirrorcam.cad.plan.seats import Frustum, seat_distance_mm
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -30,8 +30,7 @@ from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
 from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import plan_hollows
-from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
-from mirrorcam.cad.plan.cuts import Cuts
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
 from mirrorcam.core.values import FloatArray

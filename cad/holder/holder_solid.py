@@ -14,11 +14,10 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import HOLDER
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.cad.holder.adjuster import SCREW, Adjuster
 from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.pads import least_height_mm
-from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.core.values import FloatArray
 
 PITCH_MM = thread_of(SCREW).pitch_mm

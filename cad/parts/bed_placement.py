@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from shapely import Polygon, get_coordinates
 
+from mirrorcam.cad.plan.cuts import clearance_round_pin_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray

@@ -10,10 +10,9 @@ from mirrorcam.cad.parts.board_clip import REST_TO_MM, hold_board
 from mirrorcam.cad.parts.body_clip import hold_body
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Held
 from mirrorcam.cad.parts.nest import Nest
-from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray, InputError

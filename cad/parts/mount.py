@@ -22,13 +22,12 @@ from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_plate_mm, fo
 from mirrorcam.cad.parts.mount_openings import cable_reach_mm, head_end_mm, leaves_blades, openings, over_drivers_mm
 from mirrorcam.cad.parts.mount_stiffness import mount_compliance
 from mirrorcam.cad.parts.truss import inner_path, offset, to_head, truss, webs_between
-from mirrorcam.cad.plan.beam import Section, bends_per_newton
-from mirrorcam.cad.plan.dimension import Datum, Hole, Length
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box, overlap_mm, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.stiffness import Section, bends_per_newton
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform

@@ -13,10 +13,10 @@ from shapely.ops import substring
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.foot import foot_plate_mm
-from mirrorcam.cad.plan.beam import Section
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.values import FloatArray, InputError
 
 

@@ -1,4 +1,4 @@
-"""Printed parts as exports, checks and documents see them: a plan before, and files after they are made."""
+"""Printed parts as exports, checks and documents see them: plans and joints before, files after they are made."""
 
 from __future__ import annotations
 
@@ -190,3 +190,18 @@ class BuiltPart(Value):
     @property
     def stl(self) -> Path:
         return self.folder / f"{self.name}.stl"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A joint of two parts: the same frame, once from the plan of each; both (4, 4) in rig.
+
+    z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
+    """
+
+    name: str
+    parent: str
+    child: str
+    rig_from_parent_joint: FloatArray
+    rig_from_child_joint: FloatArray
+    slides_mm: float = 0.0

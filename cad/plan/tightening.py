@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP
+from mirrorcam.cad.plan.fasteners import Thread, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
-from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
 # Share of a plastic's strength that it bears for years.
@@ -31,7 +31,6 @@ HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
 PRESSING = (CLIP,)
-# Screws against springs, which are turned to adjust a mirror, and not tightened.
 ON_AXIS_MM = 1e-3
 
 
@@ -62,6 +61,7 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
+    # Screws against springs are turned to adjust a mirror, not tightened.
     if screw.joins[-1].startswith(CARRIER):
         return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):

@@ -10,10 +10,8 @@ from build123d import Part
 from manifold3d import Manifold, Mesh64
 from shapely.geometry.base import BaseGeometry
 
-from mirrorcam.cad.plan.bed import cut_slack_mm
-from mirrorcam.cad.plan.cuts import FAR_MM, Span
+from mirrorcam.cad.plan.cuts import FAR_MM, Span, clearance_round_pin_mm, cut_slack_mm, reach_of_pin_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm, reach_of_pin_mm
 from mirrorcam.core.values import FloatArray
 
 # How many places are tried for each cut.

@@ -8,21 +8,27 @@ import numpy as np
 from manifold3d import Manifold
 from shapely import get_coordinates
 
-from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height, turned_onto_bed
 from mirrorcam.cad.plan.cuts import (
     BEYOND_MM,
+    PINS_APART,
     Cell,
     Cuts,
     Joint,
     PiecePlan,
     Span,
+    bed_lengths_mm,
     cells_between,
+    farthest_pair,
+    hole_depth_mm,
+    hole_frame,
+    hole_mm,
     joints_between,
     off_corners,
+    require_height,
+    turned_onto_bed,
 )
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan
-from mirrorcam.cad.plan.pin_joints import PINS_APART, farthest_pair, hole_depth_mm, hole_frame, hole_mm
 from mirrorcam.cad.splitting.body_cuts import area_for_pins, best_places_mm, fragments, inside, mesh_of, triangles_of
 from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
 from mirrorcam.core.values import FloatArray, InputError

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Printer
 
 PROFILE = "mirrorcam"
 """Name of the profile, and stem of its files."""

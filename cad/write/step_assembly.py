@@ -29,9 +29,8 @@ from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, holder_under, item_names
-from mirrorcam.cad.plan.connection import Connection
 from mirrorcam.cad.plan.device_names import APART, CLIP
-from mirrorcam.cad.plan.part_plan import BuiltPart, Rgb
+from mirrorcam.cad.plan.part_plan import BuiltPart, Connection, Rgb
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.step_text import ordered_step
 from mirrorcam.core.disk.files import write_text

@@ -22,10 +22,10 @@ from mirrorcam.cad.assembly.pieces import (
     mirror_pieces,
     pieces_of,
 )
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.assembly.bought import item
 

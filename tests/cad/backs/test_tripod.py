@@ -10,7 +10,7 @@ from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.backs.tripod import BEFORE_MM
 from mirrorcam.cad.plan.back_table import TripodBack
-from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.cad.plan.fasteners import thread_of
 
 
 def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None:

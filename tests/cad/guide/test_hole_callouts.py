@@ -7,9 +7,9 @@ import pytest
 from build123d import Box, Cylinder, Part, Pos
 
 from mirrorcam.cad.guide.hole_callouts import Material, called_out
+from mirrorcam.cad.plan.dimension import holes
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.hole_dimensions import holes
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 SCREW = HARDWARE.screw

@@ -1,4 +1,7 @@
-"""Plans of parts: their identity follows the numbers and the recipe, not the place of the code; plain data only."""
+"""Plans of parts: their identity follows the numbers and the recipe, not the place of the code; plain data only.
+
+Connections of parts: they stand still unless it is said how far they slide.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 import pytest
 from build123d import Box, Part
 
-from mirrorcam.cad.plan.part_plan import PartPlan, plain, recipe
+from mirrorcam.cad.plan.part_plan import Connection, PartPlan, plain, recipe
 from mirrorcam.core.values import FloatArray
 
 
@@ -50,3 +53,7 @@ def test_a_plan_becomes_plain_data() -> None:
     assert plain((None, "a", True, {1: make_cube})) == [None, "a", True, {"1": "tests.cube"}]
     with pytest.raises(TypeError, match="a plan holds a set, expected numbers"):
         plain({1.0})
+
+
+def test_a_connection_does_not_slide_by_itself() -> None:
+    assert Connection("a", "mount", "clip", np.eye(4), np.eye(4)).slides_mm == 0.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
+from mirrorcam.cad.plan.cuts import clearance_round_pin_mm, reach_of_pin_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.pin_joints import clearance_round_pin_mm, reach_of_pin_mm
 from mirrorcam.cad.splitting.body_cuts import (
     area_for_pins,
     best_places_mm,

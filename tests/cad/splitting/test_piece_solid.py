@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from build123d import Align, Box, BuildPart, Locations, Part
 
-from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.pin_joints import hole_frame
+from mirrorcam.cad.plan.cuts import PiecePlan, hole_frame
 from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
 from mirrorcam.core.values import InputError
 

@@ -15,8 +15,7 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import MIRROR_RGB
 from mirrorcam.cad.plan.back_table import Gen2Back
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
+from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart, Connection
 from mirrorcam.cad.write import step_assembly
 from mirrorcam.cad.write.step_assembly import assemble, connect, location_of, write_assembly
 from mirrorcam.core.names import LONGEST
