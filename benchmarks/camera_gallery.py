@@ -11,8 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, tessellated
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, camera_solid, item_solid, tessellated
 from mirrorcam.cad.guide.shading import Pixels, Screen, ShadedBody, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip

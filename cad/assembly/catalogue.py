@@ -1,7 +1,11 @@
-"""The catalogue of a device: printed parts with their names, numbers and places on the bed, and bought items."""
+"""The catalogue of a device: printed parts with names, numbers, named faces and places on the bed, and bought items.
+
+A bought insert or nut has the moves by which it would leave its seat, which follow from the plans of the pockets.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -9,26 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import named_faces
-from mirrorcam.cad.assembly.ways_out import (
-    foot_nut_ways_mm,
-    holder_nut_ways_mm,
-    insert_way_mm,
-    slide_nut_ways_mm,
-)
+from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.backs.back import BackJoint, BackPart
 from mirrorcam.cad.backs.back_solids import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.bed_placement import turn
+from mirrorcam.cad.parts.foot import foot_plate_mm
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import ACROSS, COUNTERSUNK, Stack, along, beyond
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, NamedFace, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
-from mirrorcam.cad.splitting.split import Pieces, split
+from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.splitting import Pieces, split
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -321,3 +320,61 @@ def lying_on(rig_from_face: FloatArray) -> FloatArray:
     bed_from_face = np.diag([1.0, -1.0, -1.0, 1.0])
     face_from_rig = np.linalg.inv(rig_from_face)
     return np.asarray(bed_from_face @ face_from_rig)
+
+
+def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
+    """The faces of a printed part, by its name, or that of a piece of it, such as "mount_1".
+
+    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" behind each mirror, "joint_NAME" at each connection to another part.
+    """
+    whole = re.sub(r"_\d+$", "", part)
+    faces = []
+    for joint in connections(device):
+        if joint.parent == whole:
+            frame = joint.rig_from_parent_joint
+            faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], frame[:3, 2]))
+        if joint.child == whole:
+            frame = joint.rig_from_child_joint
+            faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], -frame[:3, 2]))
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        if (part != carrier_name(name)) if device.mirror_carriers else (whole != HOLDER):
+            continue
+        normal = mirror.rig_from_plane[:3, 2]
+        for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
+            outline = mirror.outline_in_rig_mm + height * normal
+            faces.append(NamedFace(f"{kind}_{name}", outline.mean(axis=0), normal, outline))
+    return tuple(faces)
+
+
+SIDE = np.array([1.0, 0.0, 0.0])
+ABOVE = np.array([0.0, 0.0, 1.0])
+# An insert is drawn so far from its hole.
+INSERT_OUT_MM = 17.0
+
+
+def insert_way_mm(out: FloatArray) -> FloatArray:
+    """The move (1, 3) of inserts that enter a part by the face that the screw enters; `out` (3,) has length 1."""
+    return INSERT_OUT_MM * out[None]
+
+
+def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
+    corners, ways = device.holder.corners_in_rig, device.holder.slot_ways
+    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    return np.array([[beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
+
+
+def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
+    corners = corners_of(device.clip.pieces)
+    return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
+
+
+def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, out by the nearer side."""
+    corners, screw = corners_of(device.mount.pieces), device.hardware.screw
+    plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
+    # The origin of a nut is at its face towards the screw.
+    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * ABOVE for seat in seats]
+    sides = [beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]
+    return np.stack([off_plate, sides], axis=1)

@@ -12,11 +12,10 @@ import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shapely import Polygon, maximum_inscribed_circle
 
-from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
-from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASURES
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount

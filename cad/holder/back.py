@@ -17,7 +17,7 @@ from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import outline_at, seat_distance_mm, seat_height_mm
-from mirrorcam.cad.splitting.body_cuts import falls_apart, triangles_of
+from mirrorcam.cad.splitting import falls_apart, triangles_of
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pydantic import Field
 from shapely import Polygon
 
+from mirrorcam.cad.assembly.build_steps import also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import item_title, standard_of
-from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
 from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart

@@ -25,10 +25,17 @@ from build123d import (
     import_step,
 )
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, holder_under, item_names
+from mirrorcam.cad.assembly.pieces import (
+    CAMERA_RGB,
+    ITEM_RGB,
+    MIRROR_RGB,
+    camera_solid,
+    holder_under,
+    item_names,
+    item_solid,
+)
 from mirrorcam.cad.plan.device_names import APART, CLIP
 from mirrorcam.cad.plan.part_plan import BuiltPart, Connection, Rgb
 from mirrorcam.cad.write.part_export import write_step

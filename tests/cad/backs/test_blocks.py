@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from build123d import GeomType
 
-from mirrorcam.cad.assembly.bought_solids import item_solid
+from mirrorcam.cad.assembly.pieces import item_solid
 from mirrorcam.cad.backs.back_solids import make_blocks
 from mirrorcam.cad.backs.blocks import (
     CORNERS,

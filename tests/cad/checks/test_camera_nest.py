@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid
-from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.camera_nest import check_nest, check_rest
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.clip import plan_clip

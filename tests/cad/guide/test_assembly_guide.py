@@ -16,11 +16,10 @@ from manifold3d import Manifold
 from markdown_it import MarkdownIt
 from shapely import Polygon
 
-from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
-from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid
 from mirrorcam.cad.assembly.catalogue import Y_UP, standing
-from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.overhangs import overhangs

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from shapely import MultiPoint
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid
-from mirrorcam.cad.assembly.pieces import tessellated
+from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.body_clip import WEIGHT_RESERVE
 from mirrorcam.cad.parts.camera_box import body_box

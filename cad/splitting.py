@@ -1,15 +1,41 @@
-"""Splitting of a part larger than the printer's bed into parts that fit it, and the pins between them."""
+"""Splitting of a part larger than the printer's bed into pieces, and the pins between them.
+
+Cuts run through the meshed part, at the places with the most space for pins; a piece is a B-rep solid, what lies
+between two cuts, with holes for its pins.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, reduce
+from typing import Any
 
 import numpy as np
-from manifold3d import Manifold
+import shapely
+from build123d import (
+    Box,
+    BuildPart,
+    BuildSketch,
+    Circle,
+    Location,
+    Locations,
+    Mode,
+    Part,
+    Plane,
+    Polygon,
+    extrude,
+    insert,
+)
+from manifold3d import Manifold, Mesh64
 from shapely import get_coordinates
+from shapely.geometry.base import BaseGeometry
 
 from mirrorcam.cad.plan.cuts import (
     BEYOND_MM,
+    FAR_MM,
     PINS_APART,
     Cell,
     Cuts,
@@ -18,21 +44,170 @@ from mirrorcam.cad.plan.cuts import (
     Span,
     bed_lengths_mm,
     cells_between,
+    clearance_round_pin_mm,
+    cut_slack_mm,
     farthest_pair,
     hole_depth_mm,
     hole_frame,
     hole_mm,
     joints_between,
     off_corners,
+    reach_of_pin_mm,
     require_height,
     turned_onto_bed,
 )
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan
-from mirrorcam.cad.splitting.body_cuts import area_for_pins, best_places_mm, fragments, inside, mesh_of, triangles_of
-from mirrorcam.cad.splitting.piece_solid import make_piece, whole_part
+from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain, recipe
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import rigid, transform
+
+# How many places are tried for each cut.
+TRIED = 9
+# Distance of the sections that are looked at along a pin.
+SLICE_MM = 1.0
+MESH_MM = 0.05
+
+
+def mesh_of(solid: Part) -> Manifold:
+    """A solid's mesh, for sections and to see what falls apart."""
+    points, triangles = solid.tessellate(MESH_MM)
+    corners = np.array([tuple(point) for point in points])
+    mesh = Mesh64(corners, np.array(triangles, dtype=np.uint64))
+    mesh.merge()
+    return Manifold(mesh)
+
+
+def triangles_of(body: Manifold) -> FloatArray:
+    """The triangles (n, 3, 3) of a body, counter-clockwise from outside."""
+    mesh = body.to_mesh64()
+    triangles: FloatArray = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
+    return triangles
+
+
+def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
+    """Return whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
+    normal = np.eye(3)[axis]
+    return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
+
+
+def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
+    """The separate pieces of a body, without fragments too small to print."""
+    return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
+
+
+def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
+    """The part of a body within spans along x and y."""
+    for normal, (low, high) in zip(np.eye(3), spans, strict=False):
+        body = body.trim_by_plane(normal, low).trim_by_plane(-normal, -high)
+    return body
+
+
+def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
+    """Places to cut a body, over a span along an axis, into equal pieces that fit the bed.
+
+    Each cut may be moved a little; of the places that are tried, the one with the most space for pins is taken.
+    """
+    start, end = span
+    count = int(np.ceil((end - start) / bed_mm))
+    slack = cut_slack_mm(end - start, count, bed_mm)
+    places = []
+    for i in range(1, count):
+        middle = start + (end - start) * i / count
+        tried = np.linspace(middle - slack, middle + slack, TRIED)
+        areas = [area_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
+        # Of places that are as good, the one nearest to the middle.
+        best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
+        places.append(float(tried[best]))
+    return tuple(places)
+
+
+def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
+    """Places for the axis of a pin in a cut, with the thinnest wall all along the pin and beyond its ends.
+
+    Parameters
+    ----------
+    body : Manifold
+        The part as it lies on the bed.
+    axis, place_mm : int, float
+        Axis of the bed that is cut across (0 or 1), and where.
+    span : (float, float)
+        Where along the bed's other axis pins may be.
+    hardware : Hardware
+        Pins, fits and the thinnest wall.
+
+    Returns
+    -------
+    BaseGeometry
+        An area; its x is along the bed's other axis, its y is up.
+    """
+    # The bed's other axis, up, and the axis that is cut across.
+    turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
+    half = reach_of_pin_mm(hardware)
+    levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
+    solid = shapely.intersection_all([_section(turned, float(level)) for level in levels])
+    around = clearance_round_pin_mm(hardware)
+    return solid.buffer(-around).intersection(shapely.box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
+
+
+def _section(body: Manifold, level: float) -> BaseGeometry:
+    """A section across z; loops inside loops are holes."""
+    loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
+    return reduce(lambda one, other: one.symmetric_difference(other), loops, shapely.Polygon())
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A part before it is cut; the same numbers, the same part."""
+
+    numbers: str
+    plan: Any = field(compare=False)
+    make: Callable[[Any], Part] = field(compare=False)
+
+
+def whole_part(plan: Any, make: Callable[[Any], Part]) -> Part:
+    """A part before it is cut, made once for all its pieces; each gets a copy, since booleans change their operands."""
+    numbers = json.dumps([f"{make.__module__}.{make.__qualname__}", plain(plan)])
+    return deepcopy(_make_whole(_Whole(numbers, plan, make)))
+
+
+@lru_cache(maxsize=1)
+def _make_whole(whole: _Whole) -> Part:
+    return whole.make(whole.plan)
+
+
+@recipe("cad.split.make_piece")
+def make_piece(plan: PiecePlan) -> Part:
+    """Cut a piece out of its part, and drill its holes for pins; raises InputError where it is not one solid."""
+    low, high = np.array(plan.low_mm), np.array(plan.high_mm)
+    with BuildPart() as piece:
+        insert(whole_part(plan.whole, plan.make))
+        with Locations(_plane(plan.rig_from_bed)), Locations(Location(tuple((low + high) / 2.0))):
+            width, length, height = (high - low).tolist()
+            Box(width, length, height, mode=Mode.INTERSECT)
+        for frame in plan.rig_from_pins:
+            # A hole lies when printed: its ceiling is a roof that needs no support.
+            with BuildSketch(_plane(frame)):
+                Circle(plan.hole_mm[0] / 2.0)
+                Polygon(*_roof(plan.hole_mm[0] / 2.0), align=None)
+            extrude(amount=plan.hole_mm[1], mode=Mode.SUBTRACT)
+    solids = [solid for solid in piece.solids() if solid.volume > plan.crumb_mm**3]
+    if len(solids) != 1:
+        raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)}, expected one")
+    return Part(solids)
+
+
+def _plane(frame: FloatArray) -> Plane:
+    """The plane z = 0 of a frame (4, 4)."""
+    return Plane(origin=tuple(frame[:3, 3]), x_dir=tuple(frame[:3, 0]), z_dir=tuple(frame[:3, 2]))
+
+
+def _roof(radius_mm: float) -> tuple[tuple[float, float], ...]:
+    """The triangle on a circle whose upper sides are its tangents, `ROOF_DEG` from upright."""
+    steep = np.radians(ROOF_DEG)
+    side, height = radius_mm * np.cos(steep), radius_mm * np.sin(steep)
+    return (-side, height), (side, height), (0.0, radius_mm / np.sin(steep))
+
 
 EXPLODE_MM = 25.0
 

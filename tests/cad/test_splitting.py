@@ -1,4 +1,9 @@
-"""Parts cut for the bed: pieces that fit, join without a gap, hold their pins; and parts that cannot be cut."""
+"""Cuts through meshed bodies: fragments, what lies inside spans, and the space for pins.
+
+A piece as a solid: the box of its plan cut out of the part, less its teardrop holes; what falls apart is refused.
+
+Parts cut for the bed: pieces that fit, join without a gap, hold their pins; and parts that cannot be cut.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +13,122 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from build123d import Align, Box, BuildPart, GeomType, Locations, Mode, Part
+from manifold3d import Manifold
 
-from mirrorcam.cad.plan.cuts import PiecePlan
+from mirrorcam.cad.plan.cuts import PiecePlan, clearance_round_pin_mm, hole_frame, reach_of_pin_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.cad.splitting.split import split
+from mirrorcam.cad.splitting import (
+    area_for_pins,
+    best_places_mm,
+    falls_apart,
+    fragments,
+    inside,
+    make_piece,
+    split,
+    triangles_of,
+    whole_part,
+)
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import transform
+
+
+def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
+    bar = Manifold.cube((300.0, 30.0, 20.0))
+    for width, apart in ((1.0, False), (3.0, True)):
+        # A corner that only a strip behind the cut holds.
+        body = bar + Manifold.cube((2.0, 1.0, width)).translate((149.5, 31.0, 0.0))
+        body += Manifold.cube((0.5, 2.0, width)).translate((151.0, 29.5, 0.0))
+        assert falls_apart(body, 0, 150.9, 1.2) == apart
+        assert not falls_apart(body, 0, 149.0, 1.2)
+        assert len(fragments(body.trim_by_plane((-1.0, 0.0, 0.0), -150.9), 1.2)) == (2 if apart else 1)
+
+
+def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
+    """Pins find no room where a hollow begins nearer to the cut than their holes and a wall reach."""
+    needed = HARDWARE.holder.pin_mm[1] / 2.0 + HARDWARE.fit.slide_mm + HARDWARE.printer.wall_mm
+    bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
+    for beyond, room in ((0.05, True), (-0.05, False)):
+        hollow = Manifold.cube((50.0, 26.0, 16.0)).translate((150.0 + needed + beyond, 2.0, 2.0))
+        found = area_for_pins(bar - hollow, 0, 150.0, axes, HARDWARE)
+        assert (not found.is_empty) == room
+
+
+def test_area_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> None:
+    bar, around = Manifold.cube((300.0, 30.0, 20.0)), clearance_round_pin_mm(HARDWARE)
+    room = area_for_pins(bar, 0, 150.0, (-1e4, 1e4), HARDWARE)
+    np.testing.assert_allclose(room.bounds, (around, around, 30.0 - around, 20.0 - around), atol=1e-9)
+    # Across y the other axis is x, and the span keeps as far off as the outside.
+    assert area_for_pins(bar, 1, 15.0, (50.0, 80.0), HARDWARE).bounds[0] == pytest.approx(50.0 + around)
+
+
+def test_the_place_with_most_area_for_pins_is_taken_and_of_equals_the_middle() -> None:
+    bar = Manifold.cube((300.0, 30.0, 20.0))
+    assert best_places_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
+    assert best_places_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
+    notch = Manifold.cube((20.0, 30.0, 12.0)).translate((140.0, 0.0, 8.0))
+    (place,) = best_places_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
+    assert abs(place - 150.0) > 10.0 + reach_of_pin_mm(HARDWARE)
+
+
+def test_what_lies_inside_spans_has_their_volume() -> None:
+    box = inside(Manifold.cube((300.0, 30.0, 20.0)), ((-5.0, 120.0), (10.0, 25.0)))
+    assert box.volume() == pytest.approx(120.0 * 15.0 * 20.0)
+    assert triangles_of(box).shape == (12, 3, 3)
+
+
+CORNER = (Align.MIN, Align.MIN, Align.MIN)
+
+
+def make_posts(gap_mm: float) -> Part:
+    """Two posts of 20 x 20 x 20 mm on a plate of 4 mm, this far apart along x."""
+    with BuildPart() as posts:
+        Box(40.0 + gap_mm, 20.0, 4.0, align=CORNER)
+        with Locations((0.0, 0.0, 0.0), (20.0 + gap_mm, 0.0, 0.0)):
+            Box(20.0, 20.0, 20.0, align=CORNER)
+    return Part(posts.solids())
+
+
+PIECE = PiecePlan(
+    whole=10.0,
+    make=make_posts,
+    rig_from_bed=np.eye(4),
+    low_mm=(-1.0, -1.0, -1.0),
+    high_mm=(15.0, 21.0, 21.0),
+    rig_from_pins=np.zeros((0, 4, 4)),
+    hole_mm=(3.0, 8.0),
+    crumb_mm=1.2,
+)
+
+
+def test_a_piece_is_its_box_of_the_part_less_its_holes() -> None:
+    assert make_piece(PIECE).volume == pytest.approx(15.0 * 20.0 * 20.0)
+    holes = np.array([hole_frame(np.array([15.0, y, 10.0]), 0, -1.0) for y in (6.0, 14.0)])
+    drilled = make_piece(replace(PIECE, rig_from_pins=holes))
+    steep = math.radians(42.0)
+    teardrop = 1.5**2 * (math.pi - (math.pi / 2 - steep) + 1 / math.tan(steep))
+    assert drilled.volume == pytest.approx(15.0 * 20.0 * 20.0 - 2.0 * 8.0 * teardrop, rel=1e-9)
+    # The roofs are up: over a hole's axis the ridge reaches higher than its radius.
+    assert not drilled.solids()[0].is_inside((10.0, 6.0, 10.0 + 1.5 / math.sin(steep) - 0.05))
+    assert drilled.solids()[0].is_inside((10.0, 6.0, 10.0 - 1.55))
+
+
+def test_a_box_on_a_turned_bed_is_turned_with_it() -> None:
+    turned = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    piece = make_piece(replace(PIECE, rig_from_bed=turned, low_mm=(-1.0, -60.0, -1.0), high_mm=(21.0, -40.0, 21.0)))
+    box = piece.bounding_box()
+    assert pytest.approx((40.0, 50.0)) == (box.min.X, box.max.X)
+
+
+def test_a_piece_of_two_solids_is_refused() -> None:
+    with pytest.raises(InputError, match="falls apart into 2, expected one"):
+        make_piece(replace(PIECE, low_mm=(10.0, -1.0, 5.0), high_mm=(40.0, 21.0, 21.0)))
+
+
+def test_booleans_on_a_piece_leave_the_kept_part_as_it_was() -> None:
+    before = whole_part(10.0, make_posts).volume
+    make_piece(PIECE)
+    assert whole_part(10.0, make_posts).volume == before
 
 
 @dataclass(frozen=True)
