@@ -15,7 +15,7 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.backs.back import BackJoint, BackPart
-from mirrorcam.cad.backs.back_solids import MAKERS
+from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan

@@ -12,9 +12,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import FRONT_DOWN, RGB, SECOND_RGB, Back, BackJoint, BackPart, Carrier, Neck, RobotLink
+from mirrorcam.cad.backs.back import (
+    FRONT_DOWN,
+    RGB,
+    SECOND_RGB,
+    Back,
+    BackJoint,
+    BackPart,
+    Carrier,
+    Load,
+    Neck,
+    RobotLink,
+)
 from mirrorcam.cad.backs.blocks import ALONG_X
-from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
 from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan

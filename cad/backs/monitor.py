@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Neck
+from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Load, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
-from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan

@@ -150,7 +150,7 @@ class Gen3Back(BackTable):
     """Kinova Gen3: four threads in the face of the interface module, a rim round it, the views along its axis.
 
     Measured from `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description (BSD-3-Clause): see
-    `mirrorcam.cad.backs.flange`. Threads are taken for M5 by their core holes of 4.2 mm: no drawing was read.
+    `mirrorcam.cad.backs.brackets`. Threads are taken for M5 by their core holes of 4.2 mm: no drawing was read.
     """
 
     title: ClassVar[str] = "the interface module of a Kinova Gen3"

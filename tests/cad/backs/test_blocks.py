@@ -7,7 +7,6 @@ import pytest
 from build123d import GeomType
 
 from mirrorcam.cad.assembly.pieces import item_solid
-from mirrorcam.cad.backs.back_solids import make_blocks
 from mirrorcam.cad.backs.blocks import (
     CORNERS,
     HEAD_FIT_MM,
@@ -21,6 +20,7 @@ from mirrorcam.cad.backs.blocks import (
     tripod_depth_mm,
     tripod_nut,
 )
+from mirrorcam.cad.backs.plan_backs import make_blocks
 from mirrorcam.cad.plan.back_table import TripodNut
 from mirrorcam.cad.plan.dimension import Hole, Length, length
 from mirrorcam.cad.plan.fasteners import thread_of

@@ -1,4 +1,9 @@
-"""Arms with a flange: holes where the standard and the mesh have them, views along the flange's axis."""
+"""Brackets: one solid on the foot's screws, whose plate is where it is asked for.
+
+Arms with a flange: holes where the standard and the mesh have them, views along the flange's axis.
+
+The VESA bracket: four nuts on the square, which the screws of the arm reach through its plate.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +17,27 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Back
-from mirrorcam.cad.backs.back_solids import MAKERS
-from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back
+from mirrorcam.cad.backs.brackets import plan_bracket
+from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
+from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.write.robot_link import link_from_rig
 from mirrorcam.core.values import FloatArray
 from tests.cad.backs.planned_blocks import blocks_of
+
+
+def test_a_bracket_reaches_from_the_foot_to_below_its_middle(device: Device) -> None:
+    bracket = plan_bracket("part", 40.0, (30.0, 20.0, 8.0), 25.0, (), 5.5, device.mount, device.hardware)
+    foot_z = device.mount.foot_z_mm
+    assert bracket.middle[2] == pytest.approx(foot_z - 40.0)
+    solid = MAKERS[type(bracket.plan)](bracket.plan)
+    assert solid.is_valid
+    box = solid.bounding_box()
+    np.testing.assert_allclose([box.min.Z, box.max.Z], [foot_z - 60.0, foot_z], atol=1e-6)
+    np.testing.assert_allclose([box.min.Y, box.max.Y], [bracket.middle[1], device.clip.slide_y_mm], atol=1e-6)
+    assert bracket.front_mm - bracket.middle[1] == pytest.approx(8.0)
+    assert bracket.neck.stress_mpa(12.0, np.array([0.0, 0.0, 30.0])) < 5.0
+    assert plan_back(device.clip, device.mount, device.hardware).kind == "none"
 
 
 def planned(device: Device, table: Iso9409Back | Gen3Back) -> Back:
@@ -93,3 +112,18 @@ def test_gen3_holes_and_rim_are_those_of_the_published_mesh(device: Device) -> N
     radii = np.hypot(*rim.reshape(-1, 2).T)
     np.testing.assert_allclose((radii.min(), radii.max()), table.rim_mm[:2], atol=0.15)
     assert planned(device, table).parts[1].plan.corners[:, 0].max() < radii.min()
+
+
+@pytest.mark.parametrize("square_mm", [75.0, 100.0])
+def test_four_screws_on_the_square_end_just_beyond_their_nuts(device: Device, square_mm: float) -> None:
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=VesaBack(square_mm=square_mm)))
+    (part,) = back.parts
+    assert MAKERS[type(part.plan)](part.plan).is_valid
+    screws = [item for item in back.items if item.kind == "screw"]
+    nuts = [item for item in back.items if item.kind == "nut"]
+    places = np.array([item.rig_from_item[:3, 3] for item in screws])
+    assert np.ptp(places, axis=0)[[0, 2]] == pytest.approx([square_mm, square_mm])
+    for screw, nut in zip(screws, nuts, strict=True):
+        tip = screw.rig_from_item[:3, 3] - screw.length_mm * screw.rig_from_item[:3, 2]
+        far = nut.rig_from_item[:3, 3] - nut.length_mm * nut.rig_from_item[:3, 2]
+        assert 0.0 <= tip[1] - far[1] <= 2.0
