@@ -8,10 +8,9 @@ import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from mirrorcam.cad.holder.adjuster import SCREW
-from mirrorcam.cad.holder.brep import brep
+from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.planar_csg import PlanarCsg, brep
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import HOLDER
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
