@@ -19,9 +19,9 @@ from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.parts.bed_placement import turn
-from mirrorcam.cad.parts.foot import foot_plate_mm
+from mirrorcam.cad.parts.mount import turn
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
+from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import ACROSS, COUNTERSUNK, Stack, along, beyond
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, NamedFace, PartPlan, Rgb

@@ -19,8 +19,8 @@ import numpy as np
 from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Carrier, Load, Neck, RobotLink
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, foot_stack
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, along, thread_of

@@ -26,8 +26,8 @@ from mirrorcam.cad.backs.back import (
 )
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import (

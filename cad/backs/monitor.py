@@ -7,8 +7,8 @@ import numpy as np
 from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Load, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.fasteners import (

@@ -23,8 +23,8 @@ from mirrorcam.cad.backs.blocks import (
     tripod_nut,
 )
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length, length
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, along, thread_of

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import manifold3d
 
-from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, least_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.nest import GRAVITY_N_PER_KG, least_contact_n
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.hardware import Hardware

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.parts.camera_box import Nest
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.nest import Nest
 from mirrorcam.core.values import FloatArray
 
 # A camera that goes into a nest is drawn turned by this, its first end still in reach of the V or the stop.

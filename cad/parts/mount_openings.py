@@ -10,8 +10,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
-from mirrorcam.cad.parts.truss import Webs
+from mirrorcam.cad.parts.truss import Webs, foot_plate_mm, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
     ROOF_DEG,

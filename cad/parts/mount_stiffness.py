@@ -13,8 +13,7 @@ import numpy as np
 from shapely import LineString, Point, Polygon, box
 from shapely.affinity import scale, translate
 
-from mirrorcam.cad.parts.foot import FOOT_X_MM, FOOT_Y_MM, foot_plate_mm
-from mirrorcam.cad.parts.truss import webs_between
+from mirrorcam.cad.parts.truss import FOOT_X_MM, FOOT_Y_MM, foot_plate_mm, webs_between
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
