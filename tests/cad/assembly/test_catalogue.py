@@ -20,8 +20,7 @@ from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, t
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.insertion import check_insertion
-from mirrorcam.cad.checks.tool_reach import check_tool_reach
+from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem

@@ -19,7 +19,7 @@ from mirrorcam.cad.backs.back import Load, carried
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.backs.plates import BEFORE_MM, back_of_plate, foot_plate, plan_arca, plan_desk
-from mirrorcam.cad.checks.back_checks import tips_at_deg
+from mirrorcam.cad.checks.load_checks import tips_at_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink, thread_of
 from mirrorcam.core.values import InputError

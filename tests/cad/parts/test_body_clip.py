@@ -17,8 +17,7 @@ from mirrorcam.cad.assembly.catalogue import Y_UP, standing
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.overhangs import check_overhangs
-from mirrorcam.cad.checks.wall_thickness import thinnest_wall_mm
+from mirrorcam.cad.checks.part_checks import check_overhangs, thinnest_wall_mm
 from mirrorcam.cad.parts.body_clip import PAD_MM, WEIGHT_RESERVE, Tray, far_leaf
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, Nest, body_box, least_contact_n, reactions
 from mirrorcam.cad.parts.clip import plan_clip

@@ -13,7 +13,7 @@ from mirrorcam.cad.assembly.catalogue import Y_UP, standing
 from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import common_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.overhangs import overhangs
+from mirrorcam.cad.checks.part_checks import overhangs
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import REST_DEG, REST_TO_MM, TIE_THICK_MM, ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip

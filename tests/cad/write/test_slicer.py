@@ -13,7 +13,7 @@ import trimesh
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.checks.exported_mesh import read_3mf, solid_of
-from mirrorcam.cad.checks.overhangs import check_overhangs
+from mirrorcam.cad.checks.part_checks import check_overhangs
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write import slicer
