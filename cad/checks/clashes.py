@@ -1,4 +1,4 @@
-"""Clashes, contacts and clearances between the solids of a device, in rig, mm; the dust cover where it sits and comes off."""
+"""Clashes, contacts and clearances between the solids of a device, in rig, mm, and of the dust cover over it."""
 
 from __future__ import annotations
 

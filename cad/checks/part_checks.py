@@ -1,8 +1,8 @@
 """Checks of a printed part: its STEP, STL and 3MF files, against each other and against the printer.
 
-Overhangs that need support, flat ceilings that bridge, and layers that begin in the air, in meshes (mm) that lie as they
-print: z up, the bed under their lowest point. The thinnest wall and floor, by rays from a mesh's surface straight into
-the material.
+Overhangs that need support, flat ceilings that bridge, and layers that begin in the air are found in meshes (mm) that
+lie as they print: z up, the bed under their lowest point. Rays from a mesh's surface straight into the material find
+the thinnest wall and floor.
 """
 
 from __future__ import annotations

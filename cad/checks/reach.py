@@ -1,4 +1,4 @@
-"""Whether every fastener gets to its place: the spaces that it and its tools sweep, against the parts there at that step.
+"""Whether fasteners get to their places: the spaces that they and their tools sweep, against the parts at that step.
 
 - An insert is pressed in by a soldering iron, into its part alone.
 - A screw comes along its axis and is turned by a straight driver, or, where that does not reach, by a hex key, which
