@@ -23,8 +23,7 @@ from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.cad.guide.assembly_guide import camera_toml
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.write.bill_files import as_csv, as_markdown
-from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine
+from mirrorcam.cad.write.bill_of_materials import Bom, BoughtLine, as_csv, as_markdown
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.output_folder import output_folder

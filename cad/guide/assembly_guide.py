@@ -21,8 +21,7 @@ from mirrorcam.cad.guide.camera_measures import MEASURES
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
-from mirrorcam.cad.mirrors.stock_sheets import stock_kind
+from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER

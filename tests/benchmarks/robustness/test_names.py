@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.robustness import names
 from benchmarks.robustness.guard import watched
-from mirrorcam.cad.write import bill_files
+from mirrorcam.cad.write import bill_of_materials
 from mirrorcam.core.disk import resumable
 
 
@@ -33,5 +33,5 @@ def test_reading_outside_of_a_folder_is_wrong(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("name", ["markdown_text", "spreadsheet_text"])
 def test_a_name_that_is_no_text_is_wrong(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     plain: Any = str
-    monkeypatch.setattr(bill_files, name, plain)
+    monkeypatch.setattr(bill_of_materials, name, plain)
     assert "profile: " in wrong(names.profile, monkeypatch)

@@ -27,7 +27,7 @@ from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
-from tests.cad.write.test_face_names import named_planes
+from tests.cad.write.test_part_export import named_planes
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 POCKETS = ("mount", "camera_clip", "adapter_saddle", "adapter_desk")

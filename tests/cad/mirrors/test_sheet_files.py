@@ -1,11 +1,16 @@
-"""Mirrors as DXF: every mirror comes back, in mm, and the same stock sheet gives the same bytes."""
+"""Mirrors as DXF: every mirror comes back, in mm, and the same stock sheet gives the same bytes.
+
+Mirrors as SVG: the same lines as in the DXF, in mm.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import ezdxf.filemanagement
 import numpy as np
@@ -13,7 +18,7 @@ import pytest
 from ezdxf.entities.lwpolyline import LWPolyline
 
 from mirrorcam.cad.checks.cut_outlines import read_cuts
-from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.sheet_files import write_dxf, write_svg
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
@@ -67,9 +72,9 @@ def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
     program = (
         "import sys; from pathlib import Path; from mirrorcam.optics.geometry.layout import Layout;"
         "from mirrorcam.cad.plan.hardware import HARDWARE;"
-        "from mirrorcam.cad.mirrors.mirror_dxf import write_dxf;"
+        "from mirrorcam.cad.mirrors.sheet_files import write_dxf;"
         "from mirrorcam.cad.mirrors.stock_sheets import plan_sheets;"
-        "from mirrorcam.cad.mirrors.mirror_svg import write_svg;"
+        "from mirrorcam.cad.mirrors.sheet_files import write_svg;"
         "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), HARDWARE.cutting); out = Path(sys.argv[2]);"
         "write_dxf(out.with_suffix('.dxf'), sheet); write_svg(out.with_suffix('.svg'), sheet)"
     )
@@ -79,3 +84,29 @@ def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
     for suffix in ("dxf", "svg"):
         assert len({file.read_bytes() for file in tmp_path.glob(f"*.{suffix}")}) == 1
         assert len(list(tmp_path.glob(f"*.{suffix}"))) == 2
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def test_the_svg_draws_what_the_dxf_does(sheet: StockSheet, tmp_path: Path) -> None:
+    write_svg(tmp_path / "mirrors.svg", sheet)
+    root = ElementTree.parse(tmp_path / "mirrors.svg").getroot()
+    width, height, total = (float(root.get("viewBox", "").split()[i]) for i in (2, 3, 3))
+    assert (root.get("width"), root.get("height")) == (f"{width:g}mm", f"{total:g}mm")
+    assert width == HARDWARE.cutting.sheet_mm[0]
+    assert height > HARDWARE.cutting.sheet_mm[1]
+    layers = {group.get("id"): group for group in root.findall(f"{SVG}g")}
+    assert list(layers) == ["NOTES", "ENGRAVE", "CUT"]
+    assert layers["CUT"].get("stroke") == "#ff0000"
+    assert layers["ENGRAVE"].get("stroke") == "#0000ff"
+    assert float(layers["CUT"].get("stroke-width", "1")) < 0.05
+    paths = {path.get("id"): path.get("d", "") for path in layers["CUT"].findall(f"{SVG}path")}
+    for cut in sheet.cuts:
+        data = paths[f"mirror_{cut.name}"]
+        assert data.endswith("Z")
+        points = np.array([float(number) for number in re.findall(r"-?\d+\.\d+", data)]).reshape(-1, 2)
+        flipped = np.column_stack([points[:, 0], HARDWARE.cutting.sheet_mm[1] - points[:, 1]])
+        np.testing.assert_allclose(flipped, cut.outline, atol=5.1e-5)
+    engraved = layers["ENGRAVE"].findall(f"{SVG}path")[0].get("d", "")
+    assert engraved.count("M") == sum(len(cut.strokes) for cut in sheet.cuts)
