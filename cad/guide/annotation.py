@@ -1,6 +1,7 @@
 """Annotations on the views of a drawing: dimensions, notes of holes, geometrical tolerances, datums.
 
-A dimension is in the view that shows it best, notes of holes above the views. Tolerance frames follow ISO 1101, datums ISO 5459.
+A dimension is in the view that shows it best, notes of holes above the views. Tolerance frames follow
+ISO 1101, datums ISO 5459.
 """
 
 from __future__ import annotations
