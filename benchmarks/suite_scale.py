@@ -5,7 +5,7 @@
   the processor time that a set takes;
 - a cluster: a Dask scheduler with a worker per core renders small sets, and one worker is killed in the middle. All
   sets must be there, with the same bytes as those that processes without a cluster rendered;
-- on paper: what 10,000 sets like those of the suite `standard` cost, from the rates of `render_scenes/suites/costs.py`
+- on paper: what 10,000 sets like those of the suite `standard` cost, from the rates of `render_scenes/suites/suite.py`
   and prices that are stated here.
 
 `python -m benchmarks.suite_scale --rates SUITE` renders a suite instead, and compares time and size of each set with
@@ -30,9 +30,8 @@ from mirrorcam.bench.suite_run import Rendered, Workers, layouts_of, planned, re
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.processes.worker_pool import Died, cores
-from mirrorcam.render_scenes.suites.costs import design_seconds, set_cost, slowness
 from mirrorcam.render_scenes.suites.set_work import SetAnswer
-from mirrorcam.render_scenes.suites.suite import Suite, read_suite
+from mirrorcam.render_scenes.suites.suite import Suite, design_seconds, read_suite, set_cost, slowness
 from mirrorcam.render_scenes.variant import choose_variant
 
 SMALL: dict[str, Any] = {

@@ -10,7 +10,7 @@ from benchmarks.depth_scenes.patterns import Pattern, planks, plaster, repeated,
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from benchmarks.depth_scenes.surfaces import ball, block, sheet, turned
 from mirrorcam.core.values import FloatArray
-from mirrorcam.render_scenes.tabletop.textures import texture
+from mirrorcam.render_scenes.tabletop.objects import texture
 
 _SHADE = ((120.0, 0.0), (235.0, 0.0), (130.0, 300.0), (60.0, 330.0), (10.0, 340.0))
 _CUP = ((0.0, 0.0), (42.0, 0.0), (48.0, 10.0), (52.0, 105.0), (47.0, 105.0), (42.0, 15.0), (0.0, 12.0))

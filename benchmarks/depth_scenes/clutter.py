@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.depth_scenes.patterns import bricks, planks, plaster, repeated, stone, weave
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from benchmarks.depth_scenes.surfaces import Surface, ball, block, joined, sheet, tube, turned
-from mirrorcam.render_scenes.tabletop.textures import TextureName, texture
+from mirrorcam.render_scenes.tabletop.objects import TextureName, texture
 
 _FRONT_MM, _DEPTH_MM, _BOARD_MM = 3000.0, 320.0, 16.0
 _UPRIGHTS = (-600.0, -190.0, 230.0)

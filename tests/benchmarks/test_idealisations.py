@@ -10,7 +10,7 @@ from benchmarks.idealisations import Row, cells
 from benchmarks.idealised_corners import Effect, Setup
 from benchmarks.idealised_pictures import psnr_db, without_tone
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.render_scenes.sets.image_processing import srgb
+from mirrorcam.render_scenes.sets.sensor_model import srgb
 from mirrorcam.render_scenes.truth.light_rays import image_px
 
 

@@ -1,4 +1,7 @@
-"""A camera off its model: waves of their size, there and back."""
+"""A camera off its model: waves of their size, there and back.
+
+Undistorted pixels between nodes are those of the camera.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,8 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.lens import WavyCamera, as_it_is, undistorted_pixels
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.wavy_camera import WavyCamera, as_it_is
 
 LENS = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.0, 0.0])
 WAVY = as_it_is(LENS, SENSORS["ideal"].replaced(lens_waves_px=0.4))
@@ -45,3 +48,11 @@ def test_a_layout_is_saved_with_the_model_alone(small_layout: Layout) -> None:
     assert isinstance(wavy.camera, WavyCamera)
     assert wavy.identity == small_layout.identity
     assert wavy.model_dump_json() == small_layout.model_dump_json()
+
+
+def test_pixels_between_nodes_are_undistorted_as_the_camera_does() -> None:
+    camera = Camera.c920().replaced(distortion=[0.08, -0.18, 0.001, -0.0005, 0.02])
+    u, v = np.array([-0.5, 3.3, 700.7, 1919.5]), np.array([-0.5, 500.1, 1079.5])
+    found = undistorted_pixels(camera, u, v)
+    assert found.shape == (3, 4, 2)
+    np.testing.assert_allclose(camera.pixels_from_normalized(found), np.stack(np.meshgrid(u, v), axis=-1), atol=2e-7)
