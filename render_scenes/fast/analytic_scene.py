@@ -22,7 +22,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import board_from_texels, printed_radiance
+from mirrorcam.render_scenes.boards import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.defocus import defocused
 from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import (

@@ -17,7 +17,7 @@ from mirrorcam.core.compiled import inlined
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid
-from mirrorcam.render_scenes.boards.printed_board import margin_mm, printed_radiance
+from mirrorcam.render_scenes.boards import margin_mm, printed_radiance
 from mirrorcam.render_scenes.mesh_shapes import leaves
 from mirrorcam.render_scenes.preview.triangle_tree import NO_TRIANGLES, TriangleTree, triangle_tree
 from mirrorcam.render_scenes.settings import RenderSettings

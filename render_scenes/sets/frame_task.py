@@ -16,7 +16,7 @@ from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.lens import as_it_is
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish

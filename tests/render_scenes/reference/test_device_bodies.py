@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturba
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.render_scenes.boards.printed_board import print_on_paper
+from mirrorcam.render_scenes.boards import print_on_paper
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.device_bodies import (
     PLASTIC_RGB,

@@ -1,4 +1,8 @@
-"""The print of a calibration board: its texture with a margin of white paper, and its place on the board."""
+"""Calibration boards: their print, and their motion.
+
+The print is a texture with a margin of white paper, in its place on the board. A board moves along smooth paths through
+key poses; a rolling shutter reads its rows out at different poses.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,12 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MARGIN_SQUARES = 1  # of white paper around the printed squares; as wide as a tag around an AprilGrid
@@ -79,3 +86,54 @@ def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray
     board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
     board_from_rectangle[:2, 3] = width / 2, height / 2
     return rig_from_board @ board_from_rectangle
+
+
+def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
+    """Interpolate a smooth motion through key poses.
+
+    Positions follow a clamped cubic spline, at rest at both ends; rotations follow SciPy's `RotationSpline`. Before the
+    first and after the last key the board rests.
+
+    Parameters
+    ----------
+    keys
+        Rigid key poses (k, 4, 4), passed at times 0, 1, 2, ...
+    times
+        Times (n,).
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
+    """
+    at = np.clip(times, 0.0, len(keys) - 1.0)
+    if len(keys) == 1:
+        return np.repeat(keys, len(at), axis=0)
+    knots = np.arange(len(keys), dtype=np.float64)
+    turns = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
+    return rigid(turns.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
+
+
+def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
+    """Interpolate poses within the readout of one frame.
+
+    Positions, and rotation vectors relative to the middle, follow parabolas: the acceleration within a readout is taken
+    as constant.
+
+    Parameters
+    ----------
+    poses
+        Poses (3, 4, 4) at the begin, middle and end of the readout.
+    parts
+        Fractions (n,) of the readout, 0 to 1.
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
+    """
+    middle = Rotation.from_matrix(poses[1, :3, :3])
+    turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
+    begin, end = (2.0 * parts - 1.0) * (parts - 1.0), parts * (2.0 * parts - 1.0)
+    weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
+    return rigid((middle * Rotation.from_rotvec(weights @ turns)).as_matrix(), weights @ poses[:, :3, 3])
