@@ -19,11 +19,10 @@ from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.mirrors.stock_sheets import sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.device_names import COUPON, PICTURES
+from mirrorcam.cad.write.assembly_files import write_assembly, write_glb
 from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics, write_bom
-from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.cad.write.robot_link import write_robot
-from mirrorcam.cad.write.step_assembly import write_assembly
 from mirrorcam.cad.write.threemf import write_plates
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.disk.fingerprint import value_digest

@@ -14,8 +14,7 @@ import numpy as np
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.clashes import FASTENERS, common_mm3
 from mirrorcam.cad.holder.adjuster import DRIVER_MM
-from mirrorcam.cad.holder.carriers import CarrierPlan
-from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
+from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import carrier_name
 from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of

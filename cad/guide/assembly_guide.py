@@ -18,8 +18,8 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASURES
+from mirrorcam.cad.holder.carriers import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
-from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of

@@ -23,7 +23,6 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import board_from_texels, printed_radiance
-from mirrorcam.render_scenes.fast.defocus import defocused
 from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import (
     MipLevel,
@@ -33,6 +32,7 @@ from mirrorcam.render_scenes.fast.print_map import (
     map_to_print,
     virtual_views,
 )
+from mirrorcam.render_scenes.lens import defocused
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.variant import SCALAR, use_variant

@@ -24,9 +24,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
-from mirrorcam.render_scenes.fast.defocus import LEAST_BLUR_PX, defocused
 from mirrorcam.render_scenes.fields_of_view import common_bounds
-from mirrorcam.render_scenes.lens import undistorted_pixels
+from mirrorcam.render_scenes.lens import LEAST_BLUR_PX, defocused, undistorted_pixels
 from mirrorcam.render_scenes.preview.mirror_views import (
     INDEX,
     LEAST_SHARE,

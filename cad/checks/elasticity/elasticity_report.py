@@ -15,8 +15,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.elasticity.device_motions import DeviceMotions, device_motions
-from mirrorcam.cad.checks.elasticity.plastics import PLASTICS, STEEL_PER_K, Plastic, plastic_named
+from mirrorcam.cad.checks.elasticity.device_motions import (
+    PLASTICS,
+    STEEL_PER_K,
+    DeviceMotions,
+    Plastic,
+    device_motions,
+    plastic_named,
+)
 from mirrorcam.cad.checks.elasticity.tetrahedra import NO_GMSH, gmsh_program
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import working_distance_mm

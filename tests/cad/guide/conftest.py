@@ -23,8 +23,8 @@ from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
+from mirrorcam.cad.write.assembly_files import write_glb
 from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
-from mirrorcam.cad.write.gltf import write_glb
 from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout

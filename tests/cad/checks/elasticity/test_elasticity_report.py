@@ -14,7 +14,7 @@ import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity import elasticity_report
-from mirrorcam.cad.checks.elasticity.device_motions import DeviceMotions
+from mirrorcam.cad.checks.elasticity.device_motions import PLASTICS, DeviceMotions, Plastic
 from mirrorcam.cad.checks.elasticity.elasticity_report import (
     LEFT_BY_TABLE,
     WARMER_K,
@@ -27,7 +27,6 @@ from mirrorcam.cad.checks.elasticity.elasticity_report import (
     require_solvable,
     write_elasticity,
 )
-from mirrorcam.cad.checks.elasticity.plastics import PLASTICS, Plastic
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
