@@ -59,7 +59,7 @@ class CouponPlan:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that mends it."""
+    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that corrects it."""
 
     name: str
     fits: str

@@ -56,7 +56,7 @@ class SeenBy:
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
-        """All views beside each other (h, w, 3), as they lie in space."""
+        """All views side by side (h, w, 3), as they lie in space."""
         return tiles(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
