@@ -1,48 +1,37 @@
-"""`mirrorcam depth`: depth maps of light fields."""
+"""`mirrorcam depth`: depth maps of light fields, as a figure and arrays."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Self
 
-import tyro
+from cyclopts import Parameter
 from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_MM
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import LightFieldsOptions, check_range, say_some
+from mirrorcam.core.values import Value
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, check_range, say_some
 
 
-class DepthOptions(LightFieldsOptions):
-    """Estimate depth maps of light fields: a figure with a scale in mm, and arrays."""
+@Parameter(name="*")
+class DepthRequest(Value):
+    """Settings of the depth estimate of light fields and recordings."""
 
-    near_mm: Annotated[
-        float | None,
-        tyro.conf.arg(metavar="MM", help_behavior_hint="(0.6 times the reference depth, or as a scene states)"),
-    ] = DEPTH_MM.field(None, "nearest depth that is searched, from the pupil")
-    far_mm: Annotated[
-        float | None,
-        tyro.conf.arg(metavar="MM", help_behavior_hint="(2 times the reference depth, or as a scene states)"),
-    ] = DEPTH_MM.field(None, "farthest depth that is searched")
+    near_mm: float | None = DEPTH_MM.field(
+        None, "nearest depth of the search, from the pupil", unset="as the file states, or 0.6 x reference depth"
+    )
+    far_mm: float | None = DEPTH_MM.field(
+        None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
+    )
     fast: bool = Field(
-        default=False, description="for videos: search at half size and refine once, several times faster, less exact"
+        default=False, description="search at half size and refine once: several times faster, less exact"
     )
     frames_apart: bool = Field(
         default=False,
-        description=(
-            "measure each frame of a recording on its own; without it, views are averaged over frames where nothing "
-            "moves, so that depth does not flicker there"
-        ),
+        description="estimate each frame of a recording by itself, not from views averaged in time where nothing moves",
     )
-    out: Path = Field(
-        default=Path("output/depth"),
-        description=(
-            "folder for NAME_depth.png (view, depth, confidence), NAME_depth.npz (NumPy: depth_mm, sigma_mm and "
-            "confidence (v, u) of the central view) and NAME_depth.pfm (mm) of each light field"
-        ),
-    )
-    force: bool = FORCE
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -50,27 +39,37 @@ class DepthOptions(LightFieldsOptions):
         return self
 
 
-def run(options: DepthOptions) -> int:
-    """Measure and write depths; 1 where no pixel of a light field has one."""
+def depth(
+    light_fields: LightFieldPaths,
+    /,
+    *,
+    layout: FrameLayout = None,
+    request: DepthRequest = DepthRequest(),
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/depth"),
+    force: Force = False,
+) -> int:
+    """Estimate depth maps of light fields.
+
+    Writes, for each light field, NAME_depth.png (view, depth, confidence), NAME_depth.npz (NumPy: depth_mm, sigma_mm
+    and confidence (v, u) of the central view) and NAME_depth.pfm (mm). Exit code 1: a light field has no pixel with a
+    depth.
+
+    Examples:
+        mirrorcam depth decoded/frame_0000.npz
+        mirrorcam depth frame.png --layout calibrated/layout.json --near-mm 250 --far-mm 800
+    """
+    from mirrorcam.core.console.reporter import TERMINAL
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
     from mirrorcam.lightfield.light_field_results import write_depths
 
-    inputs = options.inputs()
-    with long_work("depth", options.counted, "files") as advance:
-        found = write_depths(
-            inputs,
-            options.out,
-            near_mm=options.near_mm,
-            far_mm=options.far_mm,
-            quality="fast" if options.fast else "best",
-            frames_apart=options.frames_apart,
-            force=options.force,
-            progress=advance,
-        )
-    lines = [f"{each.name}: no pixel has a depth" for each in found if not each.known]
-    empty = bool(lines)
+    inputs = LightFieldInputs(light_fields, layout, reporter=TERMINAL)
+    with long_work("depth", inputs.counted, "files") as advance:
+        found = write_depths(inputs, out, request, force=force, progress=advance)
+    empty = [each.name for each in found if not each.known]
+    lines = [f"{name}: no pixel has a depth" for name in empty]
     for each in (each for each in found if each.known):
         median = f", median {each.median_mm:.0f} mm" if each.sure else ""
         lines.append(f"{each.name}: {each.sure:.0%} of the pixels with confidence above 0.5{median}")
     say_some("depth", lines)
-    say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {options.out}")
+    say("depth", f"pictures, arrays (.npz) and maps (.pfm) written to {out}")
     return 1 if empty else 0

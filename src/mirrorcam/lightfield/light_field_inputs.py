@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.core.console.reporter import SILENT, Reporter
+from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, line_on_bits
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import InputError
@@ -58,6 +59,11 @@ class LightFieldInputs:
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
+
+    @property
+    def counted(self) -> str:
+        """Number of light fields, in words."""
+        return count_text(len(self.paths), "light field")
 
     @property
     def file_names(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from mirrorcam.core.disk.files import write_npz
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.images.pfm import write_pfm
 from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.lightfield.depth_command import DepthRequest
 from mirrorcam.lightfield.depth_figure import draw_depth
 from mirrorcam.lightfield.epi_figure import draw_epi
 from mirrorcam.lightfield.features_figure import draw_features
@@ -54,17 +55,13 @@ class DepthSummary:
 def write_depths(
     inputs: LightFieldInputs,
     folder: Path,
+    request: DepthRequest,
     *,
-    near_mm: float | None = None,
-    far_mm: float | None = None,
-    quality: Quality = "best",
-    frames_apart: bool = False,
     force: bool = False,
     progress: Progress = no_progress,
 ) -> list[DepthSummary]:
-    """Measure depth in light fields, between the depths given or those that their files state, in a quality.
+    """Estimate the depth of light fields; frames of a recording are first averaged in time, unless kept apart.
 
-    Frames of a recording are filtered in time first, unless they are kept apart; other light fields never are.
     Writes NAME_depth.npz, .pfm and .png into a folder, where `force` also replaces files of others.
     """
     estimator: DepthEstimator | None = None
@@ -74,10 +71,11 @@ def write_depths(
         output.refuse_others(*(name for each in inputs.file_names for name in result_names(each, DEPTH_ENDINGS)))
         for each in inputs.each(progress):
             if estimator is None or not estimator.fits(each.light_field):
-                near, far = each.depths_to_search(near_mm, far_mm)
+                near, far = each.depths_to_search(request.near_mm, request.far_mm)
+                quality: Quality = "fast" if request.fast else "best"
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
-            depth = estimator.estimate(each.light_field if frames_apart else recording.filtered(each))
+            depth = estimator.estimate(each.light_field if request.frames_apart else recording.filtered(each))
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
                 keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
