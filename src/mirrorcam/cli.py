@@ -29,6 +29,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a stream without a name, such as standard output, that takes no more."""
 CONFIG = "mirrorcam.toml"
 """File of the current folder with defaults of options: a table for each command."""
+CONFIGURED = f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md."
 
 # The group, name, function and summary of each command. A function is imported when its command runs; its docstring,
 # which begins with the summary, is the command's help.
@@ -84,7 +85,7 @@ def application(config: Path = Path(CONFIG)) -> App:
     app = App(
         name="mirrorcam",
         help="Design, build, simulate, calibrate and use a light field camera made of a webcam and flat mirrors.",
-        help_epilogue=f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md.",
+        help_epilogue=CONFIGURED,
         version=f"mirrorcam {__version__}",
         config=[Env("MIRRORCAM_", show=False), *_configuration(config)],
         default_parameter=Parameter(negative=(), consume_multiple=True, show_default=_stated),
@@ -120,14 +121,15 @@ def _configuration(path: Path) -> list[Dict]:
 
 
 def _show_docstring(app: App, names: Sequence[str]) -> None:
-    """Make the docstring of the named command its help: paragraphs are wrapped, examples are not."""
+    """Make the docstring of the named command its help: paragraphs are wrapped, the examples at its end are not."""
     for name in names[:2]:
         if name not in (NAMES if app.name == ("mirrorcam",) else tuple(app)):
             return
         app = app[name]
         if app.default_command is not None:
-            paragraphs = (inspect.getdoc(app.default_command) or "").split("\n\n")
-            app.help = "\n\n".join(each if "\n " in each else each.replace("\n", " ") for each in paragraphs)
+            text, title, examples = (inspect.getdoc(app.default_command) or "").partition("\n\nExamples:\n")
+            app.help = "\n\n".join(paragraph.replace("\n", " ") for paragraph in text.split("\n\n"))
+            app.help_epilogue = f"{title.strip()}\n{examples}\n\n{CONFIGURED}" if examples else CONFIGURED
 
 
 def parse_and_run(arguments: Sequence[str]) -> int:
