@@ -24,7 +24,7 @@ from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.processes.worker_pool import Died, cores
 from mirrorcam.designs.design_sweep import outcome_of, sweep, table_of, write_table
 from mirrorcam.designs.sweep_figure import pareto
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.camera import Camera

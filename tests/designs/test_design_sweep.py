@@ -22,7 +22,7 @@ from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.values import InputError
 from mirrorcam.designs import sweep_work
 from mirrorcam.designs.design_sweep import Results, table_of, write_table
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.designs.sweep_work import Answer, answer, record_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -1,4 +1,4 @@
-"""A sweep's folder holds a table, and a figure exactly where something was solved."""
+"""A sweep's request, the order of its designs, and its folder: a table, and a figure where something was solved."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_sweep import table_of
-from mirrorcam.designs.sweep_files import write_sweep
-from mirrorcam.optics.design.spec_grid import Outcome
+from mirrorcam.designs.sweep_files import in_order, write_sweep
+from mirrorcam.optics.design.spec_grid import Outcome, structure
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.designs.made_up_designs import SPECS, Counting
 
@@ -41,3 +41,12 @@ def test_without_a_solved_spec_the_figure_of_an_earlier_sweep_is_removed(tmp_pat
     assert swept.files == (tmp_path / "sweep.csv",)
     assert not (tmp_path / "pareto.png").exists()
     assert swept.files[0].read_text().count("infeasible") == 2
+
+
+def test_groups_hold_each_spec_once_and_begin_with_the_most_mirrors() -> None:
+    specs = [DesignSpec(rows=r, cols=c, tradeoff=w) for w in (0.1, 0.5) for r, c in ((2, 2), (3, 3), (2, 3))]
+    groups = in_order(specs)
+    assert sorted(number for group in groups for number in group) == list(range(len(specs)))
+    assert all(len({structure(specs[number]) for number in group}) == 1 for group in groups)
+    counts = [specs[group[0]].rows * specs[group[0]].cols for group in groups]
+    assert counts == [9, 6, 4]

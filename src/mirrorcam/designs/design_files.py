@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
+from mirrorcam.core.values import InputError, with_tuples
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -19,10 +19,20 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 DESIGN_FILE = "design.toml"
 
 
-class DesignRequest(DesignSpec):
-    """The content of `design.toml`: a specification and, for `mirrorcam design --tolerance`, tolerances of devices."""
+def _completed(tolerances: object) -> object:
+    """A table of tolerances, with those of a device made by hand where it states none."""
+    if not isinstance(tolerances, dict):
+        return tolerances
+    return Tolerances.hobby().model_dump() | with_tuples(tolerances)
 
-    tolerances: Tolerances = Field(default_factory=Tolerances.hobby)
+
+class DesignRequest(DesignSpec):
+    """The content of `design.toml`: a specification and, for `mirrorcam design --tolerance`, tolerances of devices.
+
+    Tolerances that the file leaves out are those of `Tolerances.hobby`.
+    """
+
+    tolerances: Annotated[Tolerances, BeforeValidator(_completed)] = Field(default_factory=Tolerances.hobby)
 
     @property
     def spec(self) -> DesignSpec:

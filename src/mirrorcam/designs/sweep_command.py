@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 def sweep(
     request: Annotated[
-        Path | None, Parameter(name="SWEEP", help="sweep.toml with the values to combine (docs/design.md) [default: 27 designs]")
+        Path | None,
+        Parameter(name="SWEEP", help="sweep.toml with the values to combine (docs/design.md) [default: 27 designs]"),
     ] = None,
     /,
     *,
