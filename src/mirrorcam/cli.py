@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.config import Dict, Env
@@ -158,7 +158,7 @@ def parse_and_run(arguments: Sequence[str]) -> int:
         quiet: Quiet = False,
         verbose: Verbose = False,
         json: Json = False,
-    ) -> int:
+    ) -> Any:
         begin(quiet=quiet, verbose=verbose, json=json)
         if not verbose:
             quieten_libraries()
@@ -166,13 +166,13 @@ def parse_and_run(arguments: Sequence[str]) -> int:
             raise InputError("an argument contains a null character")
         if not tokens:
             raise InputError(f"expected a command, one of {', '.join(NAMES)} (see mirrorcam --help)")
-        code = app(tokens)
-        return code if isinstance(code, int) else DONE
+        return app(tokens)
 
     try:
-        return app.meta(list(arguments))
+        code = app.meta(list(arguments))
     except CycloptsError as error:
         raise refusal(error, NAMES) from error
+    return code if isinstance(code, int) else DONE  # of --help and --version
 
 
 def _refuse(message: str, code: int) -> int:
