@@ -102,7 +102,9 @@ def application(config: Path = Path(CONFIG)) -> App:
         exit_on_error=False,
         print_error=False,
         result_action="return_value",
+        suppress_keyboard_interrupt=False,  # `main` ends the command
     )
+    app.meta.suppress_keyboard_interrupt = False
     app.register_install_completion_command(group=_SESSION)
     for number, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=number)
@@ -135,7 +137,7 @@ def _configuration(path: Path) -> list[Dict]:
     return [Dict(tables, source=str(path))]
 
 
-def _show_docstring(app: App, names: Sequence[str]) -> None:
+def show_docstring(app: App, names: Sequence[str]) -> None:
     """Make the docstring of the named command its help: paragraphs are wrapped, the examples at its end are not."""
     for name in names[:2]:
         if name not in (NAMES if app.name == ("mirrorcam",) else tuple(app)):
@@ -150,7 +152,7 @@ def _show_docstring(app: App, names: Sequence[str]) -> None:
 def parse_and_run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; raises InputError in one line where it cannot be parsed."""
     app = application()
-    _show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
+    show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
 
     @app.meta.default
     def launch(

@@ -272,7 +272,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     if kill:
         assert process.returncode == -signal.SIGKILL
     else:
-        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
+        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are complete\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
     before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8

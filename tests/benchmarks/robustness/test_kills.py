@@ -46,7 +46,7 @@ def test_a_command_that_is_terminated_says_so_and_takes_its_workers_along(
 
 def test_an_end_without_a_word_is_found() -> None:
     whole = {"a": "1"}
-    said = "mirrorcam: terminated; finished files are whole\n"
+    said = "mirrorcam: terminated; finished files are complete\n"
     assert unlike_the_end(End(143, said, ()), signal.SIGTERM, {}, whole) == ""
     assert unlike_the_end(End(0, "", ()), signal.SIGTERM, whole, whole) == ""
     assert unlike_the_end(End(-15, "", ()), signal.SIGTERM, {}, whole) == ""
