@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from functools import cache
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from functools import cache, wraps
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,30 +15,24 @@ from typing import Any, get_args
 from unittest.mock import patch
 
 import numpy as np
-import tyro
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
+from cyclopts.argument import Argument
 
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
+from docs.website.command_pages import commands
 from mirrorcam import cli
-from mirrorcam.core.console.refusals import flag, option_fields
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board, save_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import write_light_field
-from mirrorcam.render_scenes.settings import SurfaceFinish
-from mirrorcam.simulation.camera_options import sensor_from_text, tolerances_from_text
-from mirrorcam.simulation.render_command import RenderOptions, settings_of
-from mirrorcam.simulation.scene_command import SceneOptions, mesh_from_text
 
 GOOD_FILES = ("layout.json", "board.toml", "frame.png", "field.npz", "nowhere.json", "work")
-HOPELESS = ("nan", "1e308", "-1e308", "", "abc", "1e99", "0x10", "\x00", "12 34", "a" * 5000, "\N{SNOWMAN}", "--")
+HOPELESS = ("nan", "1e308", "-1e308", "", "abc", "1e99", "\x00", "12 34", "a" * 5000, "\N{SNOWMAN}")
 """No number in any range."""
 NUMBERS = (
     *("0", "1", "2", "3", "-1", "-0", "0.5", "1.5", "80", "300", "500"),
-    *("1e-300", "1e9", "inf", "-inf", "9" * 40, "1_0"),
+    *("1e-300", "1e9", "inf", "-inf", "9" * 40, "1_0", "0x10", "--"),
 )
 TEXTS = (
     *("", " ", "none", "true", "False", "a\nb", "\N{SNOWMAN}", "../..", "a" * 300, "\x00", "\x1b[31m", "-", "--"),
@@ -49,7 +44,7 @@ OUTPUTS = (
     *("out", ".", "..", "new\nline", "\N{SNOWMAN}", "a" * 300, "a/b/c", "layout.json", "", "x\x00y"),
     *("page.pdf", "page.svg", "a.png"),
 )
-SLOW = ("run", "design", "studio", "sweep", "cad", "render", "scene", "picture", "calibrate", "validate")
+SLOW = ("run", "design", "studio", "live", "sweep", "cad", "render", "scene", "suite", "calibrate", "validate")
 """Commands whose work, which takes long or does not end, is left out: their options are read, no more."""
 
 
@@ -68,61 +63,63 @@ def _inputs() -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def _read_only(options: Any) -> int:
-    """In place of slow work: read what the command reads from the texts of its options."""
-    if isinstance(options, RenderOptions | SceneOptions):
-        tolerances_from_text(options.as_built)
-        sensor = sensor_from_text(options.sensor)
-        if isinstance(options, RenderOptions):
-            settings_of(options, sensor, SurfaceFinish())
-        else:
-            [mesh_from_text(text) for text in options.mesh]
-    return 0
+@cache
+def options() -> dict[str, tuple[Argument, ...]]:
+    """The arguments and options of each command and subcommand."""
+    return {
+        name: tuple(each for each in command.assemble_argument_collection() if not each.children)
+        for name, command in commands(cli.application()).items()
+        if command.default_command is not None
+    }
 
 
-def _is_number(field: FieldInfo) -> bool:
+def is_number(argument: Argument) -> bool:
+    """Whether an option takes numbers."""
+
     def has_number(kind: Any) -> bool:
         return kind in (int, float) or any(map(has_number, get_args(kind)))
 
-    return has_number(field.annotation)
+    return has_number(argument.hint)
 
 
-def _values(name: str, field: FieldInfo, random: np.random.Generator) -> list[str]:
+def _values(argument: Argument, random: np.random.Generator) -> list[str]:
     def one(among: tuple[str, ...]) -> str:
         return among[int(random.integers(len(among)))]
 
-    if field.annotation is bool:
+    if argument.hint is bool:
         return [] if random.random() < 0.8 else [one(TEXTS)]
-    if name == "out":
+    if argument.name == "--out":
         return [one(OUTPUTS)]
-    if _is_number(field):
+    if is_number(argument):
         return [
             one(HOPELESS if random.random() < 0.3 else NUMBERS) for _ in range(int(random.choice([0, 1, 1, 1, 2, 5])))
         ]
-    choices = tuple(str(each) for each in get_args(field.annotation) if isinstance(each, str))
+    choices = tuple(str(each) for each in get_args(argument.hint) if isinstance(each, str))
     among = choices if choices and random.random() < 0.5 else TEXTS if random.random() < 0.5 else GOOD_FILES
     return [one(among) for _ in range(int(random.choice([0, 1, 1, 1, 1, 2])))]
 
 
 def command_line(random: np.random.Generator) -> tuple[list[str], bool]:
     """Arguments with odd values, and whether one of them is a number that no range holds."""
-    names = list(cli.COMMANDS)
+    names = list(options())
     name = names[int(random.integers(len(names)))]
-    fields = list(option_fields(cli.COMMANDS[name]))
-    arguments, hopeless = [name], False
-    for _, own, field in fields:
-        positional = tyro.conf.Positional in field.metadata
-        if positional and random.random() < 0.9:
-            good = "layout.json" if "layout" in own else "frame.png" if own in ("frames", "images") else "field.npz"
-            arguments[1:1] = [good] if random.random() < 0.9 else _values(own, field, random)
-        elif not positional and field.is_required() and random.random() < 0.9:
-            arguments += [flag(own), {"layout": "layout.json", "board": "board.toml", "to": "ply"}.get(own, "x")]
-    options = [(own, field) for _, own, field in fields if tyro.conf.Positional not in field.metadata]
-    for at in random.choice(len(options), size=min(int(random.integers(1, 4)), len(options)), replace=False):
-        own, field = options[int(at)]
-        values = _values(own, field, random)
-        hopeless |= _is_number(field) and any(value in HOPELESS for value in values)
-        arguments += [flag(own), *values]
+    arguments, hopeless = name.split(), False
+    for each in options()[name]:
+        if each.index is not None and random.random() < 0.9:
+            own = each.name.lower()
+            good = "layout.json" if "layout" in own else "frame.png" if "frame" in own else "field.npz"
+            arguments += [good] if random.random() < 0.9 else _values(each, random)
+        elif each.index is None and each.required and random.random() < 0.9:
+            arguments += [
+                each.name,
+                {"--layout": "layout.json", "--board": "board.toml", "--to": "ply"}.get(each.name, "x"),
+            ]
+    named = [each for each in options()[name] if each.index is None]
+    for at in random.choice(len(named), size=min(int(random.integers(1, 4)), len(named)), replace=False):
+        each = named[int(at)]
+        values = _values(each, random)
+        hopeless |= is_number(each) and any(value in HOPELESS for value in values)
+        arguments += [each.name, *values]
     return arguments, hopeless
 
 
@@ -145,7 +142,7 @@ def _misplaced(folder: Path, arguments: list[str], before: dict[Path, bytes]) ->
     at = arguments.index("--out") + 1 if "--out" in arguments else len(arguments)
     stated = arguments[at] if at < len(arguments) else "output"
     roots = [] if "\x00" in stated else [(folder / stated).resolve()]
-    if arguments[0] in ("board", "picture"):  # a file beside which others may be written
+    if "board" in arguments[:1] or "picture" in arguments[:2]:  # a file beside which others may be written
         roots += [root.parent for root in roots]
     after = _files(folder.parent)
     changed = next((path.name for path, content in before.items() if after.get(path) != content), "")
@@ -157,15 +154,34 @@ def _bad_message(said: str, arguments: list[str]) -> str:
     """What is wrong with what a refusal printed on standard error."""
     if not said.startswith("mirrorcam: ") or not said.endswith("\n"):
         return f"no line of ours: {said[:120]!r}"
-    known = {"--help", "--debug"} | {flag(own) for model in cli.COMMANDS.values() for _, own, _ in option_fields(model)}
+    known = {"--help", *(name for all_of in options().values() for each in all_of for name in each.names)}
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", said)) - known - set(arguments)
     return refused_well(said[:-1]) or (f"names {named.pop()}, which is no option" if named else "")
 
 
+@contextmanager
+def _no_slow_work() -> Iterator[None]:
+    """Let slow commands end as soon as their options are read."""
+    with ExitStack() as stack:
+        for name, command in commands(cli.application()).items():
+            function = command.default_command
+            if name.split()[0] not in SLOW or function is None:
+                continue
+
+            @wraps(function)
+            def nothing(*values: object, **named: object) -> int:
+                return 0
+
+            if getattr(import_module(function.__module__), function.__name__, None) is function:
+                stack.enter_context(patch(f"{function.__module__}.{function.__name__}", nothing))
+            else:
+                stack.enter_context(patch.object(command, "default_command", nothing))
+        yield
+
+
 def run_command(arguments: list[str]) -> tuple[int, str]:
-    """Run a command in this process: its exit code, and what it says on standard error."""
-    replaced: dict[type[BaseModel], Callable[[Any], int]] = {cli.COMMANDS[name]: _read_only for name in SLOW}
-    with patch.dict(cli.RUNNERS, replaced), redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+    """Run a command in this process: its exit code, and what it prints on standard error."""
+    with _no_slow_work(), redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
         return cli.main(arguments), said.getvalue()
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from cyclopts import App
+
 from mirrorcam import cli
 
 FOLDER = "reference/commands"
@@ -11,26 +13,30 @@ HEADING = re.compile(r"^##(#*) mirrorcam (.+)$", flags=re.MULTILINE)
 PAGE = re.compile(r"docs/(\w+)\.md")
 
 
-def sections() -> dict[str, str]:
-    """The help of each command and subcommand in Markdown, by its name: usage, text, arguments, options, examples."""
-    app = cli.application()
+def commands(app: App) -> dict[str, App]:
+    """All commands and subcommands, each with its docstring as its help, by the names that follow `mirrorcam`."""
+    found: dict[str, App] = {}
     for name in cli.NAMES:
         cli.show_docstring(app, [name])
-        for inner in app[name]:
+        found[name] = app[name]
+        for inner in (inner for inner in app[name] if not inner.startswith("-")):
             cli.show_docstring(app, [name, inner])
+            found[f"{name} {inner}"] = app[name][inner]
+    return found
+
+
+def sections() -> dict[str, str]:
+    """The help of each command and subcommand in Markdown: usage, text, arguments, options, examples."""
+    app = cli.application()
+    known = commands(app)
     parts = HEADING.split(app.generate_docs())
     found = {}
     for level, name, text in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):
-        words = name.split()
-        if words[0] not in cli.NAMES:
+        if name not in known:
             continue  # of the completion of shells
-        command = app
-        for word in words:
-            command = command[word]
-        title, _, examples = (command.help_epilogue or "").removesuffix(cli.CONFIGURED).partition("\n")
+        title, _, examples = (known[name].help_epilogue or "").removesuffix(cli.CONFIGURED).partition("\n")
         shown = f"\n**{title}**\n\n```sh\n{_dedented(examples)}\n```\n" if examples.strip() else ""
-        heading = f"#{level} mirrorcam {name}"
-        found[name] = PAGE.sub(r"[\1](../../\1.md)", f"{heading}\n\n{text.strip()}\n{shown}")
+        found[name] = PAGE.sub(r"[\1](../../\1.md)", f"#{level} mirrorcam {name}\n\n{text.strip()}\n{shown}")
     return found
 
 

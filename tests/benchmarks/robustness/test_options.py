@@ -11,7 +11,7 @@ from mirrorcam import cli
 
 def test_every_command_is_drawn_with_its_own_options() -> None:
     drawn = [options.command_line(np.random.default_rng(seed)) for seed in range(300)]
-    assert {arguments[0] for arguments, _ in drawn} == set(cli.COMMANDS)
+    assert {arguments[0] for arguments, _ in drawn} == set(cli.NAMES)
     assert 0.2 < np.mean([hopeless for _, hopeless in drawn]) < 0.9
     assert options.command_line(np.random.default_rng(3)) == drawn[3]
 
