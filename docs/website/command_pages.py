@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from cyclopts import App
 
@@ -13,10 +14,10 @@ HEADING = re.compile(r"^##(#*) mirrorcam (.+)$", flags=re.MULTILINE)
 PAGE = re.compile(r"docs/(\w+)\.md")
 
 
-def commands(app: App) -> dict[str, App]:
-    """All commands and subcommands, each with its docstring as its help, by the names that follow `mirrorcam`."""
+def commands(app: App, names: Sequence[str] = cli.NAMES) -> dict[str, App]:
+    """Commands and their subcommands, each with its docstring as its help, by the names that follow `mirrorcam`."""
     found: dict[str, App] = {}
-    for name in cli.NAMES:
+    for name in names:
         cli.show_docstring(app, [name])
         found[name] = app[name]
         for inner in (inner for inner in app[name] if not inner.startswith("-")):
