@@ -35,14 +35,20 @@ def test_a_refusal_of_long_arguments_is_short(
     assert len(refused) <= 301
 
 
-def numbers(command: App) -> list[Argument]:
-    """The options of a command or subcommand that take numbers."""
-
-    def is_number(kind: Any) -> bool:
-        return kind in (int, float) or any(map(is_number, get_args(kind)))
-
+def options(command: App) -> list[Argument]:
+    """The arguments and options of a command or subcommand."""
     found = command.assemble_argument_collection() if command.default_command is not None else ()
-    return [each for each in found if not each.children and is_number(each.hint)]
+    return [each for each in found if not each.children]
+
+
+def is_number(kind: Any) -> bool:
+    return kind in (int, float) or any(map(is_number, get_args(kind)))
+
+
+def required(command: App) -> list[str]:
+    """Options that a command needs, with values of their choices, if they have any."""
+    needed = [each for each in options(command) if each.required and each.index is None]
+    return [word for each in needed for word in (each.name, *map(str, get_args(each.hint)[:1] or "x"))]
 
 
 @pytest.mark.parametrize("name", cli.NAMES)
@@ -50,8 +56,9 @@ def test_every_number_has_a_range_in_its_help_and_is_refused_beyond(
     name: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for words, command in commands(cli.application(), [name]).items():
-        for option in numbers(command):
+        for option in (each for each in options(command) if is_number(each.hint)):
             assert " to " in (option.parameter.help or ""), f"{words} {option.name}"
             count, _ = option.token_count()
             for number in ("1e308", "-1e308", "nan", "9" * 40):
-                assert_refused_here([*words.split(), "x", option.name, *[number] * count], capfd, option.name)
+                arguments = [*words.split(), "x", *required(command), option.name, *[number] * count]
+                assert_refused_here(arguments, capfd, option.name)
