@@ -1,23 +1,24 @@
-"""Options that commands share, and the parameters of options that cyclopts alone does not offer."""
+"""Options that commands share."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from mirrorcam.core.bounds import WORKERS, Bounds
 
 
-def bounded(bounds: Bounds, help: str, unset: str = "") -> Parameter:
-    """A number in a range, which its help states; `unset` says what None stands for."""
+def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
+    """A numeric option of a command in a range, which its help states; `unset` says what a default of None stands for."""
 
-    def check(kind: Any, number: float | None) -> None:
-        if number is not None and not bounds.least <= number <= bounds.most:
+    def check(_: object, value: float | None) -> None:
+        if value is not None and not bounds.least <= value <= bounds.most:
             raise ValueError(f"expected {bounds}")
 
-    return Parameter(help=f"{help}, {bounds}{f' [default: {unset}]' if unset else ''}", validator=check)
+    stated = f" [default: {unset}]" if unset else ""
+    return Parameter(help=f"{text}, {bounds}{stated}", validator=check)
 
 
 Force = Annotated[bool, Parameter(help="replace files that this command did not write, or that were changed since")]
