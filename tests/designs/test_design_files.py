@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_files import read_request, request_of, request_toml, write_design
+from mirrorcam.designs.design_files import DesignRequest, read_request, request_of, request_toml, write_design
+from mirrorcam.designs.sweep_files import SweepRequest, read_sweep
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
@@ -15,6 +18,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.tolerances import Tolerances
 
 
 def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,3 +120,15 @@ def test_what_is_no_request_is_refused_in_one_line(name: str, text: str, expecte
     with pytest.raises(InputError, match=expected) as refused:
         request_of(Path(name), text.encode())
     assert "\n" not in str(refused.value)
+
+
+def test_the_example_in_the_documents_states_every_default(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "design.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```toml\n(# (?:design|sweep)\.toml\n.*?)^```$", page, flags=re.MULTILINE | re.DOTALL)
+    for name, block in zip(("design.toml", "sweep.toml"), blocks, strict=True):
+        (tmp_path / name).write_text(block, encoding="utf-8")
+    assert read_request(tmp_path / "design.toml") == DesignRequest()
+    stated = tomllib.loads(blocks[0])
+    assert {*stated, "pattern"} == {*DesignRequest.model_fields}
+    assert stated["tolerances"].keys() == Tolerances.model_fields.keys()
+    assert read_sweep(tmp_path / "sweep.toml") == SweepRequest()
