@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.website.command_pages import commands
 from mirrorcam import cli
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.images.pictures import read_image, write_image
@@ -67,7 +68,7 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
         ("sweep --workers x -q", "--workers 'x': expected INT"),
         ("--json sweep --workers 0", "--workers '0': expected 1 to 1024"),
         ("live", "expected --layout (see mirrorcam live --help)"),
-        ("decode --layout layout.json", "expected frames, videos, or --device"),
+        ("decode --layout layout.json", "expected frames, videos, or --live NUMBER"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
         ("depth", "expected LIGHTFIELD... (see mirrorcam depth --help)"),
         ("depth a.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
@@ -88,18 +89,19 @@ def test_a_bad_command_line_is_refused_in_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("group", "name"), [(group, name) for group in cli.COMMANDS for name in cli.COMMANDS[group]])
-def test_the_help_of_a_command_is_its_docstring(group: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    function, summary = cli.COMMANDS[group][name]
-    assert cli.main([name, "--help"]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
-    assert printed.startswith(f"Usage: mirrorcam {name} ")
-    assert summary in printed
-    assert re.search(rf"Examples: mirrorcam {name}( |$)", printed)
-    command = cli.application()[name].default_command
-    if not function.endswith(":app") or command is not None:
-        first = (inspect.getdoc(command) or "").partition("\n\n")[0].replace("\n", " ")
-        assert first == summary
+@pytest.mark.parametrize("name", cli.NAMES)
+def test_the_help_of_a_command_is_its_docstring(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = next(group[name][1] for group in cli.COMMANDS.values() if name in group)
+    for words, command in commands(cli.application(), [name]).items():
+        assert cli.main([*words.split(), "--help"]) == 0
+        printed = " ".join(capsys.readouterr().out.split())
+        assert printed.startswith(f"Usage: mirrorcam {words} ")
+        if words == name:
+            assert summary in printed
+        if command.default_command is not None:
+            first, _, _ = (inspect.getdoc(command.default_command) or "").partition("\n\n")
+            assert first.replace("\n", " ") in (summary if words == name else printed)
+            assert re.search(rf"Examples: mirrorcam {words}( |$)", printed)
 
 
 def test_help_names_the_groups_and_commands(capsys: pytest.CaptureFixture[str]) -> None:

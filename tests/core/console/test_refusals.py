@@ -46,9 +46,12 @@ def is_number(kind: Any) -> bool:
 
 
 def required(command: App) -> list[str]:
-    """Options that a command needs, with values of their choices, if they have any."""
-    needed = [each for each in options(command) if each.required and each.index is None]
-    return [word for each in needed for word in (each.name, *map(str, get_args(each.hint)[:1] or "x"))]
+    """What a command needs: its arguments, and options with values of their choices, if they have any."""
+    needed = [each for each in options(command) if each.required]
+    words = ["x" for each in needed if each.index is not None]
+    for each in (each for each in needed if each.index is None):
+        words += [each.name, *map(str, get_args(each.hint)[:1] or "x")]
+    return words
 
 
 @pytest.mark.parametrize("name", cli.NAMES)
@@ -60,5 +63,5 @@ def test_every_number_has_a_range_in_its_help_and_is_refused_beyond(
             assert " to " in (option.parameter.help or ""), f"{words} {option.name}"
             count, _ = option.token_count()
             for number in ("1e308", "-1e308", "nan", "9" * 40):
-                arguments = [*words.split(), "x", *required(command), option.name, *[number] * count]
+                arguments = [*words.split(), *required(command), option.name, *[number] * count]
                 assert_refused_here(arguments, capfd, option.name)
