@@ -23,6 +23,7 @@ def commands(app: App, names: Sequence[str] = cli.NAMES) -> dict[str, App]:
         for inner in (inner for inner in app[name] if not inner.startswith("-")):
             cli.show_docstring(app, [name, inner])
             found[f"{name} {inner}"] = app[name][inner]
+            app[name].default_parameter = app.default_parameter  # which cyclopts' documents do not pass on
     return found
 
 
