@@ -192,7 +192,7 @@ def test_what_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert command.main([str(tmp_path / "site"), "--toy", str(toy), "--devices", str(gallery)]) == 0
     assert [line[1:] for line in ran] == [
         ["-m", "mirrorcam", "studio", "--snapshot", str(toy)],
-        [str(ROOT / "docs" / "make_gallery.py"), str(gallery)],
+        ["-m", "docs.gallery", str(gallery)],
     ]
 
 
