@@ -24,7 +24,7 @@ from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.cli import camera_from_text
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.values import InputError, Value
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.device.board_print import page_for
 from mirrorcam.device.device_folder import read_hardware
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.run.gallery_page import AtDepth, GalleryCard
+from docs.gallery.page import AtDepth, GalleryCard
 
 NINE = GalleryCard(
     name="nine-views",

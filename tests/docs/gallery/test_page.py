@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+from docs.gallery.page import NBSP, ORDERS, GalleryCard, gallery_html
 from mirrorcam.core.figures.figure_texts import SIGMA, TIMES
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.run.gallery_page import NBSP, ORDERS, GalleryCard, gallery_html
-from tests.run.gallery_cards import CARDS, NINE, TWO
+from tests.docs.gallery.gallery_cards import CARDS, NINE, TWO
 from tests.run.test_run_report import Outline, outline
 from tests.studio.browser import NARROW, browser_page
 
@@ -21,7 +21,7 @@ DESKTOP = (1280, 900)
 
 
 def page(*cards: GalleryCard) -> str:
-    return gallery_html(cards, PICTURE_PX, command="python docs/make_gallery.py")
+    return gallery_html(cards, PICTURE_PX, command="python -m docs.gallery")
 
 
 def read(*cards: GalleryCard) -> Outline:

@@ -1,9 +1,9 @@
-"""Make the gallery of devices: `python docs/make_gallery.py OUT [--only NAME ...] [--workers N]`.
+"""Make the gallery of devices: `python -m docs.gallery OUT [--only NAME ...] [--workers N]`.
 
-For each device of docs/gallery.toml, OUT/NAME gets its design, all that `mirrorcam cad` writes, a rendered picture and
-a ZIP file of all files to make it; OUT/index.html shows them, OUT/gallery.json has their figures. What is there and has
-not changed is kept, and a run that was cut off goes on. With --record also the figures and
-the picture in docs/gallery.md are written.
+For each device of docs/gallery/gallery.toml, OUT/NAME gets its design, all that `mirrorcam cad` writes, a rendered
+picture and a ZIP file of all files to make it; OUT/index.html shows them, OUT/gallery.json has their figures. What is
+there and has not changed is kept, and a run that was cut off goes on. With --record also the figures and the picture in
+docs/gallery.md are written.
 """
 
 from __future__ import annotations
@@ -25,6 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from docs.gallery.devices import (
+    COMMAND,
+    DeviceList,
+    GalleryDevice,
+    WorkOfDevice,
+    card_of,
+    is_finished,
+    make_device,
+    work_of,
+)
+from docs.gallery.page import NBSP, GalleryCard, gallery_html
 from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.core.console.progress import say
@@ -36,24 +47,13 @@ from mirrorcam.core.figures.figure_texts import SIGMA, TIMES, count_text, figure
 from mirrorcam.core.images.pictures import encoded_image, picture_size, read_image
 from mirrorcam.core.processes.worker_pool import Died, cores, run_local
 from mirrorcam.core.values import InputError, Value
-from mirrorcam.run.device_gallery import (
-    COMMAND,
-    DeviceList,
-    GalleryDevice,
-    WorkOfDevice,
-    card_of,
-    is_finished,
-    make_device,
-    work_of,
-)
-from mirrorcam.run.gallery_page import NBSP, GalleryCard, gallery_html
 
-DOCS = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1]
 LICENCE = DOCS.parent / "LICENSES" / "CERN-OHL-W-2.0.txt"
-LIST, PAGE = DOCS / "gallery.toml", DOCS / "gallery.md"
+LIST, PAGE = Path(__file__).with_name("gallery.toml"), DOCS / "gallery.md"
 OVERVIEW = DOCS / "images" / "gallery.jpg"
 KERNEL = ("mirrorcam.cad.device_files", "mirrorcam.optics.design.optimise")
-BEGIN, END = "<!-- recorded: python docs/make_gallery.py OUT --record -->", "<!-- end of the record -->"
+BEGIN, END = "<!-- recorded: python -m docs.gallery OUT --record -->", "<!-- end of the record -->"
 OVERVIEW_TILE_PX, OVERVIEW_COLUMNS, OVERVIEW_QUALITY = (320, 180), 4, 80
 
 
@@ -178,7 +178,7 @@ def write_gallery(devices: Sequence[GalleryDevice], out: Path) -> Gallery:
     with output_folder(out, COMMAND) as output:
         output.refuse_others("index.html", "gallery.json")
         with output.staged() as folder:
-            page = gallery_html(cards, picture_px, command="python docs/make_gallery.py")
+            page = gallery_html(cards, picture_px, command="python -m docs.gallery")
             write_text(folder / "index.html", page)
             write_json(folder / "gallery.json", gallery.model_dump(mode="json", by_alias=True))
     return gallery
@@ -190,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("out", type=Path, help="folder, new or of an earlier run")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="make these alone; the page keeps others")
     parser.add_argument("--workers", type=int, default=cores(), help="devices made at once (one for each core)")
-    parser.add_argument("--devices", type=Path, default=LIST, help="the list of devices (docs/gallery.toml)")
+    parser.add_argument("--devices", type=Path, default=LIST, help="the list of devices (docs/gallery/gallery.toml)")
     parser.add_argument("--record", action="store_true", help="also write the figures and the picture of docs/")
     options = parser.parse_args(arguments)
     start = time.perf_counter()
@@ -225,7 +225,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     say("gallery", f"{shown_text} after {took:.0f} s; their stages took {processors:.0f} s of processors")
     say("gallery", f"open {options.out / 'index.html'}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -14,6 +14,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from docs.gallery.page import AtDepth, GalleryCard
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
@@ -34,7 +35,6 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_profile
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.run.gallery_page import AtDepth, GalleryCard
 from mirrorcam.run.run_page import read_metrics
 
 COMMAND = "gallery"

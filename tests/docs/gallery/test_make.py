@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.make_gallery import (
+from docs.gallery.devices import DeviceList, GalleryDevice, Work, WorkOfDevice
+from docs.gallery.make import (
     BEGIN,
     END,
     LIST,
@@ -20,15 +21,14 @@ from docs.make_gallery import (
     table_of,
     with_record,
 )
+from docs.gallery.page import NBSP
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import require_same_camera
 from mirrorcam.core.disk.files import read_model, write_text
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.run.device_gallery import DeviceList, GalleryDevice, Work, WorkOfDevice
-from mirrorcam.run.gallery_page import NBSP
-from tests.run.gallery_cards import CARDS
+from tests.docs.gallery.gallery_cards import CARDS
 from tests.run.test_run_report import outline
 
 DEVICES = read_model(DeviceList, LIST).devices

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.gallery import devices as device_gallery
+from docs.gallery.devices import DeviceList, GalleryDevice, is_finished, make_device, processor_s, work_of
 from mirrorcam.core.disk.files import model_from, write_metrics, write_text
 from mirrorcam.core.values import InputError, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference import product_picture
-from mirrorcam.run import device_gallery
-from mirrorcam.run.device_gallery import DeviceList, GalleryDevice, is_finished, make_device, processor_s, work_of
 
 LICENCE = "the text of a licence"
 PASSED = {"device.clash_mm3": Metric(value=0.0, unit="mm3", limit=0.0), "device.mass_g": Metric(value=9.0, unit="g")}
