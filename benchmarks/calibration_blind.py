@@ -15,6 +15,7 @@ from mirrorcam.calibration.validation import validate
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
@@ -58,7 +59,7 @@ def main(folders: list[Path]) -> None:
         seen, base = by_frame(validation.calibration)
         corners = load_board(folder / "board.toml").corners_in_board_mm
         try:
-            plain = calibrate_corners(seen, base, as_plane_mirrors(nominal), corners, level="joint")
+            plain = calibrate_corners(seen, base, as_plane_mirrors(nominal), corners, model=RequestedModel())
         except InputError as error:
             print(f"  as plane mirrors: refused: {error}")
             continue

@@ -30,6 +30,7 @@ from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -91,7 +92,7 @@ def measured(folder: Path) -> Figures:
     mirrored = [each for each in shown if (each.view >= 0).any()]
     direct = [each for each in shown if (each.view < 0).all()]
     kept = [each for number, each in enumerate(mirrored) if number % EVERY < EVERY - 1]
-    part = calibrate_corners(kept, direct, nominal, board.corners_in_board_mm, level=level)
+    part = calibrate_corners(kept, direct, nominal, board.corners_in_board_mm, model=RequestedModel.parse(level))
     truth = Layout.load(folder / "truth" / "layout.json")
     out = [each for number, each in enumerate(mirrored) if number % EVERY == EVERY - 1]
     rest = Observations.join([each.shifted(number) for number, each in enumerate(out)])

@@ -1,27 +1,20 @@
-"""A calibration request checks itself, a calibration becomes five files, and corners in files calibrate."""
+"""A calibration becomes five files, and corners in files calibrate."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files, write_calibration
+from mirrorcam.calibration.calibration_files import calibrate_files, write_calibration
+from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.core.values import InputError
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.run.run_page import read_metrics
 from tests.optics.calibration.sound_calibration import BOARD, nominal_layout, sound_calibration
-
-
-def test_a_request_has_a_layout_or_a_number_of_mirrors() -> None:
-    board = Path("board.toml")
-    both: dict[str, Any] = {"layout": Path("layout.json"), "mirrors": 2}
-    for wrong in ({}, both):
-        with pytest.raises(InputError, match="expected a nominal layout, or the number of mirrors"):
-            CalibrationRequest(pictures=(Path("a.png"),), board=board, **wrong)
 
 
 def test_files_hold_the_calibration(tmp_path: Path) -> None:
@@ -32,14 +25,6 @@ def test_files_hold_the_calibration(tmp_path: Path) -> None:
     assert Layout.load(tmp_path / "layout.json") == calibration.layout
     assert read_metrics(tmp_path / "metrics.json") == calibration.metrics
     assert "mirrorcam test" in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_request_has_pictures_or_corners() -> None:
-    board, layout = Path("board.toml"), Path("layout.json")
-    both: dict[str, Any] = {"pictures": (Path("a.png"),), "corners": (Path("a.csv"),)}
-    for wrong in ({"layout": layout}, both | {"layout": layout}, {"corners": (Path("a.csv"),), "mirrors": 2}):
-        with pytest.raises(InputError, match="expected pictures, or tables of corners with a nominal layout"):
-            CalibrationRequest(board=board, **wrong)
 
 
 @pytest.fixture
@@ -57,15 +42,35 @@ def corner_request(tmp_path: Path) -> CalibrationRequest:
 
 
 def test_tables_of_corners_calibrate_as_their_pictures_did(corner_request: CalibrationRequest) -> None:
-    found, first = calibrate_files(corner_request), sound_calibration()
+    found, first = calibrate_files((), corner_request), sound_calibration()
     assert found.pictures == first.pictures
     assert found.metrics["corners"] == first.metrics["corners"]
     for mirror, same in zip(found.layout.mirrors, first.layout.mirrors, strict=True):
         assert mirror.virtual_centre_in_rig_mm == pytest.approx(same.virtual_centre_in_rig_mm, abs=0.01)
 
 
-def test_corners_without_mirrors_and_unknown_levels_are_refused(corner_request: CalibrationRequest) -> None:
+def test_corners_without_mirrors_are_refused(corner_request: CalibrationRequest) -> None:
     with pytest.raises(InputError, match=r"bare\.csv: all corners are seen directly, expected pictures through"):
-        calibrate_files(replace(corner_request, corners=corner_request.corners[1:]))
-    with pytest.raises(InputError, match="level"):
-        calibrate_files(replace(corner_request, level="most"))
+        calibrate_files((), corner_request.replaced(corners=corner_request.corners[1:]))
+
+
+def test_mirrors_of_another_surface_are_fitted_from_the_thickness_found_first(
+    corner_request: CalibrationRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first fit is of the layout as it is, the second of plates whose thickness is free."""
+    fits: list[tuple[Layout, RequestedModel]] = []
+
+    def fit(
+        seen: object, base: object, layout: Layout, corners: object, *, model: RequestedModel, names: object
+    ) -> Any:
+        fits.append((layout, model))
+        return sound_calibration()
+
+    monkeypatch.setattr("mirrorcam.calibration.calibration_files.calibrate_corners", fit)
+    calibrate_files((), corner_request.replaced(model=RequestedModel.parse("fisheye+bend+auto+second_surface")))
+    (plain, first), (plates, second) = fits
+    assert first == RequestedModel(lens="fisheye")
+    assert second == RequestedModel(lens="fisheye", additions=("sheet", "bend"), auto=True)
+    assert [layout.mirrors[0].is_second_surface for layout in (plain, plates)] == [False, True]
+    calibrate_files((), corner_request.replaced(model=RequestedModel.parse("joint+first_surface")))
+    assert fits[2:] == [(plain, RequestedModel())]

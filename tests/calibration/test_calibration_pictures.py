@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
-from mirrorcam.calibration.calibration_pictures import SEARCHED, calibration_pictures
+from mirrorcam.calibration.calibration_files import SEARCHED, calibrate_files, calibration_pictures
+from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
@@ -38,7 +38,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
     said: list[str] = []
     picture = clip.with_name("007.jpg")
-    taken = calibration_pictures([picture, clip], 30, tell=said.append)
+    taken = calibration_pictures([picture, clip], 30, on_note=said.append)
     assert taken.pictures[0] == picture
     assert taken.names[0] == "007.jpg"
     numbers = [int(name.removeprefix("clip.avi frame ")) for name in taken.names[1:]]
@@ -62,31 +62,31 @@ def test_frames_that_a_variable_rate_leaves_out_are_not_called_damaged(tmp_path:
             frame.pts, frame.time_base = moment, Fraction(1, 25)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    calibration_pictures([path], 30, tell=said.append)
+    calibration_pictures([path], 30, on_note=said.append)
     assert said[0].startswith(
         "slow.mkv: the 6 sharpest of 6 frames, from all of the video, 3 more missing by its times"
     )
 
 
 def test_pictures_alone_are_all_used(clip: Path) -> None:
-    taken = calibration_pictures([clip.with_name("001.jpg")], 30, tell=lambda sentence: None)
+    taken = calibration_pictures([clip.with_name("001.jpg")], 30, on_note=lambda sentence: None)
     assert taken.most is None
 
 
 def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) -> None:
     camera = Camera(width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0)
     with pytest.raises(InputError, match="64x48 px, expected 640x480 of the layout's camera"):
-        calibration_pictures([clip], 30, camera=camera, tell=lambda sentence: None)
+        calibration_pictures([clip], 30, camera=camera, on_note=lambda sentence: None)
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(InputError, match="not a video that can be opened"):
-        calibration_pictures([tmp_path / "text.mp4"], 30, tell=lambda sentence: None)
+        calibration_pictures([tmp_path / "text.mp4"], 30, on_note=lambda sentence: None)
 
 
 @pytest.mark.parametrize("name", ["corners.csv", "corners.vnl"])
 def test_a_table_of_corners_among_pictures_is_refused_with_its_option(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("# filename x y level\n")
     with pytest.raises(InputError, match=r"a table of corners, expected pictures: give it with --corners"):
-        calibration_pictures([tmp_path / name], 30, tell=print)
+        calibration_pictures([tmp_path / name], 30, on_note=print)
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "2026-11-26T10:30:05.mkv"])
@@ -94,7 +94,7 @@ def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     write_h264(tmp_path / name, pictures(3), interlaced=True)
     said: list[str] = []
-    taken = calibration_pictures([Path(name)], 30, tell=said.append)
+    taken = calibration_pictures([Path(name)], 30, on_note=said.append)
     assert len(taken.pictures) == 3
     assert [line.startswith(f"{name} is interlaced: ") for line in said] == [True, False]
     assert len(taken.beside([1])) == 1
@@ -104,8 +104,8 @@ def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytes
 def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_path: Path) -> None:
     """A flexing paper with hands over it, cut by the frame: planes, camera and board come out without help."""
     (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 6\nsquare_mm = 25.0\n')
-    request = CalibrationRequest(pictures=(two_mirror_video,), board=tmp_path / "board.toml", mirrors=2)
-    found = calibrate_files(request)
+    request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
+    found = calibrate_files([two_mirror_video], request)
     assert found.diagnostics is not None
     assert {"bow", "board"} < set(found.diagnostics.level.split("+"))
     for axis in "xy":
@@ -121,6 +121,6 @@ def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_pa
 def test_a_smaller_board_than_stated_is_refused_by_its_size(two_mirror_video: Path, tmp_path: Path) -> None:
     """Parts of what is seen are taken for the stated board, which leads to mirrors that overlap."""
     (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 25.0\n')
-    request = CalibrationRequest(pictures=(two_mirror_video,), board=tmp_path / "board.toml", mirrors=2)
+    request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
     with pytest.raises(InputError, match=r"show a checkerboard of 8 x 6 squares, board\.toml says 8 x 7"):
-        calibrate_files(request)
+        calibrate_files([two_mirror_video], request)
