@@ -71,7 +71,7 @@ CASES = {
         "compare layout.json layout.json --distance-mm 400 --out out", "mirrorcam.calibration.comparison:compare_files"
     ),
     "drift": Case(
-        "drift frame.png --layout calibrated.json --out out", "mirrorcam.calibration.drift_files:find_drift_files"
+        "drift frame.png --layout calibrated.json --out out", "mirrorcam.calibration.drift_check:find_drift_files"
     ),
     "render": Case(
         "render layout.json --board board.toml --frames 2 --base-frames 1 --renderer fast --workers 1 --rate-hz 10 "

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
-from mirrorcam.calibration.difference_figure import (
+from mirrorcam.calibration.comparison import (
     BAR_IN,
     HEAD_IN,
     PANEL_IN,
