@@ -16,7 +16,8 @@ from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import Metric, Value
-from mirrorcam.device.device_folder import read_hardware, write_device
+from mirrorcam.device.device_folder import write_device
+from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.geometry.layout import Layout
 
 DEFAULT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
@@ -101,7 +102,7 @@ def main() -> None:
     layout, path = Layout.load(options.layout), options.folder / "backs.jsonl"
     results = read_results(path)
     for back in (kind for kind in BACKS if kind not in results):
-        checks = write_device(layout, options.folder / back, read_hardware(adapter=back, layout=layout))
+        checks = write_device(layout, options.folder / back, HardwareChoice(adapter=back).read(layout))
         results[back] = result_of(back, checks)
         lines = (json.dumps(each.model_dump(mode="json")) for each in results.values())
         write_text(path, "\n".join(lines) + "\n")

@@ -1,7 +1,7 @@
 """Lenses beyond five numbers, found by evidence: `python -m benchmarks.calibration_lenses SET [SET ...]`.
 
 Sets come from `python -m benchmarks.calibration_lenses layouts DIR`, which writes a layout for each lens, and
-`mirrorcam render DIR/LENS.json --renderer fast --frames 20 --base-frames 10 --no-maps`. Each is calibrated from its
+`mirrorcam render DIR/LENS.json --renderer fast --frames 20 --base-frames 10`. Each is calibrated from its
 pictures and a layout whose camera is that of a data sheet, without distortion. Prints the level that evidence chose,
 the rms residual, and
 

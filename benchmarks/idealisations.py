@@ -67,7 +67,7 @@ GEOMETRY = (
         lambda setup: geometry.walking_pupil(setup, WEBCAM.pupil_walk_mm),
     ),
     Geometry(
-        Row("mirrors bent", "sag 2.5 µm (4 to 6 λ an inch, commercial mirrors)", "`--finish`"),
+        Row("mirrors bent", "sag 2.5 µm (4 to 6 λ an inch, commercial mirrors)", "`finish`"),
         lambda setup: geometry.bent_mirrors(setup, 0.0025),
     ),
     Geometry(
@@ -165,9 +165,9 @@ def by_formula(table: Table) -> list[tuple[Row, float]]:
     return [
         (Row("exposure after the calibration", "5 % brighter", "no: [6]"), psnr_db(0.05**2 * power)),
         (Row("white balance after the calibration", "3 % in red", "no: [6]"), psnr_db(0.03**2 * power / 3.0)),
-        (Row("mirrors unlike in reflectance", "2 % RMS", "`--finish`"), psnr_db(0.02**2 * power)),
+        (Row("mirrors unlike in reflectance", "2 % RMS", "`finish`"), psnr_db(0.02**2 * power)),
         (
-            Row("scatter of the mirrors", "1 nm RMS: 0.05 % of the light", "`--finish`"),
+            Row("scatter of the mirrors", "1 nm RMS: 0.05 % of the light", "`finish`"),
             psnr_db((5e-4 * mean) ** 2),
         ),
         (Row("dust", "20 grains of 0.2 mm a mirror", "no: [5]"), psnr_db(hidden**2 * covered * power)),

@@ -32,9 +32,9 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
 from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
+from mirrorcam.render_scenes.settings import RenderSettings, SensorModel
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.simulation.poses_file import PosesFile
+from mirrorcam.simulation.render_request import PosesFile
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {
@@ -46,7 +46,6 @@ FILES: dict[str, Any] = {
     "device_views": DescribedViews,
     "equalisation": Equalisation,
     "evaluation": Evaluation,
-    "finish": SurfaceFinish,
     "gravity": GravityTable,
     "hardware": Hardware,
     "layout": Layout,
@@ -56,6 +55,7 @@ FILES: dict[str, Any] = {
     "poses": PosesFile,
     "scene": TabletopSet,
     "score": ScoreReport,
+    "render_settings": RenderSettings,
     "sensor": SensorModel,
     "suite": SuiteManifest,
     "sweep_result": Record,

@@ -80,7 +80,7 @@ CASES = {
         forced=False,
     ),
     "scene": Case(
-        "scene layout.json --spp 4 --out out",
+        "scene layout.json --out out",
         "mirrorcam.render_scenes.tabletop.tabletop_set:TabletopScene",
         forced=False,
     ),
@@ -112,8 +112,8 @@ SLOW = {
     "run": Case("run --quick --out out", "mirrorcam.run.pipeline:finish"),
     "cad": Case("cad quick/design/layout.json --out out", "mirrorcam.cad.build:build_parts"),
     "picture": Case(
-        "picture quick/design/layout.json --parts quick/cad --spp 1 --out out/product.jpg",
-        "mirrorcam.simulation.rendering:write_product_picture",
+        "cad picture quick/design/layout.json quick/cad --out out/product.jpg",
+        "mirrorcam.render_scenes.reference.product_picture:product_picture",
     ),
     "calibrate": Case(
         "calibrate quick/set/frames --base quick/set/base --board quick/set/board.toml "

@@ -30,9 +30,8 @@ from mirrorcam.render_scenes.mirror_finish import draw_finishes
 from mirrorcam.render_scenes.sets.set_request import SetRequest, planned_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.simulation.camera_options import sensor_from_text
-from mirrorcam.simulation.poses_file import PosesFile
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.render_request import PosesFile, sensor_of
+from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 ATTEMPTS = 3000
@@ -114,7 +113,7 @@ def _use_poses(path: Path) -> None:
 
 
 def _use_sensor(path: Path) -> None:
-    sensor_from_text(str(path))
+    sensor_of(str(path))
 
 
 def _use_finish(path: Path) -> None:

@@ -71,7 +71,7 @@ COMMANDS = (
     Killed("sweep", ("sweep", "--counts", "1x2", "2x2", "--scales-mm", "60", "--tradeoffs", "0.1", "0.3")),
     Killed("decode", ("decode", "video.avi", "--layout", "layout.json")),
     Killed("cad", ("cad", "layout.json")),
-    Killed("scene", ("scene", "layout.json", "--spp", "4")),
+    Killed("scene", ("scene", "layout.json")),
 )
 TERMINATED = (*COMMANDS, Killed("design", ("design", "--rows", "2", "--cols", "3", "--tolerance")))
 CAMERA = Camera.c920().binned(1 / 3)

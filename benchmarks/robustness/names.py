@@ -36,7 +36,7 @@ from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 LAYOUT = Path(__file__).parents[2] / "tests" / "data" / "default_layout.json"

@@ -28,7 +28,7 @@ from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_request import read_request, request_toml
 from mirrorcam.device.board_print import page_for
-from mirrorcam.device.device_folder import read_hardware
+from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.read.yaml_documents import yaml_documents
@@ -109,8 +109,8 @@ KINDS = {
         Kind("design.toml", lambda: request_toml(_layout().spec or DesignSpec()), read_request),
         Kind("suite.toml", (SUITES / f"{suite_names()[0]}.toml").read_text, lambda path: read_suite(str(path))),
         Kind("camera.toml", (CAMERAS / "c920.toml").read_text, lambda path: camera_from_text(str(path))),
-        Kind("body.toml", (CAMERAS / "c920.toml").read_text, lambda path: read_hardware(camera=str(path))),
-        Kind("hardware.toml", lambda: hardware_toml(HARDWARE), read_hardware),
+        Kind("body.toml", (CAMERAS / "c920.toml").read_text, lambda path: HardwareChoice(body=str(path)).read()),
+        Kind("hardware.toml", lambda: hardware_toml(HARDWARE), lambda path: HardwareChoice(hardware=path).read()),
         Kind("limits.toml", lambda: "rms_px = 0.5\nview_0_0_max_px = 2\n[over_sets]\nnees = 2.0\n", Limits.load),
         Kind("views.toml", lambda: '[cameras]\ncam0 = "view_0_0"\ncam1 = {view = "view_0_1", x = 3}', ViewsFile.load),
     ),

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.costs import slowness
 from mirrorcam.render_scenes.suites.suite import SUITES, read_suite
 from mirrorcam.render_scenes.variant import choose_variant
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.rendering import check_set
 from tests.command_line import assert_refused_here
 from tests.small_set import BOARD, contents
 

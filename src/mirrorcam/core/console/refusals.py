@@ -32,7 +32,8 @@ def one_line_message(message: str, hint: str = "") -> str:
 
 def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
     """The parser's error as bad input, with the command whose help explains more; `commands` are the names of all."""
-    chain = [name for name in error.command_chain or () if name in commands]
+    chain = tuple(error.command_chain or ())
+    chain = chain if chain[:1] and chain[0] in commands else ()
     return InputError(one_line_message(_reason(error, commands), f" (see {' '.join(('mirrorcam', *chain))} --help)"))
 
 
@@ -42,10 +43,12 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
             return _invalid(cause)
         if isinstance(cause, InputError):
             return str(cause)
-    if isinstance(error, UnknownCommandError) and not error.command_chain:
+    if isinstance(error, UnknownCommandError):
         given = next(iter(error.unused_tokens or ()), "")
-        meant = get_close_matches(given, commands, n=1)
-        return f"unknown command {given!r}" + (f", did you mean {meant[0]}?" if meant else "")
+        known = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
+        meant = get_close_matches(given, known, n=1)
+        expected = f", expected {', '.join(known)}" if error.command_chain else ""
+        return f"unknown command {given!r}" + (f", did you mean {meant[0]}?" if meant else expected)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
