@@ -1,4 +1,4 @@
-"""Requests of sets and scenes: texts of tolerances and sensors, and poses of a file, which are rigid and at least one."""
+"""Requests of sets and scenes: texts of tolerances and sensors, and rigid poses of a file."""
 
 from __future__ import annotations
 
