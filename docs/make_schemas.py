@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from mirrorcam.bench.blind_sets import DescribedViews
+from mirrorcam.bench.calibrator_run import DescribedViews
 from mirrorcam.bench.evaluation import Evaluation
 from mirrorcam.bench.scores.leaderboard import Leaderboard
 from mirrorcam.bench.scores.score_report import ScoreReport

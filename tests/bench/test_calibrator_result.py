@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench import calibrator_result
-from mirrorcam.bench.calibrator_result import LOG, calibration_of, take_result
+from mirrorcam.bench import calibrator_run
+from mirrorcam.bench.calibrator_run import LOG, calibration_of, take_result
 from mirrorcam.core.values import InputError
 from tests.small_set import contents
 

@@ -9,7 +9,7 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.bench.evaluate_command import EvaluateOptions
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.evaluation import read_evaluation
 from tests.command_line import assert_refused_here
 
 needs_renderer = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")

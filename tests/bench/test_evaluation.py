@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.bench import evaluation
-from mirrorcam.bench.calibrator_result import LOG, take_result
+from mirrorcam.bench.calibrator_run import LOG, take_result
 from mirrorcam.bench.evaluation import (
     RESULTS,
     Change,
@@ -23,7 +23,7 @@ from mirrorcam.bench.evaluation import (
     _scored,
     evaluate,
 )
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.scores.score_report import NO_LIMITS
 from mirrorcam.bench.scoring import ScoreRequest
 from mirrorcam.bench.suite_folder import FinishedSuite, read_finished

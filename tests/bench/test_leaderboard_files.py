@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.bench.evaluation import Evaluation
 from mirrorcam.bench.leaderboard_files import read_leaderboard, texts, write_leaderboard
-from mirrorcam.bench.scores.attempt import TriedSet
+from mirrorcam.bench.scores.leaderboard import TriedSet
 from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
 from mirrorcam.core.values import InputError, Metric
 

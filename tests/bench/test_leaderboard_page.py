@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from mirrorcam.bench.leaderboard_page import EDGE, WIDTH, leaderboard_page, rms_chart
+from mirrorcam.bench.leaderboard_files import EDGE, WIDTH, leaderboard_page, rms_chart
 from mirrorcam.bench.scores.leaderboard import Leaderboard, leaderboard
 from tests.bench.scores.test_leaderboard import attempt
 

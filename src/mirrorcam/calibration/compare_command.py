@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from mirrorcam.core.bounds import DEPTH_MM
-from mirrorcam.core.console.options import Force
+from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import print_table, say
 from mirrorcam.core.figures.figure_texts import SIGMA, figure_text, figures_alike
-from mirrorcam.core.values import Value
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import CalibrationDifference
@@ -28,21 +27,15 @@ COLUMNS = {
 }
 
 
-@Parameter(name="*")
-class ComparedPoints(Value):
-    """Where two calibrations are compared."""
-
-    distance_mm: float | None = DEPTH_MM.field(
-        None, "distance of the points that are compared, from each view", unset="where A's board was"
-    )
-
-
 def compare(
     a: Annotated[Path, Parameter(name="A", help="layout.json of one calibration")],
     b: Annotated[Path, Parameter(name="B", help="layout.json of the other")],
     /,
     *,
-    points: ComparedPoints = ComparedPoints(),
+    distance_mm: Annotated[
+        float | None,
+        bounded(DEPTH_MM, "distance of the points that are compared, from each view", unset="where A's board was"),
+    ] = None,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/compared"),
     force: Force = False,
 ) -> int:
@@ -60,7 +53,7 @@ def compare(
     with output_folder(out, "compare", force=force) as output:
         output.refuse_others(*FILES)
         layout = read_compared(a)
-        difference = compare_files(a, b, points.distance_mm)
+        difference = compare_files(a, b, distance_mm)
         with output.staged(result="metrics.json") as folder:
             write_comparison(difference, layout, folder)
     _print(difference, layout)

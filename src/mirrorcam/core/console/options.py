@@ -5,19 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
-from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.bounds import WORKERS, Bounds
+
+
+def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
+    """A numeric option of a command in a range, which its help states; `unset` says what a default of None stands for."""
+
+    def check(_: object, value: float | None) -> None:
+        if value is not None and not bounds.least <= value <= bounds.most:
+            raise ValueError(f"expected {bounds}")
+
+    stated = f" [default: {unset}]" if unset else ""
+    return Parameter(help=f"{text}, {bounds}{stated}", validator=check)
+
 
 Force = Annotated[bool, Parameter(help="replace files that this command did not write, or that were changed since")]
-Workers = Annotated[
-    int | None,
-    Parameter(
-        metavar="INT",
-        validator=validators.Number(gte=WORKERS.least, lte=WORKERS.most),
-        help="worker processes on this machine. [default: all cores]",
-    ),
-]
+Workers = Annotated[int | None, bounded(WORKERS, "worker processes on this machine", unset="all cores")]
 Scheduler = Annotated[
     str | None, Parameter(metavar="ADDRESS", help="Dask scheduler whose workers do the work, such as tcp://host:8786")
 ]

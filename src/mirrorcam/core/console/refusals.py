@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
+from cyclopts import ValidationError as InvalidOption
 from pydantic import ValidationError
 
 from mirrorcam.core.causes import causes
@@ -54,6 +55,9 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
         return f"{error.argument.name} {shortened(repr(error.token.value), LONGEST_VALUE)}: {str(error).rstrip('.')}"
+    if isinstance(error, InvalidOption) and error.argument is not None and error.argument.tokens:
+        value = shortened(repr(error.argument.tokens[0].value), LONGEST_VALUE)
+        return f"{error.argument.name} {value}: {error.exception_message}"
     if isinstance(error, UnusedCliTokensError):
         return f"unknown argument {' '.join(error.unused_tokens or ())}"
     return str(error).rstrip(".")
