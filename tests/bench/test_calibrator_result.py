@@ -89,7 +89,7 @@ def test_what_is_no_calibration_is_refused_before_any_is_taken(
     folders: tuple[Path, Path], case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, place = folders
-    monkeypatch.setattr(calibrator_result, "MOST_FILES", 20)
+    monkeypatch.setattr(calibrator_run, "MOST_FILES", 20)
     name, make, expected = HOSTILE[case]
     try:
         make(result / name)

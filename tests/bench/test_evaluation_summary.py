@@ -15,8 +15,7 @@ from mirrorcam.bench.evaluation_files import (
     summary_text,
 )
 from mirrorcam.bench.scores.leaderboard import TriedSet
-from mirrorcam.bench.scores.score_report import Check
-from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
+from mirrorcam.bench.scores.score_report import Check, ScoredSet, ScoreReport
 from mirrorcam.core.values import Metric
 
 LIMIT = Check(figure="rms_px", value=0.4, unit="px", limit=0.25, at_least=False, passed=False)

@@ -16,7 +16,6 @@ from mirrorcam.calibration.drift_check import (
     MountTilt,
     bending_line,
     drift_line,
-    drift_of_files,
     find_drift_files,
     mount_tilt,
     write_drift,
@@ -84,7 +83,7 @@ def test_layouts_that_state_no_measured_mirrors_or_two_tell_nothing(
 def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_path: Path) -> None:
     camera = default_layout.camera
     write_image(tmp_path / "0.png", np.full((camera.height_px, camera.width_px, 3), 80, np.uint8))
-    drift = drift_of_files(default_layout.replaced(kind="calibrated"), [tmp_path / "0.png"])
+    drift = find_drift_files([tmp_path / "0.png"], default_layout.replaced(kind="calibrated"), tmp_path / "layout.json")
     assert len(drift.untold) == len(default_layout.mirrors)
     assert not drift.moved
 

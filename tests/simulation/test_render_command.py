@@ -57,7 +57,15 @@ def test_settings_come_from_a_file_and_the_options_beside_it(set_request: SetReq
     layout = set_request.layout
     assert RenderRequest().read(layout) == SetRequest(layout=layout)
     file = tmp_path / "settings.toml"
-    lines = 'renderer = "fast"', "spp = 4", "maps = false", "[sensor]", "prnu_percent = 2.0", "[finish]", 'bend = "cylinder"'
+    lines = (
+        'renderer = "fast"',
+        "spp = 4",
+        "maps = false",
+        "[sensor]",
+        "prnu_percent = 2.0",
+        "[finish]",
+        'bend = "cylinder"',
+    )
     file.write_text("\n".join(lines))
     read = RenderRequest(settings=file).read(layout).settings
     assert (read.renderer, read.spp, read.maps, read.sensor.prnu_percent) == ("fast", 4, False, 2.0)

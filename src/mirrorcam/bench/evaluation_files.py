@@ -130,7 +130,7 @@ def junit_text(evaluation: Evaluation) -> str:
     if report is None:
         report = ScoreReport(sets=(), over_sets={}, checks_over_sets=(), passed=False)
     root = fromstring(junit(report))
-    root.set("name", f"mirrorcam evaluate {evaluation.suite}")
+    root.set("name", f"mirrorcam score suite {evaluation.suite}")
     others = {f"{name}: scored": why for name, why in evaluation.failures.items()}
     others |= {f"{each.set}: against the baseline": "" if each.passed else _worse(each) for each in evaluation.changes}
     if others:
@@ -138,7 +138,7 @@ def junit_text(evaluation: Evaluation) -> str:
         counts = {"tests": f"{len(others)}", "failures": f"{failed}", "errors": "0", "skipped": "0", "time": "0"}
         suite = SubElement(root, "testsuite", {"name": "evaluation", **counts})
         for name, wrong in others.items():
-            case = SubElement(suite, "testcase", classname="mirrorcam.evaluate", name=name, time="0")
+            case = SubElement(suite, "testcase", classname="mirrorcam.score", name=name, time="0")
             if wrong:
                 SubElement(case, "failure", message=wrong, type="evaluation").text = wrong
         root.set("tests", f"{int(root.get('tests', '0')) + len(others)}")

@@ -11,7 +11,7 @@ from mirrorcam.core.bounds import WORKERS, Bounds
 
 
 def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
-    """A numeric option of a command in a range, which its help states; `unset` says what a default of None stands for."""
+    """A numeric option in a range, which its help states; `unset` says what a default of None stands for."""
 
     def check(_: object, value: float | None) -> None:
         if value is not None and not bounds.least <= value <= bounds.most:
