@@ -18,9 +18,9 @@ from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.layouts import LAYOUT
 from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.scores.calibration_score import score_calibration
-from mirrorcam.bench.scores.score_report import Limits
-from mirrorcam.bench.scores.matched_views import ViewsFile
 from mirrorcam.bench.scores.consistency import CovarianceFile
+from mirrorcam.bench.scores.matched_views import ViewsFile
+from mirrorcam.bench.scores.score_report import Limits
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.cli import camera_from_text

@@ -264,5 +264,5 @@ def _refuse_unlike(views: tuple[MatchedView, ...], points: ScorePoints, pixels: 
         if shown < SHOWN:
             raise InputError(
                 f"camera {view.camera.name[:40]!r} shows {shown:.0%} of what {view.name} does, expected this "
-                "mirror, and pictures as --pictures says"
+                "mirror, and pictures flipped as --flip says"
             )

@@ -119,7 +119,7 @@ def matched_views(
     """
     said = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
     if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
-        raise InputError(f"--pictures {pictures}, but the calibration is of pictures {rig.pictures}")
+        raise InputError(f"--flip {pictures}, but the calibration is of pictures {rig.pictures}")
     flip = _flip(said, nominal)
     places = {} if views is None else views.cameras
     unknown = sorted(places.keys() - {camera.name for camera in rig.cameras})
