@@ -64,7 +64,7 @@ CASES = {
     ),
     "board": Case("board --out out/board.svg", "mirrorcam.device.board_files:write_board"),
     "cameras": Case(
-        "cameras layout.json --pictures frame.png --out out",
+        "camera export layout.json --pictures frame.png --out out",
         "mirrorcam.optics.camera_files.write.write_exports:write_exports",
     ),
     "compare": Case(
@@ -74,8 +74,8 @@ CASES = {
         "drift frame.png --layout calibrated.json --out out", "mirrorcam.calibration.drift_check:find_drift_files"
     ),
     "render": Case(
-        "render layout.json --board board.toml --frames 2 --base-frames 1 --renderer fast --workers 1 --rate-hz 10 "
-        "--video avi --out out",
+        "render layout.json --board board.toml --frames 2 --base-frames 1 --settings avi.toml --workers 1 "
+        "--rate-hz 10 --out out",
         "mirrorcam.render_scenes.sets.render_set:write_truth",
         forced=False,
     ),
@@ -136,6 +136,7 @@ def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     layout.save(folder / "layout.json")
     layout.replaced(kind="calibrated").save(folder / "calibrated.json")
     save_board(folder / "board.toml", request.target)
+    (folder / "avi.toml").write_text('renderer = "fast"\nvideo = "avi"\n')
     random = np.random.default_rng(0)
     coarse = random.integers(60, 200, (5, 8, 3), dtype=np.uint8)
     size = (layout.camera.width_px, layout.camera.height_px)

@@ -88,7 +88,7 @@ def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
         running.send_signal(ending)
         _, complaint = running.communicate(timeout=60)
     assert running.returncode == code
-    assert complaint == ("mirrorcam: interrupted; finished files are whole\n" if code == 130 else "")
+    assert complaint == ("mirrorcam: interrupted; finished files are complete\n" if code == 130 else "")
     kept = {name: content for name, content in contents(folder / "set").items() if "/." not in f"/{name}"}
     pictures = [name for name in kept if name.endswith(".jpg")]
     assert 1 <= len(pictures) < 8
