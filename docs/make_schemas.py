@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from mirrorcam.bench.blind_sets import DescribedViews
+from mirrorcam.bench.calibrator_run import DescribedViews
 from mirrorcam.bench.evaluation import Evaluation
 from mirrorcam.bench.scores.leaderboard import Leaderboard
 from mirrorcam.bench.scores.score_report import ScoreReport
@@ -33,9 +33,9 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
 from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
+from mirrorcam.render_scenes.settings import RenderSettings, SensorModel
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.simulation.poses_file import PosesFile
+from mirrorcam.simulation.render_request import PosesFile
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {
@@ -47,7 +47,6 @@ FILES: dict[str, Any] = {
     "device_views": DescribedViews,
     "equalisation": Equalisation,
     "evaluation": Evaluation,
-    "finish": SurfaceFinish,
     "gravity": GravityTable,
     "hardware": Hardware,
     "layout": Layout,
@@ -57,6 +56,7 @@ FILES: dict[str, Any] = {
     "poses": PosesFile,
     "scene": TabletopSet,
     "score": ScoreReport,
+    "render_settings": RenderSettings,
     "sensor": SensorModel,
     "suite": SuiteManifest,
     "sweep": SweepRequest,

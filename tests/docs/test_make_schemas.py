@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from docs.make_schemas import FILES, FOLDER, schema, schema_text
-from mirrorcam.bench.blind_sets import described_views
+from mirrorcam.bench.calibrator_run import described_views
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.core.disk.files import write_json, write_metrics, write_text

@@ -1,4 +1,4 @@
-"""`mirrorcam cameras`: the files that other tools read, from a layout and pictures."""
+"""`mirrorcam camera export`: the files that other tools read, from a layout and pictures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_a_layout_and_a_folder_of_pictures_are_exported(
     frame = np.random.default_rng(0).integers(0, 255, (camera.height_px, camera.width_px, 3), dtype=np.uint8)
     write_image(tmp_path / "frames" / "0007.png", frame)
     out = tmp_path / "cameras"
-    assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "frames"), "--out", str(out)]) == 0
+    assert main(["camera", "export", str(layout_file), "--pictures", str(tmp_path / "frames"), "--out", str(out)]) == 0
     assert {path.name for path in out.iterdir()} >= {"opencv.yaml", "ros", "colmap", "nerfstudio", "README.md"}
     views = sorted((out / "colmap" / "images").iterdir())
     assert len(views) == len(small_layout.mirrors)
@@ -36,8 +36,8 @@ def test_a_picture_of_another_camera_is_refused(
     layout_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_image(tmp_path / "small.png", np.zeros((48, 64, 3), dtype=np.uint8))
-    out = tmp_path / "cameras"
-    assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "small.png"), "--out", str(out)]) == 2
+    arguments = ["camera", "export", str(layout_file), "--pictures", str(tmp_path / "small.png")]
+    assert main([*arguments, "--out", str(tmp_path / "cameras")]) == 2
     assert "small.png" in capsys.readouterr().err
 
 
@@ -45,5 +45,6 @@ def test_a_video_is_refused_with_what_is_taken(
     layout_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "clip.mp4").write_bytes(b"")
-    assert main(["cameras", str(layout_file), "--pictures", str(tmp_path / "clip.mp4"), "--out", str(tmp_path)]) == 2
+    arguments = ["camera", "export", str(layout_file), "--pictures", str(tmp_path / "clip.mp4")]
+    assert main([*arguments, "--out", str(tmp_path)]) == 2
     assert "clip.mp4: no picture, expected PNG, JPEG, TIFF or BMP frames or folders of them" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""`mirrorcam evaluate`: exit codes, what it prints, and what it refuses."""
+"""`mirrorcam score suite`: exit codes, what it prints, and what it refuses."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.bench.evaluate_command import EvaluateOptions
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.evaluation import read_evaluation
+from mirrorcam.bench.score_request import EvaluationRequest
 from tests.command_line import assert_refused_here
 
 needs_renderer = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
@@ -21,7 +21,7 @@ def test_it_exits_by_what_it_found_and_keeps_files_of_others(
     finished_suite: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    command = ["evaluate", str(finished_suite), "--out", str(out), "--command"]
+    command = ["score", "suite", str(finished_suite), "--out", str(out), "--command"]
     assert cli.main([*command, NOMINAL]) == 0
     assert "RMS px" in capfd.readouterr().out
     assert read_evaluation(out / "evaluation.json").passed
@@ -40,13 +40,13 @@ def test_it_refuses_what_it_cannot_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert_refused_here(["evaluate", ".", "--command", "true"], capfd, "expected the manifest of one suite")
+    assert_refused_here(["score", "suite", ".", "--command", "true"], capfd, "expected the manifest of one suite")
     assert_refused_here(
-        ["evaluate", ".", "--command", "true", "--worse-by", "2"], capfd, "--worse-by: expected --baseline"
+        ["score", "suite", ".", "--command", "true", "--worse-by", "2"], capfd, "--worse-by: expected --baseline"
     )
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_command_is_needed() -> None:
     with pytest.raises(ValueError, match="command"):
-        EvaluateOptions(suite=Path("x"), command="")
+        EvaluationRequest(command="")
