@@ -33,7 +33,7 @@ from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.bag_reader import StoredBag
-from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression
+from mirrorcam.optics.light_field.io.bag_writer import BagWriter
 from mirrorcam.optics.light_field.io.recording import Recording, about
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import decoded_ahead, light_fields, record
@@ -108,10 +108,10 @@ def to_zarr(decoder: Decoder, video: Video, path: Path) -> int:
     return len(recording.entries.numbers)
 
 
-def to_bag(compression: Compression, decoder: Decoder, video: Video, path: Path) -> int:
+def to_bag(decoder: Decoder, video: Video, path: Path) -> int:
     """Frames decoded and written as messages, without depth."""
     count = 0
-    with BagWriter(path, compression) as bag:
+    with BagWriter(path) as bag:
         for item in decoded_ahead(decoder, video):
             assert not isinstance(item, Lost)
             stamp = stamp_ns(item[0].time_s)
@@ -175,8 +175,7 @@ def resident_mb() -> float:
 def measure_bags(folder: Path, views: str, decoder: Decoder, video: Video) -> None:
     """Print what it takes to write bags of a video, and to read one of them."""
     bag = folder / "bag.mcap"
-    for compression in ("zstd", "none"):
-        measure(f"{views} to a bag, {compression}", partial(to_bag, compression, decoder, video, bag))
+    measure(f"{views} to a bag", partial(to_bag, decoder, video, bag))
     measure("  rosbags alone, as many bytes", partial(bare_bag, decoder.views, folder / "bare"))
     measure("  light fields of the bag", partial(read_bag, bag))
     measure("  rosbags alone, its messages", partial(read_messages, bag))
