@@ -54,7 +54,7 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
         ("design --depths-mm", "--depths-mm: expected at least one value"),
         ("design --surface third", "invalid choice 'third' for argument '--surface'"),
         ("design --camera nikon.json", "nikon.json: no such file"),
-        ("decode --layout layout.json", "expected frames, videos, or --device NUMBER"),
+        ("decode --layout layout.json", "expected frames, videos, or --live NUMBER"),
         ("decode frame.png", "--layout"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
         ("render nowhere.json", "nowhere.json: no such file"),

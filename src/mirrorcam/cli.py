@@ -92,7 +92,9 @@ def application(config: Path = Path(CONFIG)) -> App:
         exit_on_error=False,
         print_error=False,
         result_action="return_value",
+        suppress_keyboard_interrupt=False,
     )
+    app.meta.suppress_keyboard_interrupt = False
     app.register_install_completion_command(group=_SESSION)
     for number, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=number)

@@ -55,7 +55,8 @@ class Assumed(Value):
         """The values of names; raises InputError for a light field at `path` where one is not known."""
         missing = [name for name in names if getattr(self, name) is None]
         if missing:
-            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {views_toml(path)}")
+            file = views_toml(path).relative_to(path.parent)
+            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}")
         return tuple(getattr(self, name) for name in names)
 
 

@@ -39,7 +39,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     elif assumed.rows is None or assumed.cols is None:
         raise InputError(
             f"{path}: a picture without {path.stem}.json, expected --layout of the camera whose frame it is, or rows "
-            f"and cols of its views in {views_toml(path)}"
+            f"and cols of its views in {views_toml(path).name}"
         )
     else:
         grid = (assumed.rows, assumed.cols)
