@@ -15,8 +15,8 @@ from mirrorcam.calibration.drift_check import DRIFT, drift_check
 from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import InputError
-from mirrorcam.lightfield.decode_command import DecodeRequest
 from mirrorcam.lightfield.decoding import EQUALISATION, decode_files, readable, spread
+from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.lightfield.depth_command import DepthRequest
 from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.light_field import LightField

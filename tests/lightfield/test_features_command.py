@@ -11,8 +11,9 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.lightfield import light_field_inputs
-from mirrorcam.lightfield.features_command import FeaturesRequest, draw_features, write_features
+from mirrorcam.lightfield.features_command import draw_features, write_features
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField
+from mirrorcam.lightfield.requests import FeaturesRequest
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.feature_files import COLUMNS
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
-from mirrorcam.lightfield.filter_command import FilterRequest, write_filtered
+from mirrorcam.lightfield.filter_command import write_filtered
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+from mirrorcam.lightfield.requests import FilterRequest
 from mirrorcam.optics.light_field.filters import Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz

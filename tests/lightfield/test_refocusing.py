@@ -11,8 +11,8 @@ import pytest
 from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.depth_maps import write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
-from mirrorcam.lightfield.refocus_command import RefocusRequest
 from mirrorcam.lightfield.refocusing import stills, write_refocused
+from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from tests.command_line import results

@@ -14,7 +14,8 @@ from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam import cli
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField
-from mirrorcam.lightfield.track_command import TrackRequest, draw_trajectory, write_trajectory
+from mirrorcam.lightfield.requests import TrackRequest
+from mirrorcam.lightfield.track_command import draw_trajectory, write_trajectory
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose

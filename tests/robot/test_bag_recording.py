@@ -24,8 +24,8 @@ from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield import decoding
-from mirrorcam.lightfield.decode_command import DecodeRequest
 from mirrorcam.lightfield.decoding import decode_files
+from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -24,8 +24,8 @@ from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.spread_frames import MOST
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
-from mirrorcam.lightfield.decode_command import DecodeRequest
 from mirrorcam.lightfield.epipolar_images import write_epi
+from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, refuse_streams
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder

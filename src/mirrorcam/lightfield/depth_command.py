@@ -6,31 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from pydantic import Field
 
-from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import DepthRange, FrameLayout, LightFieldPaths, say_some
-
-
-@Parameter(name="*")
-class DepthRequest(DepthRange):
-    """Settings of the depth estimate of light fields and recordings."""
-
-    near_mm: float | None = DEPTH_MM.field(
-        None, "nearest depth of the search, from the pupil", unset="as the file states, or 0.6 x reference depth"
-    )
-    far_mm: float | None = DEPTH_MM.field(
-        None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
-    )
-    fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less exact"
-    )
-    frames_apart: bool = Field(
-        default=False,
-        description="estimate each frame of a recording by itself, not from views averaged in time where nothing moves",
-    )
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import DepthRequest
 
 
 def depth(

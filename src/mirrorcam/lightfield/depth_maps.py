@@ -14,8 +14,8 @@ from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.images.pfm import write_pfm
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import InputError
-from mirrorcam.lightfield.depth_command import DepthRequest
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
+from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
 from mirrorcam.optics.light_field.depth.depth_files import (
     DepthRecord,

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FeatureSearch, FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import FeaturesRequest
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
@@ -26,16 +26,6 @@ TICKS = 7
 PALE = 0.35
 """Contrast of the view in the figure, so that marks stand out."""
 DISC_PT2, LARGEST_PT2 = 16.0, 150.0
-
-
-@Parameter(name="*")
-class FeaturesRequest(FeatureSearch):
-    """Settings of the search for features."""
-
-    keypoints: int = Bounds(1, 100_000).field(600, "largest number of keypoints per view to start from")
-    min_views: int | None = Bounds(1, 1_000_000).field(
-        None, "number of views, besides the central one, in which a feature must be found", unset="most of them"
-    )
 
 
 def features(

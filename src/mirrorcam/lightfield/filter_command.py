@@ -4,49 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
-from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, DepthOrInf
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import DepthRange, FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import FilterRequest
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
 ENDINGS = ("filtered.npz", "filtered_views.png")
-
-
-@Parameter(name="*")
-class FilterRequest(DepthRange):
-    """Settings of a 4-D filter."""
-
-    kind: Literal["hyperfan", "dual-fan", "hypercone"] = Field(
-        default="hyperfan",
-        description="passband. hyperfan: everything between two depths; dual-fan: the same, without comparing slopes "
-        "along x and y; hypercone: everything at any one depth",
-    )
-    near_mm: float | None = DEPTH_MM.field(
-        None, "nearest depth of the passband, from the pupil", unset="as the file states"
-    )
-    far_mm: DepthOrInf | None = Field(
-        default=None,
-        description=f"farthest depth of the passband, {DEPTH_OR_INF_MM} [default: as the file states]",
-    )
-    leave_out: bool = Field(
-        default=False,
-        description="leave out samples that disagree with the others: rain, snow and particles nearer than --near-mm",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.kind == "hypercone" and (self.near_mm is not None or self.far_mm is not None):
-            raise ValueError("--kind hypercone keeps all depths, expected no --near-mm and --far-mm")
-        return self
 
 
 def filter(  # the command's name

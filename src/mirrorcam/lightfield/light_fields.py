@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
 from cyclopts import Parameter
-from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.console.progress import say
-from mirrorcam.core.values import Value
 
 PRINTED_LINES = 20
 
@@ -26,40 +23,6 @@ LightFieldPaths = Annotated[
 FrameLayout = Annotated[
     Path | None, Parameter(metavar="FILE", help="layout.json to decode frames with, calibrated if possible")
 ]
-
-Detector = Annotated[
-    Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
-    Field(
-        description="keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE "
-        "needs the contributed modules of OpenCV"
-    ),
-]
-
-
-class DepthRange(Value):
-    """A nearest and a farthest depth, mm from the pupil."""
-
-    near_mm: float | None = None
-    far_mm: float | None = None
-
-    @model_validator(mode="after")
-    def _check_range(self) -> Self:
-        near_mm, far_mm = self.near_mm, self.far_mm
-        if near_mm is not None and far_mm is not None and not near_mm < far_mm:
-            raise ValueError(f"--near-mm {near_mm:g} --far-mm {far_mm:g}: expected a nearest depth below the farthest")
-        return self
-
-
-class FeatureSearch(DepthRange):
-    """Detector of features, and the depths between which they are searched."""
-
-    detector: Detector = "SIFT"
-    near_mm: float | None = DEPTH_MM.field(
-        None,
-        "nearest depth of the search, from the pupil",
-        unset="as the file states, or halfway to the reference plane",
-    )
-    far_mm: float | None = DEPTH_MM.field(None, "farthest depth of the search", unset="as the file states, or infinity")
 
 
 def say_some(title: str, lines: Sequence[str]) -> None:

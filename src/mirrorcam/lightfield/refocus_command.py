@@ -3,79 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
 from cyclopts import Parameter
-from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, OFFSET_MM, Bounds, DepthOrInf
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import DepthRange, FrameLayout, LightFieldPaths, say_some
-
-TILT_DEG = Bounds(-85.0, 85.0)
-Tilt = Annotated[float, TILT_DEG.each]
-Offset = Annotated[float, OFFSET_MM.each]
-LoopFormat = Literal["gif", "mp4"]
-
-
-@Parameter(name="*")
-class RefocusRequest(DepthRange):
-    """Pictures to make of each light field."""
-
-    depth_mm: tuple[DepthOrInf, ...] = Field(
-        default=(),
-        max_length=1000,
-        description=f"depths from the pupil to focus on, one picture each, {DEPTH_OR_INF_MM} [default: the reference "
-        "depth, where no other picture is requested]",
-    )
-    tilt_deg: tuple[Tilt, Tilt] = Field(
-        default=(0.0, 0.0),
-        description=f"tilt of the focal plane about its middle: its right and its lower side move away, {TILT_DEG}",
-    )
-    combine: Literal["mean", "median", "weighted"] = Field(
-        default="mean",
-        description="average of the views: median suppresses what few of them show, weighted favours the central ones",
-    )
-    scale: float = Bounds(1, 8).field(
-        1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"
-    )
-    between: int = Bounds(0, 8).field(
-        0, "views to interpolate between neighbours, by their depth: what is out of focus blurs without ghost edges"
-    )
-    all_in_focus: bool = Field(
-        default=False, description="also write a picture with everything in focus, by the depth of each pixel"
-    )
-    from_mm: tuple[Offset, Offset] | None = Field(
-        default=None,
-        description="also write an all-in-focus picture from a viewpoint this many mm right of and below the central "
-        f"view, {OFFSET_MM}",
-    )
-    behind_mm: float | None = DEPTH_MM.field(None, "remove what is nearer than this depth from all pictures")
-    orbit: LoopFormat | None = Field(default=None, description="also write an animation in which the viewpoint circles")
-    sweep: LoopFormat | None = Field(
-        default=None, description="also write an animation in which the focus moves from --near-mm to --far-mm and back"
-    )
-    near_mm: float | None = DEPTH_MM.field(
-        None, "nearest depth of the search and of --sweep", unset="as for mirrorcam depth"
-    )
-    far_mm: DepthOrInf | None = Field(
-        default=None,
-        description=f"farthest depth of the search and of --sweep, {DEPTH_OR_INF_MM} [default: as for mirrorcam depth]",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        for at, depth in enumerate(self.depth_mm):
-            if depth in self.depth_mm[:at]:
-                raise ValueError(f"focus at {depth:g} mm twice, expected different depths")
-        return self
-
-    @property
-    def needs_depth(self) -> bool:
-        """Whether the pictures take the depth of each pixel."""
-        rendered = self.all_in_focus or self.from_mm is not None or self.orbit is not None
-        return rendered or self.behind_mm is not None or self.between > 0
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import RefocusRequest
 
 
 def refocus(

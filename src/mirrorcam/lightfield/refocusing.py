@@ -17,7 +17,7 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.video.animation import write_loop
 from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
-from mirrorcam.lightfield.refocus_command import RefocusRequest
+from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.between_views import with_views_between

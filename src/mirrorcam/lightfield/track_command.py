@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import InputError
-from mirrorcam.lightfield.light_fields import Detector, FeatureSearch, FrameLayout, LightFieldPaths, say_some
-from mirrorcam.render_scenes.settings import RATE_HZ
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import TrackRequest
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
@@ -28,15 +27,6 @@ LENGTH = 0.06
 """Length of the lines along the views, in parts of the largest extent of the path."""
 LEAST_MM = 1.0
 COLOUR, KEY = "tab:blue", "tab:red"
-
-
-@Parameter(name="*")
-class TrackRequest(FeatureSearch):
-    """Settings of the tracker, and the rate of light fields without times."""
-
-    detector: Detector = "ORB"
-    keypoints: int = Bounds(20, 100_000).field(600, "largest number of keypoints per view to start from")
-    rate_hz: float = RATE_HZ.field(30.0, "light fields per second, where a recording does not state their times")
 
 
 def track(
