@@ -130,6 +130,15 @@ def test_that_two_mirrors_are_not_tested_is_said(folder: Path, capsys: pytest.Ca
     assert not (folder / "out" / DRIFT).exists()
 
 
+def test_an_epipolar_image_of_one_column_is_refused_before_anything_is_written(folder: Path) -> None:
+    layout = Layout.load(folder / "layout.json")
+    column = layout.replaced(rows=3, cols=1, mirrors=layout.mirrors[1::3], spec=None)
+    column.save(folder / "column.json")
+    with pytest.raises(InputError, match="one view along s, expected two or more for an epipolar-plane image"):
+        decoded((folder / "a.png",), folder / "out", "column.json", epi=True)
+    assert not (folder / "out").exists()
+
+
 def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[float, LightField, DepthMap | None]] = []
 

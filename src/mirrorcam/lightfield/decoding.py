@@ -1,4 +1,4 @@
-"""Pictures, videos and a camera's stream become light fields in a folder."""
+"""Decode pictures, videos and the stream of a camera into light fields in a folder."""
 
 from __future__ import annotations
 
@@ -44,10 +44,8 @@ from mirrorcam.robot.rerun_viewer import RerunViewer
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
 """Number of frames of a video in which the brightness of its views is measured."""
-
-
 MakeCheck = Callable[[Layout, Path, float | None, OutputFolder, Reporter], RecordingCheck | None]
-"""Makes the check of recordings from the layout, its file and the depth of decoding, where the layout allows one."""
+"""Makes the check of recordings, where the layout allows one, from the layout, its file and the reference depth."""
 
 
 def decode_files(
@@ -169,7 +167,8 @@ def _refuse_blocked(
 ) -> None:
     """Raise InputError where files of others, or recordings, are in the place of results."""
     images = [path for path in frames if is_picture(path)]
-    output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path, epi=request.epi)))
+    endings = (".npz", "_views.png", *(("_epi.npz", "_epi.png") if request.epi else ()))
+    output.refuse_others(*(f"{glob.escape(path.stem)}{ending}" for path in images for ending in endings))
     if images and check is not None:
         output.refuse_others(check.file)
     if request.equalise and _equalisation_file(request) is None:
@@ -183,7 +182,10 @@ def _refuse_blocked(
 def _record(
     frames: Sequence[Path], request: DecodeRequest, layout: Layout, recorder: StreamRecorder | BagRecorder
 ) -> int:
-    """Decode the streams; one without a frame that can be used counts as one lost, and is an error where all are so."""
+    """Record the streams and return the number of lost frames; a stream without a usable frame counts as one.
+
+    Raises NothingDecoded where no stream has one and there are no pictures.
+    """
     lost, nothing, decoded = 0, None, any(map(is_picture, frames))
     for source, name, origin in _streams(frames, request.live, layout, recorder.reporter):
         try:
@@ -207,9 +209,9 @@ def _estimator(decoder: Decoder) -> DepthEstimator:
 def _decode_pictures(
     images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show, *, epi: bool
 ) -> int:
-    """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are.
+    """Decode pictures, shown one second apart, and return the number of damaged ones, which are left out.
 
-    They are shown one second apart.
+    Raises InputError where all are damaged.
     """
     damaged: list[str] = []
     with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
@@ -246,12 +248,6 @@ def readable(paths: Sequence[Path]) -> list[Any]:
     return frames
 
 
-def picture_files(path: Path, *, epi: bool = False) -> list[str]:
-    """Names of the files that `decode_picture` writes."""
-    endings = (".npz", "_views.png", *(("_epi.npz", "_epi.png") if epi else ()))
-    return [f"{path.stem}{ending}" for ending in endings]
-
-
 def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = False) -> LightField:
     """Decode a picture into NAME.npz and NAME_views.png of a folder, and return its light field.
 
@@ -266,7 +262,7 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = Fa
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:
-    """The one equalisation.json of a request, where it names that in place of pictures."""
+    """The equalisation.json of a request, where it names one in place of pictures."""
     return request.equalise[0] if [path.suffix for path in request.equalise] == [".json"] else None
 
 
@@ -309,7 +305,7 @@ def _live_name(live: str) -> str:
 def _streams(
     frames: Sequence[Path], live: str | None, layout: Layout, reporter: Reporter
 ) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
-    """Each video and the camera, with a name and what the recording states of its source."""
+    """Each video and the camera, with its name and the source that its recording states."""
     for path in frames:
         if not is_picture(path):
             video = Video(path, lambda line: reporter.note("decode", line))

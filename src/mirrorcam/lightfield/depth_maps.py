@@ -35,9 +35,9 @@ TICKS = 7
 
 @dataclass(frozen=True)
 class DepthSummary:
-    """Depth of one light field: share of pixels with a depth and with a sure one, and the median of the sure ones.
+    """Depth of one light field: shares of pixels with a depth and with a sure one, and the median of the sure ones.
 
-    The median is NaN without any.
+    The median is NaN where no depth is sure.
     """
 
     name: str
@@ -80,7 +80,7 @@ def write_depths(
 
 @dataclass(frozen=True, eq=False)
 class KeptDepth:
-    """A depth map that is kept: its file, the depth (v, u) in mm, and the nearest and farthest depth searched, mm."""
+    """A stored depth map: its file, the depth (v, u) in mm, and the nearest and farthest depth of its search, mm."""
 
     path: Path
     depth_mm: NDArray[np.float32]
@@ -88,7 +88,7 @@ class KeptDepth:
 
 
 def keep_depth(path: Path, depth: DepthMap, light_field: LightField, estimator: DepthEstimator) -> None:
-    """Write a depth map with of which light field and between which depths it was measured."""
+    """Write a depth map with the digest of its light field and the range of depths searched."""
     save_depth(path, depth, DepthRecord(content_digest(light_field), (estimator.near_mm, estimator.far_mm)))
 
 

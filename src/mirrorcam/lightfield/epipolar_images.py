@@ -65,9 +65,9 @@ def write_epi(
 
 
 def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
-    """Write the figure, PNG, atomically: the reference view with the line, the EPI below, and how depths would slope.
+    """Write the figure, PNG, atomically: the reference view with the line, the EPI below it, and slopes of depths.
 
-    `depths_mm` are the nearest and the farthest that a slope is drawn of.
+    `depths_mm` are the nearest and the farthest depth of a slope.
     """
     view = light_field.samples[reference_index(light_field)]
     shown = to_bytes(RenderedPicture(found.samples, found.weights))
@@ -85,7 +85,7 @@ def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[f
     _fan(below, light_field, found, depths_mm)
     below.set_xlabel("u, px" if found.axis == "s" else "v, px")
     below.set_ylabel("view position, mm")
-    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: the way of points at depths in mm")
+    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: slopes of points at depths in mm")
     with atomic(path) as temporary:
         figure.savefig(temporary, metadata={"Software": None})
 

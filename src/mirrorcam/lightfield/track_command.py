@@ -124,8 +124,8 @@ def write_trajectory(
 def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
     """Write the figure as PNG, atomically: the path from above and from the first view, and the sigma of positions.
 
-    Positions are those of the reference view in its frame at the first light field, mm; key frames are red. Where it
-    is lost, the path is broken.
+    Positions are of the reference view in its frame at the first light field, mm; key frames are red, and the path
+    breaks where the camera is lost.
     """
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""A video or a camera's stream becomes a ROS 2 bag."""
+"""Decode a video or the stream of a camera into a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mirrorcam.optics.light_field.io.stream import RecordingCheck, decoded_ahead
 from mirrorcam.optics.light_field.light_field import LightField
 
 ShowDepth = Callable[[float, LightField, DepthMap | None], None]
-"""What else happens to a frame: its time in s, its light field, and its depth where that is measured."""
+"""Shows a decoded frame: takes its time in s, its light field, and its depth where that is estimated."""
 
 
 def refuse_bag(name: str, output: OutputFolder, check: RecordingCheck | None) -> None:
@@ -53,8 +53,8 @@ class BagRecorder:
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
         """Decode a stream into NAME.mcap; Ctrl-C keeps what was decoded of a camera, and nothing of a video.
 
-        Returns the number of frames that it states and that could not be used. Raises InputError for a stream without a
-        frame that can be used, and where nothing can be written.
+        Returns the number of its frames that are lost. Raises InputError for a stream without a usable frame, and where
+        nothing can be written.
         """
         expected, lost = expected_frames(source, self.limit), dict[int, str]()
         video = None if self.estimator is None else VideoDepth(self.estimator)
