@@ -58,10 +58,7 @@ class Case:
 
 CASES = {
     "design": Case("design --rows 1 --cols 2 --out out", "mirrorcam.designs.design_files:write_design"),
-    "sweep": Case(
-        "sweep --counts 1x2 --scales-mm 60 --tradeoffs 0.3 --workers 1 --out out",
-        "mirrorcam.designs.sweep_run:run_local",
-    ),
+    "sweep": Case("sweep sweep.toml --workers 1 --out out", "mirrorcam.designs.sweep_files:run_local"),
     "board": Case("board --out out/board.svg", "mirrorcam.device.board_files:write_board"),
     "cameras": Case(
         "cameras layout.json --pictures frame.png --out out",
@@ -139,6 +136,7 @@ def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     layout.save(folder / "layout.json")
     layout.replaced(kind="calibrated").save(folder / "calibrated.json")
     save_board(folder / "board.toml", request.target)
+    (folder / "sweep.toml").write_text("counts = [[1, 2]]\nscales_mm = [60]\ntradeoffs = [0.3]\n")
     random = np.random.default_rng(0)
     coarse = random.integers(60, 200, (5, 8, 3), dtype=np.uint8)
     size = (layout.camera.width_px, layout.camera.height_px)

@@ -22,7 +22,7 @@ from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.values import InputError
 from mirrorcam.designs import sweep_work
 from mirrorcam.designs.design_sweep import Results, table_of, write_table
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.designs.sweep_work import Answer, answer, record_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -146,7 +146,7 @@ def test_no_design_loads_what_is_left_out_of_the_sources() -> None:
     loaded = done.stdout.split()
     assert "mirrorcam.optics.design.optimise" in loaded
     parts = {name.split(".")[2] for name in loaded}
-    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.")}
+    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.optics.")}
     assert {f"mirrorcam.optics.{part}" for part in parts} == recorded
 
 
@@ -272,7 +272,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     if kill:
         assert process.returncode == -signal.SIGKILL
     else:
-        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
+        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are complete\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
     before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam import cli
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField
@@ -21,6 +20,7 @@ from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose
 from tests.command_line import assert_refused_here, results
 from tests.drawn import drawn
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 SIZE: dict[str, Any] = {"width_px": 160, "height_px": 120, "focal_px": 280.0, "centre_px": np.array([79.5, 59.5])}
 

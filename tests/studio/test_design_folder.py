@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.design_folder import folder_name, write_folder, zipped
@@ -18,7 +18,7 @@ def test_a_design_has_one_folder_and_files_in_it_stay(default_layout: Layout, tm
     layout = default_layout.replaced(spec=DesignSpec())
     name = write_folder(tmp_path, layout)
     assert name == folder_name(layout) == f"3x3-{layout.identity[:8]}"
-    assert read_request(tmp_path / name / "design.toml") == DesignSpec()
+    assert read_request(tmp_path / name / "design.toml").spec == DesignSpec()
     (tmp_path / name / "layout.json").write_text("changed by the user")
     assert write_folder(tmp_path, layout) == name
     assert (tmp_path / name / "layout.json").read_text() == "changed by the user"

@@ -9,7 +9,7 @@ from pathlib import Path
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
 from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_request import DESIGN_FILE, request_toml
+from mirrorcam.designs.design_files import DESIGN_FILE, request_toml
 from mirrorcam.optics.geometry.layout import Layout
 
 NAME = re.compile(r"[\w.-]{1,100}")

@@ -95,8 +95,7 @@ def preview(spec: DesignSpec) -> str | None:
 
 def report(layout: Layout, parabola: Layout | None) -> str:
     """The report of a design as one HTML file, with a study of devices as built."""
-    from mirrorcam.designs.design_pictures import design_pictures
-    from mirrorcam.designs.design_report import design_report
+    from mirrorcam.designs.design_report import design_pictures, design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
 
     assert layout.spec is not None

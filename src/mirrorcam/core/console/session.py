@@ -40,9 +40,9 @@ class Session:
                 {name: metric.model_dump(mode="json") | {"passed": metric.passed} for name, metric in metrics.items()}
             )
 
-    def text(self, exit_code: int) -> str:
-        """The JSON object that `--json` prints at the end of a command."""
-        return json.dumps({"exit_code": exit_code} | self.results, indent=1)
+    def text(self, exit_code: int, error: str = "") -> str:
+        """The JSON object that `--json` prints at the end of a command; `error` is what ended it."""
+        return json.dumps({"exit_code": exit_code} | ({"error": error} if error else {}) | self.results, indent=1)
 
 
 _session = Session()
