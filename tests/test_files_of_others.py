@@ -82,7 +82,7 @@ CASES = {
         forced=False,
     ),
     "decode pictures": Case(
-        "decode frame.png --layout layout.json --width-px 32 --equalise white.png --out out",
+        "decode frame.png --layout layout.json --width-px 32 --equalise white.png --epi --out out",
         "mirrorcam.lightfield.decoding:measure",
     ),
     "decode a video": Case(
@@ -93,16 +93,19 @@ CASES = {
     ),
     "refocus": Case(
         "refocus picture.npz --depth-mm 400 --all-in-focus --sweep gif --out out",
-        "mirrorcam.lightfield.refocusing_files:_write",
+        "mirrorcam.lightfield.refocusing:_write",
     ),
-    "epi": Case("epi picture.npz --out out", "mirrorcam.lightfield.light_field_results:epi"),
-    "depth": Case("depth picture.npz --out out", "mirrorcam.lightfield.light_field_results:DepthEstimator"),
-    "features": Case("features picture.npz --out out", "mirrorcam.lightfield.light_field_results:FeatureFinder"),
+    "depth": Case("depth picture.npz --out out", "mirrorcam.lightfield.depth_maps:DepthEstimator"),
+    "features": Case("features picture.npz --out out", "mirrorcam.optics.light_field.features:FeatureFinder"),
     "filter": Case(
-        "filter picture.npz --near-mm 300 --far-mm 500 --out out", "mirrorcam.lightfield.filtering:filter_light_field"
+        "filter picture.npz --near-mm 300 --far-mm 500 --out out",
+        "mirrorcam.optics.light_field.filters:filter_light_field",
     ),
-    "track": Case("track picture.npz second.npz --out out", "mirrorcam.lightfield.tracking:LightFieldTracker"),
-    "export": Case("export picture.npz --to hci --out out", "mirrorcam.lightfield.exporting:open_light_fields"),
+    "track": Case("track picture.npz second.npz --out out", "mirrorcam.optics.light_field.motion:LightFieldTracker"),
+    "export": Case(
+        "export picture.npz --to hci --out out",
+        "mirrorcam.optics.light_field.io.formats.registry:open_light_fields",
+    ),
 }
 RENDERED = ("render", "scene")
 SLOW = {

@@ -179,7 +179,7 @@ def _live(name: str) -> None:
 
 
 def _device(name: str) -> None:
-    """Open a camera as `decode --device` does; one that gives nothing, such as a stream that nobody sends, is left."""
+    """Open a camera as `decode --live` does; one that gives nothing, such as a stream that nobody sends, is left."""
     source = camera_addresses.camera(name, media.WIDTH, media.HEIGHT)
     given_up = Timer(GIVEN_UP_S, source.stop)
     given_up.start()

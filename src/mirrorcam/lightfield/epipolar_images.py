@@ -1,4 +1,4 @@
-"""Figure of an epipolar-plane image: where it was cut, each view at its position in mm, depths as slopes."""
+"""Epipolar-plane images as files: arrays, and a figure in which depths are slopes."""
 
 from __future__ import annotations
 
@@ -8,21 +8,66 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.disk.files import atomic, write_npz
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth.geometry import reference_index
-from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.render.epipolar_images import Epi
+from mirrorcam.optics.light_field.light_field import Axis, LightField
+from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.optics.light_field.render.refocusing import RenderedPicture, to_bytes
 
 WIDTH_IN, EPI_IN, TITLE_IN = 10.0, 2.2, 0.9
 LINES = 7
+# Depths of which slopes are drawn, in reference depths.
+NEAR, FAR = 0.75, 2.0
+
+
+def write_epi(
+    folder: Path,
+    name: str,
+    light_field: LightField,
+    *,
+    axis: Axis = "s",
+    line: int | None = None,
+    depth_mm: float | None = None,
+) -> None:
+    """Cut an epipolar-plane image out of a light field and write NAME_epi.npz and NAME_epi.png into a folder.
+
+    Parameters
+    ----------
+    axis
+        Views along one row (s) or one column (t).
+    line
+        Pixel row of the central view for s, pixel column for t; None: the middle.
+    depth_mm
+        Depth from the pupil at which points form vertical lines; None: the reference depth.
+
+    Raises
+    ------
+    InputError
+        For a line that the views do not have, and a depth that lies behind them.
+    """
+    lines = light_field.height_px if axis == "s" else light_field.width_px
+    found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
+    write_npz(
+        folder / f"{name}_epi.npz",
+        {
+            "samples": found.samples,
+            "weights": found.weights,
+            "positions_mm": found.positions_mm,
+            "axis": np.array(found.axis),
+            "line": np.array(found.line),
+            "plane_depth_mm": np.array(found.plane_depth_mm),
+            "layout_identity": np.array(light_field.layout_identity),
+        },
+    )
+    reference = light_field.reference_depth_mm
+    draw_epi(folder / f"{name}_epi.png", light_field, found, (NEAR * reference, FAR * reference))
 
 
 def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
-    """Write the figure, PNG, atomically: the reference view with the line, the EPI below, and how depths would slope.
+    """Write the figure, PNG, atomically: the reference view with the line, the EPI below it, and slopes of depths.
 
-    `depths_mm` are the nearest and the farthest that a slope is drawn of.
+    `depths_mm` are the nearest and the farthest depth of a slope.
     """
     view = light_field.samples[reference_index(light_field)]
     shown = to_bytes(RenderedPicture(found.samples, found.weights))
@@ -40,7 +85,7 @@ def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[f
     _fan(below, light_field, found, depths_mm)
     below.set_xlabel("u, px" if found.axis == "s" else "v, px")
     below.set_ylabel("view position, mm")
-    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: the way of points at depths in mm")
+    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: slopes of points at depths in mm")
     with atomic(path) as temporary:
         figure.savefig(temporary, metadata={"Software": None})
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mirrorcam.core.values import InputError
+from mirrorcam.lightfield.depth_maps import write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
-from mirrorcam.lightfield.light_field_results import write_depths
-from mirrorcam.lightfield.refocusing_files import RefocusRequest, stills, write_refocused
+from mirrorcam.lightfield.refocusing import stills, write_refocused
+from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from tests.command_line import results
@@ -24,7 +24,7 @@ from tests.optics.light_field.depth.surfaces import Surface, grid_views, photogr
     ("request_", "needed"),
     [
         (RefocusRequest(), False),
-        (RefocusRequest(depths_mm=(400.0,), sweep="gif"), False),
+        (RefocusRequest(depth_mm=(400.0,), sweep="gif"), False),
         (RefocusRequest(all_in_focus=True), True),
         (RefocusRequest(from_mm=(0.0, 0.0)), True),
         (RefocusRequest(behind_mm=300.0), True),
@@ -33,14 +33,14 @@ from tests.optics.light_field.depth.surfaces import Surface, grid_views, photogr
     ],
 )
 def test_depth_is_measured_only_where_a_picture_needs_it(request_: RefocusRequest, needed: bool) -> None:
-    assert request_.needs_depths == needed
+    assert request_.needs_depth == needed
 
 
 def test_without_a_wish_the_reference_plane_is_in_focus() -> None:
     light_field = photograph(grid_views(), [Surface(500.0)])[0]
     reference = f"focus_{light_field.reference_depth_mm:g}mm"
     assert [title for title, _ in stills(light_field, None, RefocusRequest())] == [reference]
-    asked = RefocusRequest(depths_mm=(400.0, np.inf))
+    asked = RefocusRequest(depth_mm=(400.0, np.inf))
     assert [title for title, _ in stills(light_field, None, asked)] == ["focus_400mm", "focus_infmm"]
     assert list(stills(light_field, None, RefocusRequest(sweep="gif"))) == []
 
@@ -49,7 +49,7 @@ def test_a_picture_and_its_array_are_written_under_the_name_of_the_light_field(t
     light_field = photograph(grid_views(), [Surface(500.0)])[0]
     save_npz(tmp_path / "wall.npz", light_field)
     inputs = LightFieldInputs((tmp_path / "wall.npz",))
-    made = write_refocused(inputs, tmp_path / "out", RefocusRequest(depths_mm=(500.0,)))
+    made = write_refocused(inputs, tmp_path / "out", RefocusRequest(depth_mm=(500.0,)))
     names = results(tmp_path / "out")
     assert names == ["wall_focus_500mm.npz", "wall_focus_500mm.png"]
     with np.load(tmp_path / "out" / "wall_focus_500mm.npz") as arrays:
@@ -67,21 +67,16 @@ def test_depth_is_measured_once(tmp_path: Path) -> None:
     again = write_refocused(inputs, tmp_path / "out", request).depths[0]
     assert (again.path, again.measured) == (first.path, False)
     assert (tmp_path / "out/wall_all_in_focus.png").read_bytes() == picture
-    # Depth of `mirrorcam depth` is used where it lies, and nothing is kept.
-    write_depths(inputs, tmp_path / "depths")
-    by_folder = replace(request, depth_folder=tmp_path / "depths")
-    used = write_refocused(inputs, tmp_path / "elsewhere", by_folder).depths[0]
-    assert (used.path, used.measured) == (tmp_path / "depths/wall_depth.npz", False)
-    assert not (tmp_path / "elsewhere/wall_depth.npz").exists()
     # Another range is another depth: measured, and what is kept here already is replaced by it, as it is our own.
-    narrow = replace(by_folder, near_mm=400.0, far_mm=700.0)
+    narrow = request.replaced(near_mm=400.0, far_mm=700.0)
     assert write_refocused(inputs, tmp_path / "out", narrow).depths[0].measured
-    (tmp_path / "out/wall_depth.npz").write_bytes((tmp_path / "depths/wall_depth.npz").read_bytes())
-    with pytest.raises(InputError, match=r"wall_depth\.npz: was changed since this command wrote it"):
-        write_refocused(inputs, tmp_path / "out", replace(narrow, depth_folder=None))
-    # In the folder of `mirrorcam depth` itself, its file serves and stays.
+    # In the folder of `mirrorcam depth`, its file is used and stays.
+    write_depths(inputs, tmp_path / "depths")
     beside = write_refocused(inputs, tmp_path / "depths", request).depths[0]
     assert (beside.path, beside.measured) == (tmp_path / "depths/wall_depth.npz", False)
+    (tmp_path / "out/wall_depth.npz").write_bytes((tmp_path / "depths/wall_depth.npz").read_bytes())
+    with pytest.raises(InputError, match=r"wall_depth\.npz: was changed since this command wrote it"):
+        write_refocused(inputs, tmp_path / "out", narrow)
 
 
 def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import glob
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,9 @@ from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.video.animation import write_loop
-from mirrorcam.lightfield.kept_depths import keep_depth, kept_depth
+from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
+from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.between_views import with_views_between
@@ -32,59 +32,6 @@ NEAR, FAR = 0.75, 2.0
 SHOWN_GREY = 0.01
 """Share of a picture that no view shows, above which it is reported."""
 
-LoopFormat = Literal["gif", "mp4"]
-
-
-@dataclass(frozen=True)
-class RefocusRequest:
-    """Pictures to make of each light field.
-
-    Parameters
-    ----------
-    depths_mm
-        Depths from the pupil to focus on, a picture each; without any, and nothing else asked for, the reference depth.
-    tilt_deg
-        Turn of the focal plane about its middle: its right, its lower side moves away.
-    combine
-        How views become one picture; "weighted" counts those far from the central view less.
-    scale
-        Pixels of the picture along one of a view.
-    between
-        Views interpolated between neighbours by depth, for the blur of what is out of focus.
-    all_in_focus
-        Make a picture with everything sharp, too.
-    from_mm
-        Place (right, down) from the central view, from which a sharp picture is made, too.
-    behind_mm
-        Leave out of all pictures what lies nearer than this depth.
-    orbit, sweep
-        Format of a loop around the views, and of one of the focus from near to far and back.
-    near_mm, far_mm
-        Depths between which depth is measured and focus swept; without them, those that a file states.
-    depth_folder
-        Folder of `mirrorcam depth`, whose depth of the same light field is used.
-    """
-
-    depths_mm: tuple[float, ...] = ()
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
-    combine: Literal["mean", "median", "weighted"] = "mean"
-    scale: float = 1.0
-    between: int = 0
-    all_in_focus: bool = False
-    from_mm: tuple[float, float] | None = None
-    behind_mm: float | None = None
-    orbit: LoopFormat | None = None
-    sweep: LoopFormat | None = None
-    near_mm: float | None = None
-    far_mm: float | None = None
-    depth_folder: Path | None = None
-
-    @property
-    def needs_depths(self) -> bool:
-        """True if depth must be measured for the pictures."""
-        rendered = self.all_in_focus or self.from_mm is not None or self.orbit is not None
-        return rendered or self.behind_mm is not None or self.between > 0
-
 
 @dataclass(frozen=True)
 class GreyPicture:
@@ -96,7 +43,7 @@ class GreyPicture:
 
 @dataclass(frozen=True)
 class UsedDepth:
-    """The depth that pictures of a light field were made by.
+    """The depth by which pictures of a light field were made.
 
     Attributes
     ----------
@@ -125,15 +72,15 @@ class Refocused:
 def write_refocused(
     inputs: LightFieldInputs,
     folder: Path,
-    request: RefocusRequest,
+    request: RefocusRequest = RefocusRequest(),
     *,
     force: bool = False,
     progress: Progress = no_progress,
 ) -> Refocused:
-    """Write the pictures and loops of a request of every light field.
+    """Write the pictures and animations of a request of every light field into a folder.
 
-    Depth that they need is that of the folder of the request or, from an earlier run, of this one; else it is measured,
-    and kept here as NAME_depth.npz. With `force`, files of others in the folder are replaced, too.
+    Depth that they need is read from NAME_depth.npz in the folder, where an earlier run or `mirrorcam depth` has
+    measured it in the same light field; else it is measured and kept there. `force` also replaces files of others.
     """
     grey, used = [], []
     recording = RecordingFilter()
@@ -143,7 +90,7 @@ def write_refocused(
             output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in names))
             with output.staged(complete=False) as staged:
                 depths = None
-                if request.needs_depths:
+                if request.needs_depth:
                     depth, depths = _depths(each, recording.filtered(each), output, staged, request)
                     used.append(depth)
                 grey += _write(each, depths, staged, request)
@@ -153,11 +100,10 @@ def write_refocused(
 def _depths(
     each: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
 ) -> tuple[UsedDepth, ViewDepths]:
-    """The depth to make pictures by: one that is kept, or measured now in the filtered light field and kept."""
-    light_field, folder = each.light_field, request.depth_folder
+    """The depth by which pictures are made: a kept one, or measured now in the filtered light field and kept."""
+    light_field = each.light_field
     near, far = each.depths_to_search(request.near_mm, request.far_mm)
-    places = (output.path,) if folder is None else (folder, output.path)
-    kept, name = kept_depth(places, each.name, light_field, near, far), f"{each.name}_depth.npz"
+    kept, name = kept_depth(output.path, each.name, light_field, near, far), f"{each.name}_depth.npz"
     if kept is None or output.has_written(name):
         output.refuse_others(glob.escape(name))
     if kept is not None:
@@ -209,7 +155,7 @@ def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -
 def _depths_mm(light_field: LightField, request: RefocusRequest) -> tuple[float, ...]:
     """Depths to focus on."""
     others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
-    return request.depths_mm or (() if others else (light_field.reference_depth_mm,))
+    return request.depth_mm or (() if others else (light_field.reference_depth_mm,))
 
 
 def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
