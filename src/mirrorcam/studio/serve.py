@@ -54,10 +54,9 @@ def _serve(
 ) -> None:
     # Loaded while the processes of the designer load what they need.
     from mirrorcam.studio.jobs import Jobs
-    from mirrorcam.studio.loopback import listening_socket, run_server
-    from mirrorcam.studio.page import PageStart
+    from mirrorcam.studio.local_server import listening_socket, run_server
+    from mirrorcam.studio.page import PageStart, sweep_points
     from mirrorcam.studio.server import studio_app
-    from mirrorcam.studio.sweep_points import sweep_points
 
     listening = listening_socket(port)
     if opening.layout is not None:

@@ -24,14 +24,11 @@ from mirrorcam.core.processes.worker_process import WorkerDied
 from mirrorcam.core.values import InputError, Value
 from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer
-from mirrorcam.studio.jobs import JobKind, Jobs
-from mirrorcam.studio.local_access import FILES, LocalAccess
+from mirrorcam.studio.jobs import JobKind, Jobs, write_folder, zipped
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, asked
 from mirrorcam.studio.page import PageStart, studio_page
-from mirrorcam.studio.page_requests import REFUSALS, asked
-from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import Asker, Superseded
 

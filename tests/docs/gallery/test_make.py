@@ -29,7 +29,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.design.optimise import design
 from tests.docs.gallery.gallery_cards import CARDS
-from tests.run.test_run_report import outline
+from tests.run.test_run_page import outline
 
 DEVICES = read_model(DeviceList, LIST).devices
 

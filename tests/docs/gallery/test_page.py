@@ -13,7 +13,7 @@ from docs.gallery.page import NBSP, ORDERS, GalleryCard, gallery_html
 from mirrorcam.core.figures.figure_texts import SIGMA, TIMES
 from mirrorcam.core.images.pictures import write_image
 from tests.docs.gallery.gallery_cards import CARDS, NINE, TWO
-from tests.run.test_run_report import Outline, outline
+from tests.run.test_run_page import Outline, outline
 from tests.studio.browser import NARROW, browser_page
 
 PICTURE_PX = (1280, 720)
