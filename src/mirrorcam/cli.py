@@ -22,8 +22,8 @@ from mirrorcam.core.console.refusals import one_line_message, refusal
 from mirrorcam.core.console.session import begin, session
 from mirrorcam.core.console.streams import make_readable, quieten_libraries
 from mirrorcam.core.console.system_libraries import missing_library_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes import interruption
-from mirrorcam.core.values import InputError
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Literal, get_args, get_origin
 
 from cyclopts import (
     CoercionError,
@@ -17,11 +17,13 @@ from cyclopts import (
 )
 from cyclopts.annotations import get_hint_name
 from cyclopts.argument import Argument
-from pydantic import ValidationError as PydanticError
 
 from mirrorcam.core.causes import causes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import LONGEST_MESSAGE, one_line, shortened
-from mirrorcam.core.values import InputError
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError as PydanticError
 
 LONGEST_VALUE = 80
 _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
@@ -48,6 +50,8 @@ def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
 
 
 def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
+    from pydantic import ValidationError as PydanticError
+
     for cause in causes(error):
         if isinstance(cause, PydanticError):
             return _invalid(cause, error.argument)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mirrorcam.core.values import Metric
+if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
 
 
 @dataclass
