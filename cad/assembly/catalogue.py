@@ -323,7 +323,7 @@ def lying_on(rig_from_face: FloatArray) -> FloatArray:
 
 
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
-    """The faces of a printed part, by its name, or that of a piece of it, such as "mount_1".
+    """The faces of a printed part, by its name or the name of a piece of it, such as "mount_1".
 
     "seat_ROW-COLUMN" and "pad_ROW-COLUMN" behind each mirror, "joint_NAME" at each connection to another part.
     """
