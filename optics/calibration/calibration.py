@@ -23,14 +23,13 @@ from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
 )
-from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.upside_down import fits_upside_down
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.calibration.taken_pictures import TakenPictures, checked_pictures
 from mirrorcam.optics.calibration.whole_pupil import Pictures
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 UPSIDE_DOWN = (
@@ -45,9 +44,7 @@ def calibrate(
     layout: Layout,
     target: Target,
     *,
-    level: str | None = None,
-    extend: bool = False,
-    lens: LensName | None = None,
+    model: RequestedModel = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
     most: tuple[int | None, int | None] = (None, None),
@@ -71,13 +68,8 @@ def calibrate(
         Nominal layout: where to search for the board, and where to start.
     target
         The board.
-    level
-        Model to fit: `paper`, or `joint` with additions (`nested_models`). None selects the largest one that the
-        pictures support.
-    extend
-        Whether further additions are made to the given model where the pictures support them, instead of an alarm.
-    lens
-        Lens model of the camera; None keeps the layout's, or a larger one that the pictures support.
+    model
+        Model to fit, as `RequestedModel.parse("fisheye+bend")`. Default: the largest one that the pictures support.
     detections
         Folder that caches detected corners, so that no picture is searched twice.
     workers
@@ -99,13 +91,14 @@ def calibrate(
     Raises
     ------
     InputError
-        Where no pictures are given or the level is unknown, a picture cannot be read or has another size, or the
+        Where no pictures are given, a picture cannot be read or has another size, or the
         pictures do not determine camera and mirrors.
     """
     check_type("layout", layout, Layout)
     check_type("target", target, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
+    model.check_mirrored()
     frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
     taken = TakenPictures(layout.camera)
@@ -114,8 +107,6 @@ def calibrate(
         on_frame(len(found))
         on_seen([frame.corners for frame in found])
 
-    if level is not None:
-        additions_of(level)  # refused before pictures are searched
     found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
@@ -138,9 +129,7 @@ def calibrate(
             base,
             layout,
             target.corners_in_board_mm,
-            level=level,
-            extend=extend,
-            lens=lens,
+            model=model,
             extremes=taken.extremes,
             pictures=Pictures([taken.mirrored[number] for number in chosen[0]], target, workers),
             unknown=unknown_mirrors(layout, found),

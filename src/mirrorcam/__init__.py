@@ -22,6 +22,7 @@ __all__ = [
     "Layout",
     "LightField",
     "RenderSettings",
+    "RequestedModel",
     "SetRequest",
     "build_parts",
     "calibrate",
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from mirrorcam.core.images.pictures import read_image
     from mirrorcam.core.values import InputError
     from mirrorcam.optics.calibration.calibration import calibrate
+    from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
     from mirrorcam.optics.design.optimise import design
     from mirrorcam.optics.geometry.camera import Camera
     from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -65,6 +67,7 @@ else:
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
         "RenderSettings": "render_scenes.settings",
+        "RequestedModel": "optics.calibration.diagnostics.requested_model",
         "SetRequest": "render_scenes.sets.set_request",
         "build_parts": "cad.build",
         "calibrate": "optics.calibration.calibration",

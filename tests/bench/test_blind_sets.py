@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.bench.blind_sets import described_views, write_blind_set
+from mirrorcam.bench.calibrator_run import described_views, write_blind_set
 from mirrorcam.bench.suite_folder import read_finished
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras

@@ -9,7 +9,6 @@ further numbers of the lens; `spline`: a field over the view; `fisheye`: another
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +30,6 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.plate import rise_mm
 
 ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
-DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
-"""What is tried where frames show their board directly and in mirrors at once."""
 PRIOR_ROUNDS = 3
 """Fits after which the width of a prior, which follows the fit, changes no more."""
 TURN_PX = 0.5
@@ -63,24 +60,6 @@ class Fitted:
 def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
     """Fit a model under the name of its level; raises UndeterminedError where the corners do not suffice."""
     return Fitted(name, model, fit(start, observations, model))
-
-
-def additions_of(level: str, known: Sequence[str] = ADDITIONS) -> tuple[str, ...]:
-    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else.
-
-    "glass" is an addition for comparison alone: its fit changes mirrors from first- to second-surface, which a layout
-    states and a calibration does not change.
-    """
-    first, *additions = level.split("+")
-    if "glass" in additions:
-        raise InputError(
-            f"level {level!r} serves only to detect second-surface mirrors that the layout has as first-surface: "
-            f"state their surface, thickness and index in the layout and use {level.replace('glass', 'sheet')}"
-        )
-    fits = first in {"paper", "joint"} and all(name in known for name in additions)
-    if not fits or (first == "paper" and additions) or len(set(additions)) < len(additions):
-        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(known)} (joint+bow)")
-    return tuple(additions)
 
 
 def paper_model(corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:

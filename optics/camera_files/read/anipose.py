@@ -1,7 +1,7 @@
 """aniposelib's `calibration.toml`, also of Anipose and lightning-pose: cameras `cam_0`, `cam_1`, … of cut pictures.
 
-The file that `mirrorcam cameras` writes says in a comment how the pictures of each camera are made, which places them
-in the frame, and is in mm. aniposelib drops comments when it writes a file.
+The file that `mirrorcam camera export` writes says in a comment how the pictures of each camera are made, which places
+them in the frame, and is in mm. aniposelib drops comments when it writes a file.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from mirrorcam.core.values import InputError, Value
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import Slug
 from mirrorcam.render_scenes.suites.suite import VERSION
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.rendering import check_set
 
 SETS, DESIGNS = "sets", "designs"
 SUFFIX = ".suite.json"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench.scores.figure_limits import Limits, checks, figure_of
+from mirrorcam.bench.scores.score_report import Limits, checks, figure_of
 from mirrorcam.core.values import InputError, Metric
 
 

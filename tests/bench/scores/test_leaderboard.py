@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.bench.scores.attempt import Attempt
 from mirrorcam.bench.scores.consistency import Nees
-from mirrorcam.bench.scores.leaderboard import Leaderboard, leaderboard
+from mirrorcam.bench.scores.leaderboard import Attempt, Leaderboard, leaderboard
 from mirrorcam.core.values import InputError, Metric
 
 

@@ -12,7 +12,6 @@ from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     PLATE_INDEX,
     PLATE_MM,
-    additions_of,
     as_second_surface,
     extended,
     fit_as,
@@ -29,22 +28,6 @@ from mirrorcam.optics.geometry.camera import Camera
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, Scene
 
 CAMERA, CORNERS = Camera.c920(), BOARD.corners_in_board_mm
-
-
-@pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
-def test_a_level_that_is_none_is_refused(level: str) -> None:
-    with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
-        additions_of(level)
-
-
-def test_the_level_that_only_detects_plates_is_refused_with_what_to_do_instead() -> None:
-    with pytest.raises(InputError, match=r"surface, thickness and index in the layout and use joint\+sheet\+bend$"):
-        additions_of("joint+glass+bend")
-
-
-def test_a_level_names_its_additions() -> None:
-    assert additions_of("paper") == additions_of("joint") == ()
-    assert additions_of("joint+warp+sheet") == ("warp", "sheet")
 
 
 def test_every_model_is_nested_in_the_next() -> None:
