@@ -239,7 +239,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     hardware : Hardware
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
-        Places of cuts along the bed's x and y, kept to within `plan.bed.MOVED_MM`; without them, the places with the
+        Places of cuts along the bed's x and y, kept to within `plan.cuts.MOVED_MM`; without them, the places with the
         most space for pins.
 
     Returns

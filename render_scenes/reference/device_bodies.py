@@ -211,7 +211,7 @@ def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
 
 
 class BodyObstacles:
-    """`truth.obstacles.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
+    """`truth.light_rays.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
 
     def __init__(self, bodies: Sequence[DeviceBody]) -> None:
         import mitsuba as mi

@@ -138,7 +138,7 @@ class Oracle:
         return px, visible
 
     def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.motion.poses_at` takes them.
+        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.poses_at` takes them.
 
         Each corner is projected with the pose at which the row of its own image is read.
         """
