@@ -29,7 +29,7 @@ from mirrorcam.core.names import markdown_text
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import ViewDifference
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.sets.true_layout import true_layout
+from mirrorcam.render_scenes.sets.dataset import true_layout
 
 COLUMNS = {
     "rms_px": "RMS px",

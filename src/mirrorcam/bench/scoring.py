@@ -23,7 +23,7 @@ from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.working_distance import working_distance_mm
-from mirrorcam.render_scenes.sets.true_layout import TRUTH, true_layout
+from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
@@ -132,9 +132,15 @@ def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
     for path in paths:
         if not path.is_dir():
             raise InputError(f"{path}: no folder, expected a set that mirrorcam render wrote")
-        inner = [path] if (path / TRUTH).is_file() else sorted(each.parents[1] for each in path.glob(f"*/{TRUTH}"))
+        inner = (
+            [path]
+            if (path / TRUE_LAYOUT).is_file()
+            else sorted(each.parents[1] for each in path.glob(f"*/{TRUE_LAYOUT}"))
+        )
         if not inner:
-            raise InputError(f"{path}: no {TRUTH} in it or in a folder of it, expected a rendered set with its truth")
+            raise InputError(
+                f"{path}: no {TRUE_LAYOUT} in it or in a folder of it, expected a rendered set with its truth"
+            )
         found += inner
     return tuple(found)
 

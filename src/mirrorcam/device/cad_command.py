@@ -56,7 +56,8 @@ def cad(
         mirrorcam cad picture layout.json output/cad
     """
     from mirrorcam.cad.plan.hardware import field_of_view
-    from mirrorcam.device.device_folder import write_device
+    from mirrorcam.core.processes.worker_pool import cores
+    from mirrorcam.device.device_folder import device_folder
     from mirrorcam.optics.geometry.layout import Layout
 
     device = Layout.load(layout)
@@ -65,9 +66,22 @@ def cad(
         body, seen = hardware.camera.name, field_of_view(device.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
     require("cad", *(("fe",) if elastic else ()))
+    from mirrorcam.cad.build import build_parts
+
     doing = f"a device of {count_text(len(device.mirrors), 'mirror')}"
-    with long_work("cad", doing, "steps") as advance:
-        checks = write_device(device, out, hardware, workers=workers, force=force, elastic=elastic, progress=advance)
+    with (
+        long_work("cad", doing, "steps") as advance,
+        device_folder(out, hardware, elastic=elastic, force=force) as folder,
+    ):
+        checks = build_parts(
+            device,
+            folder,
+            hardware,
+            previous=out,
+            workers=workers or cores(),
+            progress=advance,
+            elastic=elastic,
+        )
     from mirrorcam.cad.plan.prices import summary_of
 
     failed = {name for name, check in checks.items() if not check.passed}
