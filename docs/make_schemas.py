@@ -21,11 +21,12 @@ from mirrorcam.bench.suite_folder import SuiteManifest
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import Metric
+from mirrorcam.designs.design_files import DesignRequest
+from mirrorcam.designs.sweep_files import SweepRequest
 from mirrorcam.designs.sweep_work import Record
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
-from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable
 from mirrorcam.optics.geometry.targets import Target
@@ -42,7 +43,7 @@ FILES: dict[str, Any] = {
     "camera": Camera,
     "camera_profile": CameraProfile,
     "dataset": Dataset,
-    "design": DesignSpec,
+    "design": DesignRequest,
     "device_views": DescribedViews,
     "equalisation": Equalisation,
     "evaluation": Evaluation,
@@ -58,6 +59,7 @@ FILES: dict[str, Any] = {
     "render_settings": RenderSettings,
     "sensor": SensorModel,
     "suite": SuiteManifest,
+    "sweep": SweepRequest,
     "sweep_result": Record,
     "views": ViewsFile,
 }

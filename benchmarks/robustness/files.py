@@ -21,17 +21,16 @@ from mirrorcam.bench.scores.matched_views import ViewsFile
 from mirrorcam.bench.scores.score_report import Limits
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import hardware_toml
-from mirrorcam.cli import camera_from_text
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.values import InputError, Value
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.device.board_print import page_for
 from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.write_exports import write_exports
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_library import CAMERAS
+from mirrorcam.optics.geometry.camera_library import CAMERAS, read_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
 from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
@@ -107,7 +106,7 @@ def _score(path: Path) -> None:
 
 
 def _camera(path: Path) -> None:
-    camera = camera_from_text(str(path))
+    camera = read_camera(str(path))
     sensor_polygon(camera)
     assert np.isfinite(camera.unproject(np.array([camera.cx_px, camera.cy_px]))).all()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import mirrorcam
 
 LIBRARY = Path(__file__).parents[1] / "library.md"
-CALLS = re.compile(r"^\| `mirrorcam (\w+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
+CALLS = re.compile(r"^\| `mirrorcam ([\w ]+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
 GROUPS = {
     "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
     "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "calibrate"),

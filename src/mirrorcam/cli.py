@@ -10,8 +10,9 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.config import Dict, Env
@@ -21,25 +22,34 @@ from mirrorcam.core.console.refusals import one_line_message, refusal
 from mirrorcam.core.console.session import begin, session
 from mirrorcam.core.console.streams import make_readable, quieten_libraries
 from mirrorcam.core.console.system_libraries import missing_library_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes import interruption
-from mirrorcam.core.values import InputError
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a stream without a name, such as standard output, that takes no more."""
 CONFIG = "mirrorcam.toml"
 """File of the current folder with defaults of options: a table for each command."""
+LARGEST_CONFIG_BYTES = 4_000
+"""Parsing takes a time that grows with the square of the length of a list."""
+CONFIGURED = f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md."
 
 # The group, name, function and summary of each command. A function is imported when its command runs; its docstring,
 # which begins with the summary, is the command's help.
 COMMANDS = {
     "Start": {
-        "run": ("run.run_command:run", "Run the whole pipeline, from a design to depth, and write a page of results."),
+        "run": (
+            "run.run_command:run",
+            "Run the whole pipeline, from a design to a light field, and write a page of results.",
+        ),
         "doctor": ("run.doctor_command:doctor", "List what is installed, and test each part."),
     },
     "Design": {
         "design": ("designs.design_command:design", "Optimise a layout of mirrors."),
-        "sweep": ("designs.sweep_command:sweep", "Optimise layouts for all combinations of some options."),
+        "sweep": (
+            "designs.sweep_command:sweep",
+            "Optimise layouts for all combinations of counts, depths, scales and trade-offs.",
+        ),
         "studio": ("studio.studio_command:studio", "Change a design by hand, on a page in the browser."),
         "live": ("studio.live.live_command:live", "Align, focus and calibrate a camera, on a page in the browser."),
     },
@@ -84,7 +94,7 @@ def application(config: Path = Path(CONFIG)) -> App:
     app = App(
         name="mirrorcam",
         help="Design, build, simulate, calibrate and use a light field camera made of a webcam and flat mirrors.",
-        help_epilogue=f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md.",
+        help_epilogue=CONFIGURED,
         version=f"mirrorcam {__version__}",
         config=[Env("MIRRORCAM_", show=False), *_configuration(config)],
         default_parameter=Parameter(negative=(), consume_multiple=True, show_default=_stated),
@@ -92,7 +102,9 @@ def application(config: Path = Path(CONFIG)) -> App:
         exit_on_error=False,
         print_error=False,
         result_action="return_value",
+        suppress_keyboard_interrupt=False,  # `main` ends the command
     )
+    app.meta.suppress_keyboard_interrupt = False
     app.register_install_completion_command(group=_SESSION)
     for number, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=number)
@@ -111,29 +123,36 @@ def _stated(default: object) -> str | None:
 
 
 def _configuration(path: Path) -> list[Dict]:
-    """The configuration file, where there is one."""
+    """The configuration file, where there is one; raises InputError for one with tables of no command."""
     if not path.is_file():
         return []
-    from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, toml_of
+    from mirrorcam.core.disk.files import read_bytes, toml_of
 
-    return [Dict(toml_of(path, read_bytes(path, LARGEST_TEXT_BYTES)), source=str(path))]
+    tables = toml_of(path, read_bytes(path, LARGEST_CONFIG_BYTES))
+    known = (*NAMES, "quiet", "verbose", "json")
+    for key in tables:
+        if key not in known:
+            meant = get_close_matches(key, known, n=1)
+            raise InputError(f"{path}: {key!r} is no command" + (f", did you mean {meant[0]}?" if meant else ""))
+    return [Dict(tables, source=str(path))]
 
 
-def _show_docstring(app: App, names: Sequence[str]) -> None:
-    """Make the docstring of the named command its help: paragraphs are wrapped, examples are not."""
+def show_docstring(app: App, names: Sequence[str]) -> None:
+    """Make the docstring of the named command its help: paragraphs are wrapped, the examples at its end are not."""
     for name in names[:2]:
         if name not in (NAMES if app.name == ("mirrorcam",) else tuple(app)):
             return
         app = app[name]
         if app.default_command is not None:
-            paragraphs = (inspect.getdoc(app.default_command) or "").split("\n\n")
-            app.help = "\n\n".join(each if "\n " in each else each.replace("\n", " ") for each in paragraphs)
+            text, title, examples = (inspect.getdoc(app.default_command) or "").partition("\n\nExamples:\n")
+            app.help = "\n\n".join(paragraph.replace("\n", " ") for paragraph in text.split("\n\n"))
+            app.help_epilogue = f"{title.strip()}\n{examples}\n\n{CONFIGURED}" if examples else CONFIGURED
 
 
 def parse_and_run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; raises InputError in one line where it cannot be parsed."""
     app = application()
-    _show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
+    show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
 
     @app.meta.default
     def launch(
@@ -141,29 +160,32 @@ def parse_and_run(arguments: Sequence[str]) -> int:
         quiet: Quiet = False,
         verbose: Verbose = False,
         json: Json = False,
-    ) -> int:
+    ) -> Any:
         begin(quiet=quiet, verbose=verbose, json=json)
         if not verbose:
             quieten_libraries()
+        if any("\x00" in token for token in tokens):
+            raise InputError("an argument contains a null character")
         if not tokens:
             raise InputError(f"expected a command, one of {', '.join(NAMES)} (see mirrorcam --help)")
-        code = app(tokens)
-        return code if isinstance(code, int) else DONE
+        return app(tokens)
 
-    if any("\x00" in argument for argument in arguments):
-        raise InputError("an argument contains a null character")
     try:
-        return app.meta(list(arguments))
+        code = app.meta(list(arguments))
     except CycloptsError as error:
         raise refusal(error, NAMES) from error
+    return code if isinstance(code, int) else DONE  # of --help and --version
 
 
 def _refuse(message: str, code: int) -> int:
-    """Report in one line on standard error why a command ends, and return its exit code."""
-    with suppress(OSError):  # where standard error takes nothing, the code says it alone
+    """Report in one line on standard error, with `--json` also as its result, why a command ends; return its code."""
+    line = one_line_message(message)
+    with suppress(OSError):  # a stream that takes nothing leaves the code to say it
         if session().verbose:
             traceback.print_exc()
-        print(f"mirrorcam: {one_line_message(message)}", file=sys.stderr)
+        print(f"mirrorcam: {line}", file=sys.stderr)
+        if session().json:
+            print(session().text(code, line), flush=True)
     return code
 
 
@@ -175,7 +197,7 @@ def _print_no_more() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    begin(quiet=False, verbose=False, json=False)
+    begin(quiet=False, verbose=False, json="--json" in arguments)  # until the arguments are parsed
     make_readable()
     try:
         with interruption.remembered():

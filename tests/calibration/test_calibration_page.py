@@ -24,7 +24,7 @@ from tests.optics.calibration.sound_calibration import (
     rows_of,
     sound_calibration,
 )
-from tests.run.test_run_report import outline
+from tests.run.test_run_page import outline
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The folder of a device: files in the way are refused before the work."""
+"""The hardware that a device is built from, and its folder: files in the way are refused before the work."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.values import InputError
 from mirrorcam.device.device_folder import device_folder
-from mirrorcam.device.hardware_choice import HardwareChoice
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ from mirrorcam.device.hardware_choice import HardwareChoice
 )
 @pytest.mark.parametrize("force", [False, True])
 def test_what_is_in_the_way_is_refused_before_the_work(name: str, back: str, force: bool, tmp_path: Path) -> None:
-    hardware = HardwareChoice.model_validate({"adapter": back}).read()
+    hardware = HARDWARE.replaced(back=back_of(back))
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
     if force and name.count("/") and not name.startswith("bom"):

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.core.disk.files import write_json, write_metrics, write_text
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.design_request import request_toml
+from mirrorcam.designs.design_files import request_toml
 from mirrorcam.device.board_files import print_board
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera

@@ -62,7 +62,7 @@ def read_arrays(path: Path, largest: float, assumed: Assumed) -> LightField:
         np.clip(samples, 0.0, 1.0, out=samples)
         samples *= np.float32(255.0)
         samples = np.rint(samples, out=samples).astype(np.uint8)
-    views = even_views(path, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
+    views = even_views(path.parent, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
     try:
         check_weights(weights)
         return LightField.of(views, samples, weights)

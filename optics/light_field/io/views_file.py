@@ -182,8 +182,8 @@ def parallel_views(
 
 
 def even_views(path: Path, assumed: Assumed, grid: tuple[int, int], size: tuple[int, int]) -> Views:
-    """Views (rows, cols) with even steps, as assumed for a file."""
+    """Views (rows, cols) with even steps, as assumed for the light field at a path."""
     down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
-    places = np.stack([across, down], axis=-1).astype(np.float64) * float(assumed.need("step_mm", path))
-    focal_px, distance_mm = assumed.need("focal_px", path), assumed.need("reference_depth_mm", path)
+    step_mm, focal_px, distance_mm = assumed.need(path, "step_mm", "focal_px", "reference_depth_mm")
+    places = np.stack([across, down], axis=-1).astype(np.float64) * step_mm
     return parallel_views(places, size, focal_px, distance_mm)

@@ -30,7 +30,7 @@ from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_sweep import Results, Runner, sweep
-from mirrorcam.designs.sweep_run import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST

@@ -3,40 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated
 
 from cyclopts import Parameter
-from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.values import Value
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, check_range, say_some
-
-
-@Parameter(name="*")
-class DepthRequest(Value):
-    """Settings of the depth estimate of light fields and recordings."""
-
-    near_mm: float | None = DEPTH_MM.field(
-        None, "nearest depth of the search, from the pupil", unset="as the file states, or 0.6 x reference depth"
-    )
-    far_mm: float | None = DEPTH_MM.field(
-        None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
-    )
-    fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less exact"
-    )
-    frames_apart: bool = Field(
-        default=False,
-        description="estimate each frame of a recording by itself, not from views averaged in time where nothing moves",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        check_range(self.near_mm, self.far_mm)
-        return self
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import DepthRequest
 
 
 def depth(
@@ -59,8 +33,8 @@ def depth(
         mirrorcam depth frame.png --layout calibrated/layout.json --near-mm 250 --far-mm 800
     """
     from mirrorcam.core.console.reporter import TERMINAL
+    from mirrorcam.lightfield.depth_maps import write_depths
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
-    from mirrorcam.lightfield.light_field_results import write_depths
 
     inputs = LightFieldInputs(light_fields, layout, reporter=TERMINAL)
     with long_work("depth", inputs.counted, "files") as advance:

@@ -1,4 +1,4 @@
-"""Options of commands that work through light fields."""
+"""Options that commands of light fields share."""
 
 from __future__ import annotations
 
@@ -16,19 +16,13 @@ LightFieldPaths = Annotated[
     tuple[Path, ...],
     Parameter(
         name="LIGHTFIELD...",
-        help="light fields: .npz, .zarr or .mcap of mirrorcam decode, a file or folder in a format of mirrorcam export, "
-        "or, with --layout, frames of the camera (PNG, JPEG, TIFF or BMP)",
+        help="light fields: .npz, .zarr or .mcap of mirrorcam decode, a file or folder in a format of mirrorcam "
+        "export, or, with --layout, frames of the camera (PNG, JPEG, TIFF or BMP)",
     ),
 ]
 FrameLayout = Annotated[
     Path | None, Parameter(metavar="FILE", help="layout.json to decode frames with, calibrated if possible")
 ]
-
-
-def check_range(near_mm: float | None, far_mm: float | None) -> None:
-    """Raise ValueError where the nearest depth of a search is not nearer than the farthest."""
-    if near_mm is not None and far_mm is not None and not near_mm < far_mm:
-        raise ValueError(f"--near-mm {near_mm:g} --far-mm {far_mm:g}: expected a nearest depth below the farthest")
 
 
 def say_some(title: str, lines: Sequence[str]) -> None:

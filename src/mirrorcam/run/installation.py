@@ -27,7 +27,7 @@ PURPOSES = {
     "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
     "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
     "parquet": "mirrorcam sweep --table parquet",
-    "robot": "ROS 2 bags: mirrorcam decode --mcap",
+    "robot": "ROS 2 bags: mirrorcam decode --to mcap",
     "view": "mirrorcam decode --view, in rerun's viewer",
     "studio": "the pages in the browser: mirrorcam studio, live",
 }

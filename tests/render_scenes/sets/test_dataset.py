@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench.scoring import ScoreRequest, score
+from mirrorcam.bench.score_request import ScoreRequest
+from mirrorcam.bench.scoring import score
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.values import InputError

@@ -22,7 +22,7 @@ from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.views_picture import SEPARATOR_PX, tiles
 from mirrorcam.studio.live import session as live_session
 from mirrorcam.studio.live.session import LiveSession, ViewsPicture
-from mirrorcam.studio.live.source import LiveSource
+from mirrorcam.studio.live.streams import LiveSource
 from mirrorcam.studio.live.values import LiveRequest, Orders
 from tests.studio.live.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write_live_set
 

@@ -60,7 +60,7 @@ def _viewpoints(folder: Path, assumed: Assumed) -> LightField:
     for file, picture in zip(named.files, pictures, strict=True):
         check_size(file, picture, size)
     samples = np.stack(pictures).reshape(rows, cols, size[1], size[0], 3)
-    views = even_views(folder, assumed, (rows, cols), size)
+    views = even_views(folder.parent, assumed, (rows, cols), size)
     return light_field_of(views, samples, np.full(samples.shape[:4], 255, np.uint8))
 
 

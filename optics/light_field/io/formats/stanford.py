@@ -78,7 +78,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     else:
         if assumed.step_mm is not None:
             places *= assumed.step_mm / _mean_step(folder, places)
-        focal_px, distance_mm = (assumed.need(name, folder) for name in ("focal_px", "reference_depth_mm"))
+        focal_px, distance_mm = assumed.need(folder, "focal_px", "reference_depth_mm")
         views = parallel_views(places, size, focal_px, distance_mm)
     opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)
     for index, file in zip(np.ndindex(rows, cols), files, strict=True):

@@ -28,3 +28,10 @@ Scheduler = Annotated[
 ]
 Layout = Annotated[Path, Parameter(metavar="FILE", help="layout.json, calibrated if possible")]
 Adapter = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
+AdapterOption = Annotated[
+    Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm and others (docs/cad.md)")
+]
+Mounting = Annotated[
+    Literal["glue", "screws"],
+    Parameter(help="mirrors glued to the holder, or each on a carrier that three sprung screws hold and tilt"),
+]

@@ -5,14 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import TYPE_CHECKING, Literal, get_args, get_origin
 
-from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
-from cyclopts import ValidationError as InvalidOption
-from pydantic import ValidationError
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnusedCliTokensError,
+    ValidationError,
+)
+from cyclopts.annotations import get_hint_name
+from cyclopts.argument import Argument
 
 from mirrorcam.core.causes import causes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import LONGEST_MESSAGE, one_line, shortened
-from mirrorcam.core.values import InputError
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError as PydanticError
 
 LONGEST_VALUE = 80
 _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
@@ -39,9 +50,11 @@ def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
 
 
 def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
+    from pydantic import ValidationError as PydanticError
+
     for cause in causes(error):
-        if isinstance(cause, ValidationError):
-            return _invalid(cause)
+        if isinstance(cause, PydanticError):
+            return _invalid(cause, error.argument)
         if isinstance(cause, InputError):
             return str(cause)
     if isinstance(error, UnknownCommandError):
@@ -54,19 +67,38 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
-        return f"{error.argument.name} {shortened(repr(error.token.value), LONGEST_VALUE)}: {str(error).rstrip('.')}"
-    if isinstance(error, InvalidOption) and error.argument is not None and error.argument.tokens:
-        value = shortened(repr(error.argument.tokens[0].value), LONGEST_VALUE)
-        return f"{error.argument.name} {value}: {error.exception_message}"
+        choices = get_args(error.target_type) if get_origin(error.target_type) is Literal else ()
+        expected = f"one of {', '.join(choices)}" if choices else get_hint_name(error.target_type).upper()
+        return f"{_given(error.argument, error.token.value)}: expected {expected}"
+    if isinstance(error, ValidationError) and error.argument is not None and error.argument.tokens:
+        return f"{_given(error.argument, error.argument.tokens[0].value)}: {error.exception_message}"
     if isinstance(error, UnusedCliTokensError):
         return f"unknown argument {' '.join(error.unused_tokens or ())}"
     return str(error).rstrip(".")
 
 
-def _invalid(error: ValidationError) -> str:
+def _given(argument: Argument, value: object) -> str:
+    """An option with the value that was given, and where, unless on the command line."""
+    source = next((token.source for token in argument.tokens if token.source not in ("", "cli")), "")
+    stated = {"": "", "env": " of the environment"}.get(source, f" of {source}")
+    return f"{argument.name} {shortened(repr(value), LONGEST_VALUE)}{stated}"
+
+
+def _invalid(error: PydanticError, argument: Argument | None) -> str:
     """The first of pydantic's findings about the options of a command, with the option in place of the field."""
     first = error.errors(include_url=False)[0]
     if not first["loc"]:
         return one_line(error)
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return str(cause)
     option = f"--{str(first['loc'][0]).replace('_', '-')}"
-    return f"{option} {shortened(repr(first['input']), LONGEST_VALUE)}: {first['msg'].removeprefix('Value error, ')}"
+    if first["type"] == "too_short":
+        return f"{option}: expected at least one value"
+    if first["type"] == "too_long":
+        given = first["ctx"]
+        return f"{option}: {given['actual_length']} values, expected {given['max_length']} or fewer"
+    own = next((each for each in argument.children if each.name == option), None) if argument is not None else None
+    value = first["input"]
+    stated = _given(own, value) if own is not None else f"{option} {shortened(repr(value), LONGEST_VALUE)}"
+    return f"{stated}: {first['msg'].removeprefix('Value error, ')}"

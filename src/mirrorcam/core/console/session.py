@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mirrorcam.core.values import Metric
+if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
 
 
 @dataclass
@@ -40,9 +41,9 @@ class Session:
                 {name: metric.model_dump(mode="json") | {"passed": metric.passed} for name, metric in metrics.items()}
             )
 
-    def text(self, exit_code: int) -> str:
-        """The JSON object that `--json` prints at the end of a command."""
-        return json.dumps({"exit_code": exit_code} | self.results, indent=1)
+    def text(self, exit_code: int, error: str = "") -> str:
+        """The JSON object that `--json` prints at the end of a command; `error` is what ended it."""
+        return json.dumps({"exit_code": exit_code} | ({"error": error} if error else {}) | self.results, indent=1)
 
 
 _session = Session()

@@ -19,13 +19,9 @@ from mirrorcam.core.values import InputError
 from mirrorcam.core.video.background_recorder import new_recording
 from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.live.calibration import CalibrationRun
-from mirrorcam.studio.live.decoding_thread import DecodingThread
-from mirrorcam.studio.live.depth_thread import DepthThread
-from mirrorcam.studio.live.pictures import LivePicture, LivePictures
-from mirrorcam.studio.live.setup_thread import SetupThread
-from mirrorcam.studio.live.status import LiveMeters, LiveStatus
-from mirrorcam.studio.live.values import DECODED, LiveRequest, PictureKind, SessionAbout
+from mirrorcam.studio.live.status import CalibrationRun, LiveMeters, LiveStatus
+from mirrorcam.studio.live.threads import DecodingThread, DepthThread, SetupThread
+from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
 
 OUTLINE_POINTS = 8
 """Points of an edge of an outline."""

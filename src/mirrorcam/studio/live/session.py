@@ -32,8 +32,7 @@ from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
 from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
-from mirrorcam.studio.live.recording import LiveRecording
-from mirrorcam.studio.live.source import open_source
+from mirrorcam.studio.live.streams import LiveRecording, open_source
 from mirrorcam.studio.live.values import Answer, LiveRequest, Orders, PictureKind, SessionAbout, Shown
 
 JPEG_QUALITY = 82

@@ -104,19 +104,6 @@ def test_rerun_shows_images_cameras_depth_points_and_frames(bag: Path, light_fie
 
 
 @needs_rosbags
-def test_zstd_makes_bags_smaller_and_says_the_same(bag: Path, light_fields: list[LightField], tmp_path: Path) -> None:
-    from rosbags.rosbag2 import Reader
-
-    small = write_bag(tmp_path / "small.mcap", light_fields, compression="zstd")
-    large = write_bag(tmp_path / "large.mcap", light_fields)
-    assert small.stat().st_size < 0.8 * large.stat().st_size
-    with Reader(small) as one, Reader(large) as other:
-        found = [[(each.topic, time, bytes(raw)) for each, time, raw in bag.messages()] for bag in (one, other)]
-    assert found[0] == found[1]
-    assert [path.name for path in sorted(tmp_path.iterdir())] == ["large.mcap", "small.mcap"]
-
-
-@needs_rosbags
 def test_nothing_is_left_where_writing_breaks_off(light_fields: list[LightField], tmp_path: Path) -> None:
     for error in (KeyboardInterrupt, InputError):
         with pytest.raises(error), BagWriter(tmp_path / "a.mcap") as bag:

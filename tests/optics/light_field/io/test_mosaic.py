@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +43,7 @@ def test_a_file_beside_the_picture_goes_before_its_pixels(tmp_path: Path) -> Non
     write_mosaic(tmp_path / "a.png", scene(2, 3), "eslf")
     assert np.array_equal(read_mosaic(tmp_path / "a.png", "tiles").samples, scene(2, 3).samples)
     (tmp_path / "a.json").unlink()
-    given = replace(GIVEN, rows=2, cols=3)
+    given = GIVEN.replaced(rows=2, cols=3)
     with pytest.raises(InputError, match=r"^tiles of 2 rows and 3 columns .* shows lenslets of 3x2 px"):
         read_mosaic(tmp_path / "a.png", "tiles", given)
     assert np.array_equal(read_mosaic(tmp_path / "a.png", "eslf", given).samples, scene(2, 3).samples)
