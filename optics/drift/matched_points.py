@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.align import align
 from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid

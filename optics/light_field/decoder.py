@@ -18,8 +18,7 @@ from shapely import Polygon
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.pupil_sources import served_sources

@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, served_through
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
 
 LEAST_SHARE = 1.0 / 3.0
 """Share of the pupil below which a pixel is left out: brightened by more than its inverse, noise would show."""

@@ -33,9 +33,8 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
 from mirrorcam.optics.calibration.solver.residuals import global_names
-from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.optics.geometry.working_distance import VOLUME
 
 NOISE_RATIO = 2.5
 """Ratio of difference and sigma in the worst view that noise alone exceeds in one comparison of a hundred, or fewer."""

@@ -19,7 +19,7 @@ from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, Projection, RigCamera, camera_of
 from mirrorcam.optics.camera_files.read.colmap_model import ColmapCamera, ColmapModel, read_model
 from mirrorcam.optics.camera_files.sphere_lens import SphereLens
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL
 from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT = "colmap"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from mirrorcam.optics.camera_files.write.held_lens import COLMAP
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, RigCamera
 
 
 def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[RigCamera, ...]:

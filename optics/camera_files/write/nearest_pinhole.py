@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray, InputError, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_range_mm
+from mirrorcam.optics.geometry.layout import Layout, working_range_mm
 
 GRID = 12  # samples across and down a sub-image
 DISTANCES_MM = (300.0, 1000.0)

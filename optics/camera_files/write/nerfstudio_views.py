@@ -9,7 +9,7 @@ import numpy as np
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.held_lens import NERFSTUDIO
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera
-from mirrorcam.optics.geometry.nerfstudio_frames import WORLD_FROM_VIEW, frame
+from mirrorcam.optics.geometry.sfm_rigs import WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 

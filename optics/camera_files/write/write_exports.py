@@ -28,8 +28,8 @@ from mirrorcam.optics.camera_files.write.pose_cameras import (
 from mirrorcam.optics.camera_files.write.ros import camera_info_yaml
 from mirrorcam.optics.camera_files.write.urdf import urdf
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, view_name, virtual_cameras
-from mirrorcam.optics.geometry.colmap_rig import rig_config, sparse_model
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sfm_rigs import rig_config, sparse_model
 
 PICTURE = "0000.png"
 FILES = (

@@ -20,8 +20,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Devices, Perturbations, perturbed_camera, perturbed_mirrors
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outlines
+from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon, whole_pupil_outlines
 
 Polygons = NDArray[np.object_]
 Indices = NDArray[np.int64]

@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
 
 TOUCH_MM = 1e-6
 SAMPLES = 24

@@ -13,8 +13,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.camera_files.read.registry import formats_in, unread
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
 

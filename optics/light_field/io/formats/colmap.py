@@ -17,7 +17,7 @@ from mirrorcam.core.disk.array_files import refusing
 from mirrorcam.core.disk.files import inside, read_lines, write_text
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import InputError
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, RigCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.geometry import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth

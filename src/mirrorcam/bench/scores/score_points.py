@@ -13,8 +13,7 @@ from shapely import Polygon, contains_xy
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import VOLUME
+from mirrorcam.optics.geometry.layout import VOLUME, Layout
 
 STEP_MM = 1e-3
 """Step of central differences: their error grows with its square, that of rounding with its inverse."""

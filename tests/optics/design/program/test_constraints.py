@@ -19,7 +19,7 @@ from mirrorcam.optics.design.program.terms import ELASTIC, Term
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
 from tests.optics.design.program.seeded_mirrors import (
     KINDS,
     expressed,

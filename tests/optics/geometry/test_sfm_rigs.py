@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.geometry.colmap_rig import RigCamera, rig_config, sparse_model
+from mirrorcam.optics.geometry.sfm_rigs import WORLD_FROM_VIEW, RigCamera, frame, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 
 TURNS = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.0, -0.3, 0.0]]).as_matrix()
@@ -50,3 +50,15 @@ def test_the_sparse_model_numbers_cameras_from_one_and_the_joint_rig_next(camera
         words = line.split()
         assert words[9] == f"{camera.name}/0000.png"
         assert np.allclose(transform_of([float(word) for word in words[1:8]]), camera.camera_from_world)
+
+
+def test_a_view_looks_along_the_worlds_y_and_has_its_z_up() -> None:
+    made = frame("a", (64, 48), (50.0, 51.0), (31.5, 23.5), rigid(WORLD_FROM_VIEW, [100.0, 0.0, 0.0]), {"k1": 0.0})
+    transform = np.array(made["transform_matrix"])
+    assert np.array_equal(transform[:3, :3] @ [0.0, 0.0, -1.0], [0.0, 1.0, 0.0])
+    assert np.array_equal(transform[:3, :3] @ [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    assert np.array_equal(transform[:3, 3], [0.1, 0.0, 0.0])
+    assert np.linalg.det(transform[:3, :3]) == 1.0
+    # The middle of a picture of 64x48 px is at (32, 24) where corners are counted.
+    assert (made["cx"], made["cy"], made["w"], made["h"]) == (32.0, 24.0, 64, 48)
+    assert (made["file_path"], made["mask_path"], made["k1"]) == ("images/a.png", "masks/a.png", 0.0)
