@@ -29,7 +29,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
-from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
+from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.whole_pupil import wholly_served

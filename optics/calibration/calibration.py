@@ -16,7 +16,7 @@ from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.diagnostics.board_scale import other_size

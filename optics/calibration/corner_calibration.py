@@ -3,7 +3,7 @@
 1. Corners, views and frames that contradict the others are left out (`screening`).
 2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
    (`initial_estimates`).
-3. In second-surface mirrors, corners are refined with their ghost images (`ghost_removal`), and screened again.
+3. In second-surface mirrors, corners are refined with their ghost images (`ghost_images`), and screened again.
 4. The lens's pupil is estimated from the mirrors' edges, and corners that it sees only partly are left out
    (`whole_pupil`).
 5. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
@@ -22,9 +22,8 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Metric
 from mirrorcam.optics.calibration.calibrated_layout import as_estimated
-from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
-from mirrorcam.optics.calibration.detection.moved_outlines import outlined
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
+from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     fit_metrics,

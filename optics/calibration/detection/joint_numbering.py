@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import TURNS, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import TURNS, DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera

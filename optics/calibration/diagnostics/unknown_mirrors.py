@@ -11,7 +11,7 @@ import shapely
 
 from mirrorcam.core.values import FloatArray, InputError, Metric
 from mirrorcam.optics.calibration.detection.assignment import regions_px
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.geometry.layout import Layout
 
 ALARM_FRAMES = 0.2  # fraction of the frames that show a board

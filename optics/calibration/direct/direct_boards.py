@@ -11,8 +11,8 @@ from mirrorcam.core.progress import Progress
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.charuco import find_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
+from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
 from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals

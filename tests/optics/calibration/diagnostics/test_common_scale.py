@@ -7,8 +7,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.calibrated_layout import moved_to
-from mirrorcam.optics.calibration.detection.mirror_sides import Side
-from mirrorcam.optics.calibration.detection.segmentation import SeenEdge
+from mirrorcam.optics.calibration.detection.segmentation import SeenEdge, Side
 from mirrorcam.optics.calibration.diagnostics.common_scale import ALARM_SIGMAS, NOTED, common_scale, scale_doubt
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

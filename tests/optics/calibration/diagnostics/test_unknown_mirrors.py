@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import grid_shown, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures

@@ -1,15 +1,15 @@
-"""The part of a checkerboard that a picture shows, and which of the board's corners it may be."""
+"""Detections: the part of a board that a picture shows, which of its corners these may be, and all of one frame."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
+from mirrorcam.optics.calibration.solver.observations import Corners, IntArray, Observations
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 TURNS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
@@ -122,3 +122,35 @@ def _turned(limits: FloatArray, matrix: IntArray) -> FloatArray:
         source = int(np.flatnonzero(matrix[axis])[0])
         turned[:, axis] = np.sort(matrix[axis, source] * limits[:, source])
     return turned
+
+
+@dataclass(frozen=True)
+class DetectedFrame:
+    """Corners in the views of one picture, and boards that belong to none of them.
+
+    Attributes
+    ----------
+    corners
+        The corners, as frame 0.
+    unassigned_px
+        Middles (k, 2) of boards in no mirror of the layout.
+    grids
+        Checkerboards, or parts of them, each with the mirror that shows it, whether it could be numbered or not; none
+        where all of them could.
+
+    Raises
+    ------
+    ValueError
+        Where a middle is not finite, or not two numbers.
+    """
+
+    corners: Observations
+    unassigned_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    grids: tuple[tuple[int, SeenGrid], ...] = ()
+
+    def __post_init__(self) -> None:
+        middles = np.array(self.unassigned_px, dtype=np.float64)
+        if middles.ndim != 2 or middles.shape[1] != 2 or not np.isfinite(middles).all():
+            raise ValueError(f"unassigned_px has shape {middles.shape}, expected (k, 2) of finite numbers")
+        middles.flags.writeable = False
+        object.__setattr__(self, "unassigned_px", middles)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
-from mirrorcam.optics.calibration.solver.observations import Corners
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 ODD = Checkerboard(cols=7, rows=6, square_mm=10.0)
@@ -116,3 +117,19 @@ def test_an_end_that_another_view_goes_beyond_is_none() -> None:
     right, _ = part(ODD, np.s_[:], np.s_[1:], 0, mirrored=False)
     assert np.isinf(SeenGrid.together([false_end, right]).limits[1, 0])
     assert np.isfinite(SeenGrid.together([false_end]).limits[1, 0])
+
+
+@pytest.mark.parametrize("middles", [np.zeros(2), np.zeros((1, 3)), np.array([[0.0, np.nan]])])
+def test_what_is_no_place_in_a_picture_is_refused(middles: FloatArray) -> None:
+    with pytest.raises(ValueError, match=r"expected \(k, 2\) of finite numbers"):
+        DetectedFrame(Observations.none(), middles)
+
+
+def test_places_are_kept_read_only() -> None:
+    middles = np.zeros((1, 2))
+    frame = DetectedFrame(Observations.none(), middles)
+    middles[0] = 1.0
+    assert frame.unassigned_px.tolist() == [[0.0, 0.0]]
+    with pytest.raises(ValueError, match="read-only"):
+        frame.unassigned_px[0, 0] = 1.0
+    assert DetectedFrame(Observations.none()).unassigned_px.shape == (0, 2)
