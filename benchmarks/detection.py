@@ -31,8 +31,8 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.pupil_estimate import wholly_served
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.whole_pupil import wholly_served
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -17,7 +17,7 @@ UNSIZED_PX = 65_535
 ORTHOGONAL = 1e-4
 """Largest error of a rotation matrix in a file; files have six digits or more."""
 
-Pictures = Literal["flipped", "left-right", "top-bottom", "as-is"]
+PictureFlip = Literal["flipped", "left-right", "top-bottom", "as-is"]
 """How the pictures that a calibrator was given came from frames: flipped upright, as named, or not flipped."""
 
 
@@ -92,7 +92,7 @@ class CameraRig:
     format: str
     cameras: tuple[RigCamera, ...]
     unit_mm: float | None
-    pictures: Pictures | None = None
+    pictures: PictureFlip | None = None
     uncertainty: Uncertainty | None = None
     layout: Layout | None = None
     notes: tuple[str, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.calibration.calibrated_layout import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.drift.drift import Drift
 from mirrorcam.optics.drift.mirror_motions import mirror_rows
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty

@@ -1,7 +1,8 @@
 """Any number of ChArUco boards or AprilGrids in one image, by grids of corners and the markers between them.
 
 An AprilGrid is a checkerboard whose columns and rows are as wide as a gap and a tag by turns. Which of them are tags is
-seen from their widths, so that corners get places on the print up to a shift by entire tags, and a smooth map takes them there.
+seen from their widths, so that corners get places on the print up to a shift by entire tags, and a smooth map takes
+them there.
 """
 
 from __future__ import annotations

@@ -32,7 +32,6 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     fit_as,
     fit_with,
 )
-from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
@@ -46,8 +45,14 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     start_of,
 )
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.motion import (
+    at_middle_row,
+    camera_rotations,
+    corner_velocities,
+    rolling_shutter,
+    stabilised,
+)
 from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
-from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations

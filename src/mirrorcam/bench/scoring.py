@@ -19,14 +19,14 @@ from mirrorcam.bench.scores.stated_covariance import with_covariance
 from mirrorcam.core.disk.output_folder import refuse_texts, write_texts
 from mirrorcam.core.names import LONGEST
 from mirrorcam.core.values import InputError, Value
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import FormatName, read_rig
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.render_scenes.sets.true_layout import TRUTH, true_layout
 
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
 """A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
-OTHERS: tuple[Pictures, ...] = ("left-right", "top-bottom", "as-is")
+OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 
 class ScoreRequest(Value):
@@ -52,7 +52,7 @@ class ScoreRequest(Value):
     names: tuple[str, ...] = ()
     format: FormatName | None = None
     unit: str | None = None
-    pictures: Pictures | None = None
+    pictures: PictureFlip | None = None
     views: Path | None = None
     distance_mm: float | None = None
     limits: Path | None = None
@@ -131,7 +131,7 @@ def _score(
     if distance_mm is None:
         raise InputError(f"{folder}: its layout tells no working distance, expected --distance-mm MM")
 
-    def scored(pictures: Pictures | None) -> CalibrationScore:
+    def scored(pictures: PictureFlip | None) -> CalibrationScore:
         return score_calibration(rig, truth, nominal, distance_mm, views=views, pictures=pictures)
 
     try:
@@ -142,7 +142,9 @@ def _score(
     return replace(found, notes=(*found.notes, *_better_pictures(rig, scored, rms_px)))
 
 
-def _better_pictures(rig: CameraRig, scored: Callable[[Pictures], CalibrationScore], rms_px: float) -> tuple[str, ...]:
+def _better_pictures(
+    rig: CameraRig, scored: Callable[[PictureFlip], CalibrationScore], rms_px: float
+) -> tuple[str, ...]:
     """A line where pictures that were flipped otherwise make a bad score a good one; the file itself may say how."""
     if rig.pictures is not None or rms_px < SUSPECT_PX:
         return ()

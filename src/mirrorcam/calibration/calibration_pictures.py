@@ -14,9 +14,9 @@ from mirrorcam.core.images.pictures import check_size, is_picture, pictures_in, 
 from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import MISSING, Video
+from mirrorcam.optics.calibration.corner_files import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
-from mirrorcam.optics.calibration.mrcal_corners import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.geometry.camera import Camera
 
 SEARCHED = 60

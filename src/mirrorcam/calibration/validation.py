@@ -22,7 +22,7 @@ from mirrorcam.core.values import FloatArray, InputError, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.solver.mirror_pair import turned_like
+from mirrorcam.optics.calibration.solver.parameterisation import turned_like
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform

@@ -15,7 +15,7 @@ from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched
 from mirrorcam.bench.scores.score_points import score_points, with_slopes
 from mirrorcam.bench.scores.triangulation import triangulated
 from mirrorcam.core.values import FloatArray, InputError, Metric
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
@@ -74,7 +74,7 @@ def score_calibration(
     distance_mm: float,
     *,
     views: ViewsFile | None = None,
-    pictures: Pictures | None = None,
+    pictures: PictureFlip | None = None,
 ) -> CalibrationScore:
     """Compare a calibration with the true device.
 

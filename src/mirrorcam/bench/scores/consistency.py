@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from mirrorcam.bench.scores.gauge import Gauge
 from mirrorcam.bench.scores.stated_covariance import by_parameters, checked_root
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.projection_motion import without_motion
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.camera_files.camera_rig import CameraRig
 from mirrorcam.optics.geometry.transforms import transform

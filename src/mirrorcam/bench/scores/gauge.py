@@ -10,7 +10,7 @@ import numpy as np
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.bench.scores.score_points import ScorePoints, project_each
 from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.projection_motion import best_motion, by_motion
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, by_motion
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 UNLIKELY_SCALE = 20.0

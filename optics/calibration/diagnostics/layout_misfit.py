@@ -1,4 +1,6 @@
-"""Test whether frames show more mirrors than the nominal layout has: its boards would be left out without a word."""
+"""Tests of whether frames fit the nominal layout: upside down, or with more mirrors than the layout has, whose boards
+would be left out without a word.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,52 @@ import numpy as np
 import shapely
 
 from mirrorcam.core.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.detection.assignment import regions_px
+from mirrorcam.optics.calibration.detection.assignment import assign, regions_px
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
+from mirrorcam.optics.calibration.diagnostics.screening import screen
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 ALARM_FRAMES = 0.2  # fraction of the frames that show a board
 UNEVEN = 0.25  # scatter of boards about a grid along an axis, relative to its spacing there
+
+
+def fits_upside_down(seen: Sequence[Observations], layout: Layout, target: Target) -> bool:
+    """Return whether the corners of frames with mirrors agree once the pictures are turned by 180 degrees.
+
+    Parameters
+    ----------
+    seen
+        Observations of each frame with mirrors, as frame 0.
+    layout
+        The nominal layout.
+    target
+        The board.
+    """
+    try:
+        screen([_turned(frame, layout, target) for frame in seen], [], layout, target.corners_in_board_mm)
+    except (InputError, UndeterminedError):
+        return False
+    return True
+
+
+def _turned(frame: Observations, layout: Layout, target: Target) -> Observations:
+    """A frame's boards as the turned picture shows them, assigned to mirrors anew."""
+    last = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
+    boards = []
+    for view in np.unique(frame.view):
+        rows = frame.view == view
+        ids, pixels = frame.corner[rows], last - frame.pixels[rows]
+        numberings = [Corners(ids, pixels)]
+        if isinstance(target, Checkerboard) and target.looks_same_upside_down:
+            numberings.append(Corners(len(target.corners_in_board_mm) - 1 - ids, pixels))
+        boards.append(tuple(numberings))
+    found = assign(boards, layout, target)
+    return Observations.join(
+        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in found]
+    )
 
 
 @dataclass(frozen=True)
