@@ -27,10 +27,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.records import SIGMA, add_json_option, table, write_record
 from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner
+from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAligner
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice, EdgePoints
 from mirrorcam.optics.alignment.edge_profiles import stations
-from mirrorcam.optics.alignment.scene_alignment import SceneAligner
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene

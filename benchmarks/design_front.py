@@ -31,7 +31,7 @@ from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.design_problem import overlap_problem
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import MEETINGS, seed_meeting
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign

@@ -34,7 +34,7 @@ from mirrorcam.core.processes.worker_pool import call_all
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.design.program.design_problem import overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -9,8 +9,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.parabola import assessed_parabola
+from mirrorcam.optics.design.optimise import assessed_parabola, design
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -30,8 +30,8 @@ from mirrorcam.designs.design_request import read_request, request_toml
 from mirrorcam.device.board_print import page_for
 from mirrorcam.device.device_folder import read_hardware
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
+from mirrorcam.optics.camera_files.read.file_text import yaml_documents
 from mirrorcam.optics.camera_files.read.registry import read_rig
-from mirrorcam.optics.camera_files.read.yaml_documents import yaml_documents
 from mirrorcam.optics.camera_files.write.write_exports import write_exports
 from mirrorcam.optics.geometry.camera_library import CAMERAS
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -15,10 +15,10 @@ from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.program.design_problem import OverlapDesign, Problem, depth_problem, overlap_problem
+from mirrorcam.optics.design.program.draft import DEVICES
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
-from mirrorcam.optics.design.program.robustness import DEVICES
-from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, mirrors_of
+from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
     MEETINGS,
     by_detours,
@@ -246,3 +246,12 @@ def _target(overlap: _Found) -> OverlapDesign:
         fields=overlap.problem.fields(spec, overlap.values),
         grid_error=grid_error(layout),
     )
+
+
+def assessed_parabola(spec: DesignSpec) -> Layout:
+    """The faceted parabola of a specification, with its metrics and the verdict on it, which may fail.
+
+    Raises InputError where the specification has none, or a working depth is nearer than its mirrors.
+    """
+    layout = faceted_parabola(spec)
+    return layout.replaced(spec=spec, metrics=evaluate(layout, spec.depths_mm), verdict=verify(layout, spec))

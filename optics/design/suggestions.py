@@ -12,10 +12,9 @@ import numpy as np
 from mirrorcam.core.processes.calls import Call, Calls, in_turn
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design_near
-from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft
+from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft, relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
-from mirrorcam.optics.design.program.relaxed import relaxed_fold, relaxed_program
-from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
+from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
 from mirrorcam.optics.geometry.design_spec import FOLD_DEG, GAVE_UP, MIRRORS, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout

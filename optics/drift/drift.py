@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -30,7 +31,7 @@ from mirrorcam.optics.drift.mirror_motions import (
     turns_about_middle,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, SceneTells, parameter_names
-from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 LEAST_MIRRORS = 3
 """Two do not tell the turn of one mirror from one of the camera before both."""
@@ -348,3 +349,36 @@ class _Test:
         # Small motions of the others pass into the moved mirrors, as the noise does.
         passed = self.information + self.information @ self.small @ self.information
         return np.asarray(left @ (self.calibrated + own) @ left.T + applied @ passed @ applied.T)
+
+
+def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
+    """The layout with the moved mirrors at their new planes, with the covariance of those, and what it is from.
+
+    Mirrors that did not move, and the camera, stay as calibrated. `source` says what the recording is.
+    """
+    mirrors = list(layout.mirrors)
+    for move in drift.moved:
+        mirror = mirrors[move.index]
+        change = drift.change[mirror_rows(drift.names, move.index)]
+        mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
+    moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
+    return layout.replaced(
+        mirrors=tuple(mirrors),
+        metrics={},
+        verdict={},
+        uncertainty=_uncertainty(layout, drift),
+        provenance=layout.provenance
+        | {"resolved_from": layout.identity, "resolved_mirrors": moved, "resolved_by": source},
+    )
+
+
+def _uncertainty(layout: Layout, drift: Drift) -> Uncertainty | None:
+    """The covariance of the calibrated parameters, that of the moved mirrors anew; None where there was none."""
+    known = layout.uncertainty
+    if known is None:
+        return None
+    places = [(place, drift.names.index(name)) for place, name in enumerate(known.parameters) if name in drift.names]
+    rows, columns = np.array(places, dtype=np.int64).T
+    covariance = known.covariance.copy()
+    covariance[np.ix_(rows, rows)] = drift.covariance[np.ix_(columns, columns)]
+    return Uncertainty(parameters=known.parameters, covariance=(covariance + covariance.T) / 2.0)

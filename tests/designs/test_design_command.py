@@ -64,7 +64,7 @@ def test_a_spec_without_a_parabola_is_designed_all_the_same(
 ) -> None:
     assert main(["design", "--out", str(tmp_path)]) == 0
     assert "parabola.json" in results(tmp_path)
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", no_parabola)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", no_parabola)
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed

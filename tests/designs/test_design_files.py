@@ -28,7 +28,7 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     def refuse(spec: DesignSpec) -> Layout:
         raise InfeasibleDesign("spacing", "facets do not fit")
 
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", refuse)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", refuse)
     found = write_design(spec, tmp_path / "without")
     assert found.parabola is None
     assert "facets do not fit" in found.no_parabola

@@ -10,8 +10,7 @@ from mirrorcam.calibration.stiffness import MountTilt
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.values import InputError, Metric
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, Drift, tells_drift
-from mirrorcam.optics.drift.resolved_layout import resolved_layout
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, Drift, resolved_layout, tells_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.frame_checks import check_frames
 

@@ -10,7 +10,7 @@ from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_figure import before_after
 from mirrorcam.designs.focus_figure import focus_figure
 from mirrorcam.optics.design import optimise
-from mirrorcam.optics.design.parabola import assessed_parabola
+from mirrorcam.optics.design.optimise import assessed_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -58,7 +58,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """A layout that was solved before, with its parabola and their drawings."""
-    from mirrorcam.optics.design.parabola import assessed_parabola
+    from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
     exact = design_drawing(layout, spec, "exact")

@@ -14,7 +14,7 @@ from mirrorcam.bench.scores.matched_views import matched_views
 from mirrorcam.bench.scores.score_points import project_each, score_points
 from mirrorcam.bench.scores.stated_covariance import by_parameters, checked_root, with_covariance
 from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.read.mirrorcam_layout import rig_of
+from mirrorcam.optics.camera_files.read.registry import rig_of
 from mirrorcam.optics.geometry.layout import Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.camera_files.rigs import DISTANCE_MM, changed, device, lens_of, pose_of, true_rig

@@ -22,9 +22,7 @@ from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.optics.alignment.exposure_meter import measure_exposure
-from mirrorcam.optics.alignment.focus_meter import FocusMeter, sharpness
-from mirrorcam.optics.alignment.sub_image_masks import sub_image_masks
+from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, sharpness, sub_image_masks
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR

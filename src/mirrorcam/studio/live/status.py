@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.alignment.exposure_meter import Exposure
+from mirrorcam.optics.alignment.meters import Exposure
 from mirrorcam.studio.live.calibration import CalibrationState
 from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
 from mirrorcam.studio.live.values import Answer, Shown

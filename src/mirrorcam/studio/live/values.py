@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.alignment.exposure_meter import Exposure
+from mirrorcam.optics.alignment.meters import Exposure
 
 PictureKind = Literal["frame", "views", "refocus", "depth"]
 DECODED: tuple[PictureKind, ...] = ("frame", "views", "refocus")
