@@ -4,8 +4,8 @@ Only frames of any scene and the nominal layout are needed. There are two source
 
 - edges: where each mirror's sub-image ends. Edges lie on the mirror and hardly move when it turns: a tilt of 0.4
   degrees lifts an edge 10 mm from the middle by 0.07 mm, about a pixel, and a mirror that is cut 0.1 mm too large, or
-  is shifted by 0.2 mm, moves its edges as much. The Cramer-Rao bound of the default device is 0.15 to 0.3
-  degrees, however sharp the edges are seen, and outer mirrors with two edges on the sensor determine one axis of the two at
+  is shifted by 0.2 mm, moves its edges as much. The Cramer-Rao bound of the default device is 0.15 to 0.3 degrees,
+  however sharp the edges are seen, and outer mirrors with two edges on the sensor determine one axis of the two at
   most. Edges do show how the camera sits, and which mirror is far from its place.
 - scene: the image in a mirror moves by twice its turn. Points that several views share determine turns to hundredths of
   a degree, where the scene has texture.
