@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.render.between_views import part_of, with_views_between
+from mirrorcam.optics.light_field.render.perspective import part_of, with_views_between
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths
 

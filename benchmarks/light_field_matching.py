@@ -2,7 +2,7 @@
 
 Pairs of rendered light fields (3x3 views of reliefs with cards before them) from two viewpoints, in light from two
 sides, and in little light, where noise is as large as the texture. SIFT4D searches their focal stacks
-(optics/light_field/features/focal_stack.py); SIFT, ORB and AKAZE their central views, stretched to the same range of
+(optics/light_field/features/keypoints.py); SIFT, ORB and AKAZE their central views, stretched to the same range of
 grey levels. Each keeps as many of its strongest keypoints; mutual nearest neighbours are sorted by the ratio test. A
 match is correct within 3 px of where the true depth and pose put the keypoint. Prints how many correct matches each has
 where 2, 5 and 10 % of all accepted ones are false, and the processor time of a light field.
@@ -27,8 +27,13 @@ from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
-from mirrorcam.optics.light_field.features.keypoints import all_distances, comparable, detector, grey_views
+from mirrorcam.optics.light_field.features.keypoints import (
+    all_distances,
+    comparable,
+    detector,
+    grey_views,
+    stack_keypoints,
+)
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import LightField, Views
 

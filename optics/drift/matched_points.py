@@ -19,9 +19,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.align import align
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views
-from mirrorcam.optics.light_field.features.patches import templates
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import Views
 

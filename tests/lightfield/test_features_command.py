@@ -13,7 +13,7 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.lightfield import light_field_inputs
 from mirrorcam.lightfield.light_field_inputs import NamedLightField
 from mirrorcam.optics.light_field.features import FeatureFinder
-from mirrorcam.optics.light_field.features.feature_files import COLUMNS
+from mirrorcam.optics.light_field.features.feature_set import COLUMNS
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.command_line import assert_refused_here

@@ -1,22 +1,26 @@
-"""The planes of a sweep: where each view shows the pixels of the reference view, and which views compete."""
+"""The planes of a sweep: where each view shows the pixels of the reference view, which views compete, what they see."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.compiled import compiled
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
-
 DIRECTIONS = 16
 """Directions from the reference view that are told apart: what hides a place hides it from neighbouring directions."""
 MOST_RINGS = 4
+Map = Callable[..., Any]
+NOTHING = np.float32(-1e9)
+"""Plane of what no pixel of the reference view is seen at: it hides nothing."""
 
 
 class Motion(NamedTuple):
@@ -98,3 +102,42 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
         np.searchsorted(sectors, np.arange(rings + 1) * DIRECTIONS).astype(np.int64),
     )
     return Sweep(np.asarray(inverse_distances, dtype=np.float64), motion, float(views.focal_px * far.max() * step))
+
+
+@compiled
+def _splat(planes: Any, scale: Any, across: Any, down: Any, out: Any) -> None:
+    """The nearest of the surfaces that land in each pixel (v, u) of a view, and single gaps between two closed."""
+    height, width = planes.shape
+    last = len(scale) - 1
+    for y in range(height):
+        for x in range(width):
+            plane = planes[y, x]
+            lower = min(max(int(np.floor(plane)), 0), last - 1)
+            part = plane - np.float32(lower)
+            stretch = scale[lower] + part * (scale[lower + 1] - scale[lower])
+            column = stretch * np.float32(x) + across[lower] + part * (across[lower + 1] - across[lower])
+            row = stretch * np.float32(y) + down[lower] + part * (down[lower + 1] - down[lower])
+            u, v = int(np.floor(column + np.float32(0.5))), int(np.floor(row + np.float32(0.5)))
+            if 0 <= u < width and 0 <= v < height and out[v, u] < plane:
+                out[v, u] = plane
+    for y in range(height):
+        for x in range(1, width - 1):
+            if out[y, x] == NOTHING and out[y, x - 1] > NOTHING and out[y, x + 1] > NOTHING:
+                out[y, x] = min(out[y, x - 1], out[y, x + 1])
+
+
+def nearest_planes(planes: Float32, sweep: Sweep, run: Map = map) -> Float32:
+    """Plane (K, v, u), counted along a sweep, of the nearest surface in each view; NOTHING where there is none.
+
+    `planes` (v, u) are those of the pixels of the reference view.
+    """
+    motion = sweep.motion
+    views = motion.scale.shape[1]
+    out = np.full((views, *planes.shape), NOTHING, np.float32)
+
+    def fill(view: int) -> None:
+        ways = (np.ascontiguousarray(way[:, view]) for way in (motion.scale, motion.across, motion.down))
+        _splat(planes, *ways, out[view])
+
+    list(run(fill, range(views)))
+    return out

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.feature_set import Features
-from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
     Keypoints,
@@ -27,9 +25,10 @@ from mirrorcam.optics.light_field.features.keypoints import (
     detector,
     grey_views,
     inner_masks,
+    stack_keypoints,
 )
 from mirrorcam.optics.light_field.features.match import candidates, vote
-from mirrorcam.optics.light_field.features.patches import templates
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import (
     Geometry,
     SlopeFit,

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.align import Warp, align
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
 from mirrorcam.optics.light_field.features.light_field_features import shown_by_views
-from mirrorcam.optics.light_field.features.patches import Templates, templates
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, Templates, templates
 from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -29,15 +29,14 @@ from mirrorcam.lightfield.stream_recording import Show, StreamFormat, StreamReco
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
-from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation, measure
 from mirrorcam.optics.light_field.frame_checks import check_frames
 from mirrorcam.optics.light_field.io.bag_writer import Compression
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.stream import RecordingCheck
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiles
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.response import LINEAR
 from mirrorcam.robot.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.robot.rerun_viewer import RerunViewer
 

@@ -12,7 +12,7 @@ from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.light_field_results import result_names
 from mirrorcam.optics.light_field.filters import FilterKind, Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiles
 
 ENDINGS = ("filtered.npz", "filtered_views.png")
 

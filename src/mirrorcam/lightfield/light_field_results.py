@@ -22,7 +22,7 @@ from mirrorcam.lightfield.kept_depths import keep_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
-from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
+from mirrorcam.optics.light_field.features.feature_set import save_csv, save_npz
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 

@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
 from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
-from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.studio.live.recording import LiveRecording
