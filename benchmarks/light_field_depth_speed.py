@@ -25,7 +25,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import choose_views
 from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.depth.geometry import parallax
+from mirrorcam.optics.light_field.depth.parallax import parallax
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 CASES = ((3, 400, 240), (3, 200, 120), (3, 800, 480), (2, 400, 240), (5, 400, 240), (9, 400, 240))

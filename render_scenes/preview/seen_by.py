@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import WHOLE, Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.view_images import tiles
 from mirrorcam.optics.light_field.light_field import LightField

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
-from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, Sweep
-from mirrorcam.optics.light_field.depth.volume import TILE_PX, Ranges, Volume, whole_range
+from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, TILE_PX, Ranges, Sweep, Volume, whole_range
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.geometry import MOST_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -30,8 +30,8 @@ from mirrorcam.optics.light_field.depth.photometry import (
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture, follow_edges
 from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
+from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
-from mirrorcam.optics.light_field.depth.volume import range_around
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal import TemporalFilter
 

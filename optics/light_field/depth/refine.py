@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
-from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import (
     HIDING_PX,
     Pinhole,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.sweep import Sweep
 
 Float32 = NDArray[np.float32]

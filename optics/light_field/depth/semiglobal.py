@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
-from mirrorcam.optics.light_field.depth.volume import Volume
+from mirrorcam.optics.light_field.depth.sweep import Volume
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]

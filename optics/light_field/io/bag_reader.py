@@ -22,8 +22,8 @@ from mirrorcam.core.disk.array_files import check_bytes, refusing
 from mirrorcam.core.disk.files import inside, json_of, model_from, read_bytes, refuse_pointer, stored_bytes
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
+from mirrorcam.optics.light_field.io.light_field_format import StoredFrames
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic
-from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, ViewsFile, light_field_of_fields, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -24,8 +24,17 @@ from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.motion.landmarks import Frame, Landmarks, landmarks_of, see
-from mirrorcam.optics.light_field.motion.pose_fit import PoseFit, SharedErrors, fit_pose, predicted, robust_motion
+from mirrorcam.optics.light_field.motion.pose_fit import (
+    Frame,
+    Landmarks,
+    PoseFit,
+    SharedErrors,
+    fit_pose,
+    landmarks_of,
+    predicted,
+    robust_motion,
+    see,
+)
 
 # A new key frame is taken where less than this share of the landmarks is seen.
 LEAST_SHARE = 0.6

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth import estimate_depth
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]

@@ -25,9 +25,8 @@ from mirrorcam.optics.light_field.depth.cost import (
     matching_costs,
     mean_slope,
 )
-from mirrorcam.optics.light_field.depth.geometry import parallax
-from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
-from mirrorcam.optics.light_field.depth.volume import Ranges, range_around
+from mirrorcam.optics.light_field.depth.parallax import parallax
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, range_around, sweep
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import everywhere, grid_views
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
+from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.refine import Refiner, SlopePicture, follow_edges, jumps
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep

@@ -11,6 +11,7 @@ from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
+MOST_PLANES = 2048
 
 
 @dataclass(frozen=True)
@@ -82,9 +83,6 @@ def halved(views: Views) -> Views:
         width_px=views.width_px // 2,
         height_px=views.height_px // 2,
     )
-
-
-MOST_PLANES = 2048
 
 
 def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.light_field.depth.geometry import (
+from mirrorcam.optics.light_field.depth.parallax import (
     halved,
     other_views,
     parallax,
