@@ -146,7 +146,7 @@ def test_no_design_loads_what_is_left_out_of_the_sources() -> None:
     loaded = done.stdout.split()
     assert "mirrorcam.optics.design.optimise" in loaded
     parts = {name.split(".")[2] for name in loaded}
-    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.")}
+    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.optics.")}
     assert {f"mirrorcam.optics.{part}" for part in parts} == recorded
 
 
