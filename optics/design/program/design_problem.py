@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints
-from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft
+from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft, tilts
 from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed
 from mirrorcam.optics.design.program.separation import PairConstraint, add_body, add_pairs
@@ -141,7 +141,7 @@ def overlap_draft(
     draft = _draft_in_place(spec, seed)
     grid = constraints.grid_term(spec.arrangement)
     draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
-    built = draft.tilts(spec, devices)
+    built = tilts(spec, devices)
     weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(built)
     regions = _add_regions(draft, built[:1], weight, _least_shares(spec))
     add_body(draft)
@@ -160,7 +160,7 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
     draft = _draft_in_place(spec, seed)
     most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
     draft.program.add(constraints.grid_limit_term(spec.arrangement), draft.centres, [most])
-    none = draft.tilts(spec, 0)
+    none = tilts(spec, 0)
     shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
     regions = _add_regions(draft, none, TIE_BREAK, shares)
     _add_depth_sigma(draft, regions, overlap)
@@ -208,12 +208,12 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
     device, all depths together; `least` (depths, n) are the least shares of the sensor.
     """
     depths_mm, half_size, regions = draft.spec.depths_mm, 0.6 * draft.seed.half_tile, []
-    for tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
+    for device_tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
         middle = draft.program.unknown([0.0, 0.0])
         region = draft.program.unknown((constraints.region_directions() * half_size).ravel())
         draft.program.add(constraints.region_term(), [middle, region], [half_size])
         depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
-        for mirror, tilt, share in zip(draft.mirrors, tilts, shares, strict=True):
+        for mirror, tilt, share in zip(draft.mirrors, device_tilts, shares, strict=True):
             given: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
             draft.add(constraints.view_term(draft.kind), [*mirror, region], given)
         regions.append(region)

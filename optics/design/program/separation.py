@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.constraints import MARGIN
-from mirrorcam.optics.design.program.draft import Draft
+from mirrorcam.optics.design.program.draft import Draft, displacements, safe_gap
 from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, given_mirror
 from mirrorcam.optics.design.program.seeds import Seed, tile_places
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
@@ -219,13 +219,13 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
         "out": outgoing_term(kind),
     }
     gap, seen_gap = spec.spacing_mm / spec.scale_mm, spec.seen_gap_mm / spec.scale_mm
-    moved, middles = draft.displacements(spec, draft.seed), draft.seed.middles(spec.view_from_rig)
+    moved, middles = displacements(spec, draft.seed), draft.seed.middles(spec.view_from_rig)
     for pair in pairs:
         plane = _first_plane(pair, draft.seed, middles)
         unknown = draft.program.unknown(plane, *_plane_range(plane.size - 1))
         first, second = draft.mirrors[pair.first], draft.mirrors[pair.second]
         if pair.kind == "seen":
-            safe = draft.safe_gap(moved[[pair.first, pair.second]], plane[:2])
+            safe = safe_gap(moved[[pair.first, pair.second]], plane[:2])
             draft.program.add(seen_gap_term(kind.sides), [first[1], second[1], unknown], [max(seen_gap, safe)])
         else:
             given: list[ArrayLike] = [gap] if pair.kind == "gap" else []

@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
-from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, TILE_PX, Ranges, Sweep, Volume, whole_range
+from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, TILE_PX, Motion, Ranges, Sweep, Volume, whole_range
+
+UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
@@ -149,18 +152,18 @@ class ComparedViews(NamedTuple):
 
 @compiled
 def _differences(
-    reference: Any,
-    y: Any,
-    other: Any,
-    y0: Any,
-    share: Any,
-    grows: Any,
-    start: Any,
-    weights: Any,
-    x: Any,
-    shift: Any,
-    line: Any,
-    cost: Any,
+    reference: Float32,
+    y: int,
+    other: Float32,
+    y0: int,
+    share: float,
+    grows: float,
+    start: float,
+    weights: Float32,
+    x: int,
+    shift: int,
+    line: Float32,
+    cost: Float32,
 ) -> None:
     """Weighted absolute differences of a run of pixels of row `y` from `x` on to a view between its rows `y0` and next.
 
@@ -181,14 +184,14 @@ def _differences(
 
 
 @compiled
-def _truncate(cost: Any, contrast: Any) -> None:
+def _truncate(cost: Float32, contrast: Float32) -> None:
     limit = np.float32(TRUNCATION)
     for x in range(len(cost)):
         cost[x] = min(cost[x] * contrast[x], limit)
 
 
 @compiled
-def _add(cost: Any, sight: Any, total: Any, part: Any) -> None:
+def _add(cost: Float32, sight: Float32, total: Float32, part: Float32) -> None:
     """Add costs (u,) to sums, and to the number of views, where the view sees: sight (u,), 0 or 1."""
     for x in range(len(cost)):
         total[x] += sight[x] * cost[x]
@@ -197,7 +200,7 @@ def _add(cost: Any, sight: Any, total: Any, part: Any) -> None:
 
 
 @compiled
-def _uncover(sight: Any, seen: Any, surface: Any, behind: Any, grows: Any, start: Any) -> None:
+def _uncover(sight: Float32, seen: UInt8, surface: Float32, behind: float, grows: float, start: float) -> None:
     """Where (u,) a view sees and nothing nearer than `behind` in the nearest column of `surface` (u + 1,) hides it."""
     half = np.float32(0.5)
     for x in range(len(sight)):
@@ -207,17 +210,17 @@ def _uncover(sight: Any, seen: Any, surface: Any, behind: Any, grows: Any, start
 
 @compiled
 def _compare_row(
-    y: Any,
-    plane: Any,
-    view: Any,
-    first: Any,
-    last: Any,
-    pictures: Any,
-    motion: Any,
-    line: Any,
-    cost: Any,
-    sight: Any,
-    sees: Any,
+    y: int,
+    plane: int,
+    view: int,
+    first: int,
+    last: int,
+    pictures: ComparedViews,
+    motion: Motion,
+    line: Float32,
+    cost: Float32,
+    sight: Float32,
+    sees: Float32,
 ) -> None:
     """Costs (u,) of a view for a plane at pixels `first` to `last` of row `y`, and where it has samples and sees it."""
     height, width = pictures.contrast.shape
@@ -258,7 +261,9 @@ def _compare_row(
 
 
 @compiled
-def _block(top: Any, bottom: Any, plane: Any, first: Any, last: Any, pictures: Any, motion: Any, work: Any) -> None:
+def _block(
+    top: int, bottom: int, plane: int, first: int, last: int, pictures: ComparedViews, motion: Motion, work: Work
+) -> None:
     """Costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row after row."""
     count, known = last - first, len(pictures.nearest) > 0
     every = (bottom - top) * count
@@ -279,7 +284,7 @@ def _block(top: Any, bottom: Any, plane: Any, first: Any, last: Any, pictures: A
 
 
 @compiled
-def fill_costs(first: Any, last: Any, pictures: Any, motion: Any, ranges: Any, costs: Any) -> None:
+def fill_costs(first: int, last: int, pictures: ComparedViews, motion: Motion, ranges: Ranges, costs: UInt16) -> None:
     """Costs of rows `first` to `last` of the reference view at the planes of their ranges; `first` begins a tile."""
     width, sectors = pictures.contrast.shape[1], motion.rings[-1]
     most = TILE_PX * LONGEST_PX
@@ -317,7 +322,7 @@ def fill_costs(first: Any, last: Any, pictures: Any, motion: Any, ranges: Any, c
 
 
 @compiled
-def average_weak(first: Any, last: Any, weak: Any, reach: Any, ranges: Any, costs: Any, out: Any) -> None:
+def average_weak(first: int, last: int, weak: Float32, reach: int, ranges: Ranges, costs: UInt16, out: UInt16) -> None:
     """Blend costs with their mean over a square, the more the weaker the texture (v, u) is: rows `first` to `last`.
 
     What a neighbour has no cost of, at the sides of the picture or of its range, counts as the pixel's own.

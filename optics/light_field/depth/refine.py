@@ -241,7 +241,7 @@ class Refiner:
 
 
 @compiled
-def _medians(first: Any, last: Any, planes: Any, picture: Any, jump: Any, out: Any) -> None:
+def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: float, out: Float32) -> None:
     height, width = planes.shape
     most = (2 * RADIUS_PX + 1) ** 2
     values, weights = np.empty(most, np.float32), np.empty(most, np.float32)

@@ -74,7 +74,7 @@ class Terms(NamedTuple):
 
 
 @compiled
-def _cubic(t: Any, out: Any) -> None:
+def _cubic(t: float, out: Float32) -> None:
     """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
     half, one = np.float32(0.5), np.float32(1.0)
     out[0] = ((-half * t + one) * t - half) * t
@@ -84,7 +84,9 @@ def _cubic(t: Any, out: Any) -> None:
 
 
 @compiled
-def _compared(y: Any, planes: Any, own: Any, derivatives: Any, hole: Any, view: Any, hiding: Any, out: Any) -> None:
+def _compared(
+    y: int, planes: Float32, own: Float32, derivatives: Float32, hole: Pinhole, view: View, hiding: float, out: Float32
+) -> None:
     """Residuals of two slopes, their rise with the plane, and sight: rows of `out` (6, u), of row `y`."""
     height, width = planes.shape
     half, one = np.float32(0.5), np.float32(1.0)
@@ -137,16 +139,16 @@ def _compared(y: Any, planes: Any, own: Any, derivatives: Any, hole: Any, view: 
 
 @compiled
 def add_terms(
-    first: Any,
-    last: Any,
-    planes: Any,
-    own: Any,
-    derivatives: Any,
-    variance: Any,
-    hole: Any,
-    view: Any,
-    hiding: Any,
-    terms: Any,
+    first: int,
+    last: int,
+    planes: Float32,
+    own: Float32,
+    derivatives: Float32,
+    variance: Float32,
+    hole: Pinhole,
+    view: View,
+    hiding: float,
+    terms: Terms,
 ) -> None:
     """Add what a view says of rows `first` to `last` of a map of planes (v, u).
 
@@ -192,7 +194,7 @@ def add_terms(
 
 
 @compiled
-def bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any) -> None:
+def bends(values: Float32, across: Float32, down: Float32, bend_across: Float32, bend_down: Float32) -> None:
     """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
     height, width = values.shape
     for y in range(height):
@@ -206,7 +208,7 @@ def bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any)
 
 
 @compiled
-def applied(held: Any, values: Any, bend_across: Any, bend_down: Any, out: Any) -> None:
+def applied(held: Float32, values: Float32, bend_across: Float32, bend_down: Float32, out: Float32) -> None:
     """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
     height, width = values.shape
     two = np.float32(2.0)

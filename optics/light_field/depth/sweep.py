@@ -116,7 +116,7 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
 
 
 @compiled
-def _splat(planes: Any, scale: Any, across: Any, down: Any, out: Any) -> None:
+def _splat(planes: Float32, scale: Float32, across: Float32, down: Float32, out: Float32) -> None:
     """The nearest of the surfaces that land in each pixel (v, u) of a view, and single gaps between two closed."""
     height, width = planes.shape
     last = len(scale) - 1

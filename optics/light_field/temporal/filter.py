@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.temporal.noise import (
     LEAST,
     ROUNDING,
@@ -35,6 +35,8 @@ from mirrorcam.optics.light_field.temporal.noise import (
     row_gains,
 )
 from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, LAG_SUMS, MEMORY, filter_view
+
+Int64 = NDArray[np.int64]
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
@@ -255,7 +257,7 @@ def neighbours(views: Views) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]
 
 
 @compiled
-def _changes(now: Any, before: Any, gain: Any, channel: int, out: Any) -> None:
+def _changes(now: Samples, before: Samples, gain: Float32, channel: int, out: Float32) -> None:
     """Change (v, u) of one channel of a view (v, u, c), with what was before in the light of now by gains (v, c)."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
@@ -263,7 +265,7 @@ def _changes(now: Any, before: Any, gain: Any, channel: int, out: Any) -> None:
 
 
 @compiled
-def _compare(own: Any, others: Any, shifts: Any, stride: int, out: Any) -> int:
+def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Float32) -> int:
     """Fill energies (2, b) of blocks' changes, all and each view's own, and return their number."""
     height, width = own.shape
     found = 0

@@ -110,7 +110,7 @@ def chi_square(values: int, deviations: float) -> float:
 
 
 @compiled
-def _energies(first: Any, previous: Any, gains: Any, out: Any) -> None:
+def _energies(first: Float32, previous: Float32, gains: Float32, out: Float32) -> None:
     """Variances (2, k, m, n) of noise that blocks show: summed over the channels, and of their mean."""
     views, down, across, pixels, channels = first.shape
     for k in range(views):
@@ -248,7 +248,7 @@ def full_brightness(light_field: LightField) -> np.float32:
 
 
 @compiled
-def _means(samples: Any, means: Any) -> None:
+def _means(samples: Float32, means: Float32) -> None:
     views, down, across, pixels, channels = samples.shape
     for k in range(views):
         for m in range(down):
