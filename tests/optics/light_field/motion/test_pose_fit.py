@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from mirrorcam.optics.light_field.features.slope import Geometry
@@ -23,6 +22,7 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
     robust_motion,
     see,
 )
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 VIEWS = even_views(3, 10.0, width_px=200, height_px=150, centre_px=np.array([99.5, 74.5]))
 SCENE = Relief(heights_mm=((20.0, 8.0),))
