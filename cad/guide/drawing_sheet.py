@@ -17,7 +17,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.textpath import TextPath
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.sheet_text import drawable, fitted
+from mirrorcam.core.names import drawable, fitted
 from mirrorcam.core.values import FloatArray
 
 MM_PER_INCH = 25.4

@@ -12,9 +12,10 @@ from shapely import LineString, Point, Polygon
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.program.seeds import Seed, mirrors_of
-from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, LeastViolation, Violation
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, closest_points, edges_mm, hull_distance
+from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 
 MET_MM = 1e-3
 """Violations up to this are none."""

@@ -1,9 +1,9 @@
-"""The specification of a design, and the error of one that no layout meets."""
+"""The request for a design."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,53 +19,20 @@ from mirrorcam.core.bounds import (
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.core.values import FloatArray, InputError, Shaped, Value, with_tuples
+from mirrorcam.core.values import FloatArray, InputError, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
-from mirrorcam.optics.geometry.mirror import Mirror
 
-Segment = Annotated[FloatArray, Shaped((2, 3))]
+if TYPE_CHECKING:
+    from mirrorcam.optics.geometry.violation import LeastViolation
+
 MIRRORS = Bounds(1, 12)
 """Rows or columns of mirrors."""
 MOST_DEPTHS = 10
 FOLD_DEG = Bounds(60.0, 150.0)
 FIRST_FOLD_DEG = 110.0
 """The fold from which the best one is searched."""
-GAVE_UP = "every"
-"""The constraint named where the search found no layout for unknown reasons, which proves nothing about the spec."""
-
-
-class Violation(Value):
-    """A limit that one mirror, or a pair of mirrors, misses.
-
-    Attributes
-    ----------
-    mirrors : indices of the one or the two.
-    missing_mm : by how much; of an overlap, how far a mirror would have to reach beyond its edge.
-    place_in_rig_mm : ends (2, 3) of the segment to draw: between two solids, or a solid and the camera's box, where
-        they are nearest to each other (one point where they meet), an edge that is too short, from a corner to the
-        depth that it passes, or from the edge of a mirror to where a corner of the region is reflected.
-    """
-
-    mirrors: tuple[int, ...]
-    missing_mm: float
-    place_in_rig_mm: Segment
-
-
-class LeastViolation(Value):
-    """The arrangement with the least violation of a spec that the search has found.
-
-    Attributes
-    ----------
-    constraint : that it violates most, as `InfeasibleDesign` names it.
-    mirrors : in the order of a layout, in rig, mm. They need not be valid as a `Layout`: they may overlap as seen.
-    violations : of that constraint, worst first.
-    """
-
-    constraint: str
-    mirrors: tuple[Mirror, ...]
-    violations: tuple[Violation, ...]
 
 
 def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
@@ -185,6 +152,10 @@ class DesignSpec(Value):
         if self.objective == "depth" and self.robust_tilt_deg > 0.0:
             raise ValueError("robust_tilt_deg is given with the objective depth, expected it with overlap alone")
         return self
+
+
+GAVE_UP = "every"
+"""The constraint named where the search found no layout for unknown reasons, which proves nothing about the spec."""
 
 
 class InfeasibleDesign(InputError):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.number_text import numbers
+from mirrorcam.core.names import numbers
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 

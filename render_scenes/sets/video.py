@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic, read_bytes
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.video.video_output import X264, file_address, require_x264
+from mirrorcam.core.video.animation import X264, file_address, require_x264
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures

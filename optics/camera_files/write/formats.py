@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.number_text import number, numbers
+from mirrorcam.core.names import number, numbers
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.camera import Camera

@@ -13,7 +13,7 @@ from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image
 from mirrorcam.core.values import InputError, Metric
-from mirrorcam.core.video.spread_frames import SpreadFrames, WatchedSource
+from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, tells_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher

@@ -18,7 +18,7 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.sheet_text import drawable, fitted
+from mirrorcam.core.names import drawable, fitted
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Target
 

@@ -21,8 +21,7 @@ from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
 from mirrorcam.core.values import InputError
 from mirrorcam.core.video.camera_addresses import camera, shown
-from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.spread_frames import MOST
+from mirrorcam.core.video.frames import MOST, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield.stream_recording import Show, StreamFormat, StreamRecorder, refuse_streams

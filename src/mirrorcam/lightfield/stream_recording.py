@@ -12,9 +12,8 @@ from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import InputError
-from mirrorcam.core.video.frames import Lost
+from mirrorcam.core.video.frames import Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.spread_frames import WatchedSource
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci

@@ -14,10 +14,11 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
 from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.geometry.design_spec import DesignSpec, LeastViolation, box_corners
+from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, images_in_rig, vertices
+from mirrorcam.optics.geometry.violation import LeastViolation
 from mirrorcam.studio.design_values import (
     Curves,
     DesignDrawing,

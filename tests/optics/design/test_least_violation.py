@@ -10,8 +10,9 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.seeds import Seed, seed_of
-from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, LeastViolation, Violation
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.mirror_gaps import closest_points, edges_mm, hull_distance
+from mirrorcam.optics.geometry.violation import LeastViolation, Violation
 
 ROW = DesignSpec(rows=1, cols=3, fold_deg=90.0)
 

@@ -1,4 +1,4 @@
-"""Violations: values that take what they say, and nothing else."""
+"""Requests for designs: what is refused, and the view axes that a fold gives."""
 
 from __future__ import annotations
 
@@ -10,22 +10,10 @@ from numpy.testing import assert_allclose
 
 from mirrorcam.core.values import InputError, InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
-from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, LeastViolation, Violation
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 
-SEGMENT = [[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]]
 NAN = float("nan")
-
-
-def test_a_violation_is_written_and_read() -> None:
-    violation = Violation(mirrors=(0, 1), missing_mm=1.5, place_in_rig_mm=SEGMENT)
-    whole = LeastViolation(constraint="spacing", mirrors=(), violations=(violation,))
-    assert LeastViolation.model_validate_json(whole.model_dump_json()) == whole
-
-
-def test_a_place_is_a_segment() -> None:
-    with pytest.raises(InvalidValue, match=r"expected \(2, 3\)"):
-        Violation(mirrors=(0,), missing_mm=1.0, place_in_rig_mm=SEGMENT[:1])
 
 
 @pytest.mark.parametrize(
