@@ -41,8 +41,8 @@ from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
 from mirrorcam.optics.geometry.layout import Layout
 
 Source = Literal["edges", "scene"]
-TOLD = 0.7
-"""A tilt is told where its standard deviation is less than this part of what was known before."""
+DETERMINED = 0.7
+"""A tilt is determined where its standard deviation is less than this part of the one before the measurement."""
 SMOOTH_PX = (20.0, 10.0, 4.0, 0.0)
 """The picture is smoothed so, to find edges that are far from where they were designed to be."""
 ROUNDS = 6
@@ -52,14 +52,14 @@ MOST_STEP_PX = 8.0
 FARTHEST_PX, SEARCH_PX = 40.0, 4.0
 """How far all edges together may be from their places, and steps in which that is searched."""
 KNOWN_PX = 3.0
-"""A station that tells an edge less precisely by itself does not tell it."""
+"""A station that locates an edge less precisely by itself does not count."""
 DECENTRED = 1e-3
 """Standard deviation of the decentring terms of a lens."""
 
 
 @dataclass(frozen=True)
 class MirrorTilt:
-    """What pictures tell of the tilt of one mirror.
+    """The tilt of one mirror as pictures show it.
 
     Attributes
     ----------
@@ -67,11 +67,11 @@ class MirrorTilt:
         Of the mirror.
     right_deg, down_deg
         Angles by which the mirror is turned from its design, about the axes of its plane: positive where its view turns
-        to the right and down, by about twice as much. NaN where the pictures do not tell.
+        to the right and down, by about twice as much. NaN where the pictures do not determine it.
     sigma_deg
         Standard deviations of both.
     estimate_deg
-        The most likely tilts, right and down, also where the pictures hardly tell them: near 0 then.
+        The most likely tilts, right and down, also where the pictures hardly determine them: near 0 then.
     """
 
     index: int
@@ -81,32 +81,32 @@ class MirrorTilt:
     estimate_deg: tuple[float, float] = (0.0, 0.0)
 
     @property
-    def told(self) -> bool:
-        """Whether anything is told."""
+    def determined(self) -> bool:
+        """Whether any tilt is determined."""
         return bool(np.isfinite(self.right_deg) or np.isfinite(self.down_deg))
 
     @property
     def words(self) -> str:
-        """The tilt in words: "0.40° left, 0.20° up"; what is less than its standard deviation is left out."""
+        """The tilt in words: "0.40° left, 0.20° up"; a tilt below its standard deviation is left out."""
         parts = []
         for value, sigma, names in zip(
             (self.right_deg, self.down_deg), self.sigma_deg, (("left", "right"), ("up", "down")), strict=True
         ):
             if np.isfinite(value) and abs(value) >= sigma:
                 parts.append(f"{abs(value):.2f}° {names[value > 0]}")
-        return ", ".join(parts) or ("straight" if self.told else "cannot tell")
+        return ", ".join(parts) or ("straight" if self.determined else "cannot tell")
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """What pictures tell of a device, by one source.
+    """The errors of a device as pictures show them, by one source.
 
     Attributes
     ----------
     source
-        What tells it.
+        The source.
     mirrors
-        Of each mirror.
+        The tilt of each mirror.
     camera_shift_mm, camera_shift_sigma_mm
         How the pupil is shifted (3,) from its place in the holder, in rig.
     camera_turn_deg, camera_turn_sigma_deg
@@ -148,9 +148,9 @@ def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: Float
     right, down = view_turns(layout, index)
     sigma = np.degrees(np.sqrt(np.maximum(np.diag(covariance), 0.0)))[::-1]
     value = np.degrees(np.array([right * tilts[1], down * tilts[0]]))
-    told = np.where(sigma < TOLD * before_deg, value, np.nan)
+    known = np.where(sigma < DETERMINED * before_deg, value, np.nan)
     deviation, estimate = (float(sigma[0]), float(sigma[1])), (float(value[0]), float(value[1]))
-    return MirrorTilt(index, float(told[0]), float(told[1]), deviation, estimate)
+    return MirrorTilt(index, float(known[0]), float(known[1]), deviation, estimate)
 
 
 def grey_light(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np.float32]:
@@ -171,7 +171,7 @@ def grey_light(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[n
 
 
 class EdgeAligner:
-    """Tells from the edges of sub-images how the mirrors of one layout are turned; keep one for all frames.
+    """Measures by the edges of sub-images how the mirrors of one layout are turned; keep one for all frames.
 
     Parameters
     ----------
@@ -186,10 +186,10 @@ class EdgeAligner:
         self._fitter = EdgeFitter(BuiltDevice(layout, self.errors))
 
     def align(self, frames: Sequence[NDArray[np.uint8]], near: Alignment | None = None) -> Alignment:
-        """What the mean of frames (h, w, 3) or (h, w) tells; the more the scene changes between them, the better.
+        """The alignment by the mean of frames (h, w, 3) or (h, w); the more the scene changes between them, the better.
 
-        A white sheet before the mirrors tells most. With `near`, what was found before of the same device, it is
-        searched about that, ten times as fast.
+        A white sheet before the mirrors is best. With `near`, an earlier alignment of the same device, the search
+        starts there, ten times as fast.
 
         Raises InputError for no frames, or of another size than the layout's camera's.
         """
@@ -215,7 +215,7 @@ class EdgeAligner:
 
 @dataclass(frozen=True, eq=False)
 class EdgeFit:
-    """What edges tell of the errors of a device.
+    """The errors of a device as edges show them.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ class EdgeFit:
     offset_px
         Offsets (n, 2) of the edges at the stations from where they were designed, along `out`.
     own_px, own_sigma_px
-        What each station by itself tells of the offset (n, 2), and its standard deviation; NaN where it tells nothing.
+        The offset (n, 2) by each station alone, and its standard deviation; NaN where it is not determined.
     cost
         Mean absolute light, grey levels, that is left.
     """
@@ -242,7 +242,7 @@ class EdgeFit:
 
     @property
     def seen_points(self) -> tuple[FloatArray, FloatArray]:
-        """Points (n, 2) of edges as designed, and where they are seen, of all stations that tell their edge, px."""
+        """Points (n, 2) of edges as designed, and where they are seen, of all stations that locate their edge, px."""
         designed, seen = [], []
         for edge, apart in enumerate((np.zeros_like(self.seen.apart_px), self.seen.apart_px)):
             known = np.isfinite(self.own_px[:, edge])
@@ -318,7 +318,7 @@ class EdgeFitter:
         rest, change = edges_light(given, self.seen, offset, smooth)
         count = np.maximum(given.weight.sum(axis=1) - 3.0, 1.0)
         squares = (rest**2).sum(axis=1) / count
-        # What is not as the model says counts less.
+        # Stations that the model does not explain count less.
         weight = 1.0 / np.maximum(squares, 1.0) / (1.0 + np.maximum(squares - HEAVY, 0.0))
         by = change @ np.swapaxes(change, 1, 2) * weight[:, None, None]
         pull = (change @ rest[..., None])[..., 0] * weight[:, None]
@@ -335,7 +335,7 @@ class EdgeFitter:
     def _result(self, image: NDArray[np.float32], errors: FloatArray) -> EdgeFit:
         offset, jacobian, by, pull, squares = self._linear(image, errors, 0.0)
         information = np.einsum("nap,nab,nbq->pq", jacobian, by, jacobian, optimize=True)
-        # Stations of one edge pull on their own: how much they scatter says how well they are understood.
+        # The offset by each station alone: the scatter of these shows how well the model explains them.
         inverse = np.linalg.inv(information + np.eye(len(errors)))
         with np.errstate(divide="ignore", invalid="ignore"):
             alone = np.diagonal(by, axis1=1, axis2=2)
@@ -355,7 +355,7 @@ class EdgeFitter:
 
 
 class SceneAligner:
-    """Tells how the mirrors of one layout are turned by points that its views share; keep one for all frames.
+    """Measures how the mirrors of one layout are turned by points that its views share; keep one for all frames.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ class SceneAligner:
         self._names = parameter_names(layout)
 
     def align(self, frames: Sequence[NDArray[np.uint8]]) -> Alignment:
-        """What frames (h, w, 3) in RGB tell; nothing where the views share too few points."""
+        """The alignment by frames (h, w, 3) in RGB; nothing is determined where the views share too few points."""
         layout, names, mirrors = self.layout, self._names, self.layout.mirrors
         own = {k: own_motion(mirror, self.errors.tilt_deg, self.errors.lift_mm) for k, mirror in enumerate(mirrors)}
         prior = placed(own, names) + common_covariance(layout, names) + self._lens()

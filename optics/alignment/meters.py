@@ -16,14 +16,14 @@ from mirrorcam.optics.geometry.layout import Layout
 MARGIN_PX = 24
 """Inside an outline: beyond the blur of the edge of a mirror, and as far as it may be off its place."""
 CLIPPED, BLACK = 250, 8
-"""Grey levels from which on, and below which, a channel tells nothing."""
+"""Grey levels from which on a channel is clipped, and below which it is black."""
 MOST_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
 MOST_BLACK = 0.25
 DARK_GREY, BRIGHT_GREY = 40.0, 200.0
 """99 % of the pixels below, or half of them above: too dark, or too bright."""
 BINS = 32
 LEAST_GREY = 4.0
-"""Mean grey level of a sub-image that is too dark to be judged."""
+"""Mean grey level below which a sub-image is too dark to be judged."""
 NOISE = 0.25
 """Part of the quarter of pixels with the least detail that counts as noise."""
 
@@ -70,7 +70,7 @@ class Exposure:
     histogram
         Parts of the pixels in BINS ranges of the brightest channel, from dark to bright.
     clipped, black
-        Parts of the pixels that are too bright and too dark to tell anything.
+        Fractions of the pixels that are clipped and black.
     median, high
         Grey levels that half and 99 % of the pixels are below.
     advice

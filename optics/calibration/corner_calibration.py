@@ -38,7 +38,7 @@ from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirror
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
-from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, wholly_served
+from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -150,7 +150,7 @@ def _fitted(
             pupil = estimated_pupil(seen, pictures.placed(mirrored, first.rig_from_board), pictures.target)
             metrics, notes = pupil.metrics, (pupil.note,)
             seen = seen.replaced(camera=pupil.camera)
-        kept, left_out = wholly_served(seen, observations)
+        kept, left_out = unvignetted(seen, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
     selection = select(start, observations, corners_in_board_mm)

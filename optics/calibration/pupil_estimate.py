@@ -1,11 +1,11 @@
 """The pupil in a calibration: estimated from the frames, and corners outside the unvignetted parts left out.
 
-Where a mirror serves a part of the pupil, a corner out of focus is seen from the middle of that part, and light fades
-across it: it is displaced by .1 px and more. There are few such corners, and they are not needed.
+Where a mirror is vignetted, a corner out of focus is seen from the middle of the remaining part of the pupil, and light
+fades across it: it is displaced by .1 px and more. There are few such corners, and they are not needed.
 
 The border of a mirror cuts the disc of the pupil along a line: the light falls over f A |1 / d - 1 / focus|, for an
-edge at the distance d. The blur of lens and pixels adds to the variance. Edges at different distances tell the three
-apart.
+edge at the distance d. The blur of lens and pixels adds to the variance. Edges at different distances separate the
+three.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MARGIN_PX = 9.0
 MIN_KEPT = 1.0 / 3.0
 """Part of a mirror's corners that must be left, or all of them are kept."""
 MOST_FRAMES = 24
-"""Frames that tell the pupil: more would not tell more of it."""
+"""Frames that are used: more would not determine the pupil better."""
 PASSES = 2
 """Estimates of the pupil, each with what rays through the parts of the last one show."""
 LEAST_LENS_PX, LEAST_HALF_PX = 0.5, 0.5
@@ -43,13 +43,13 @@ NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 MIN_POINTS, MIN_BESIDE = 150, 20
 """Points of a border, and points on either side of it, that show it."""
 INSIDE, OUTSIDE = -0.5, 0.2
-"""Where points are wholly on either side, in `REACH_PX`."""
+"""Where points are entirely on either side, in `REACH_PX`."""
 MIN_CONTRAST = 8.0
 """Grey levels between black and white, halved, below which a border is too dim."""
 MODEL_PX2, MODEL_PART = 0.15, 0.02
 """Standard deviations of what the model leaves out: of the variance of a border, and of the diameter, in parts."""
 NEARNESS_SIGMA = 0.002
-"""Standard deviation, 1/mm, of one over the distance in focus about what the layout's camera says."""
+"""Standard deviation, 1/mm, of one over the distance in focus about that of the layout's camera."""
 LENS_PX2 = 1.0, 1.0
 """Variance of the blur of lens and pixels, and its standard deviation, before any border was seen."""
 MIN_BORDERS = 6
@@ -84,7 +84,7 @@ class EstimatedPupil:
 
 
 def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> EstimatedPupil:
-    """The pupil of a layout's camera from frames; where they do not show it, what the camera says of it is kept.
+    """The pupil of a layout's camera from frames; where they do not show it, the camera's is kept.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def _told(seen: SeenPupil, camera: Camera) -> str:
     return f"{width}, {edges}; they do not tell the distance in focus, which is the layout's {camera.focus_mm:g} mm"
 
 
-def wholly_served(layout: Layout, observations: Observations) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Mask (n,) of the corners of which the whole pupil is served, by `MARGIN_PX`, and notes.
+def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Mask (n,) of the corners that are unvignetted, by `MARGIN_PX`, and notes.
 
     Corners of the bare camera are, and so are all of a pinhole's.
     """
@@ -223,7 +223,7 @@ class SeenPupil:
 
     @property
     def shows_focus(self) -> bool:
-        """Whether the borders tell the distance in focus, rather than what was assumed of it."""
+        """Whether the borders determine the distance in focus, rather than the prior."""
         return not self.is_pinhole and self.nearness_sigma < NEARNESS_SIGMA / 2.0
 
     @property

@@ -71,7 +71,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     Parameters
     ----------
     spec
-        What is asked for; lengths in mm, depths from the pupil along view z.
+        The requested design; lengths in mm, depths from the pupil along view z.
     calls
         How searches that do not depend on each other are made; with `beside` a worker, in two processes. The layout is
         the same.
@@ -86,7 +86,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     ------
     InfeasibleDesign
         Names the constraint that cannot hold and by how much it is missed, or "every" where the search found no layout
-        and cannot say why.
+        for an unknown reason.
     """
     check_type("spec", spec, DesignSpec)
     check_at_once(spec)

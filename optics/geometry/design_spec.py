@@ -107,7 +107,7 @@ class DesignSpec(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """True if second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
+        """True if second-surface mirrors are requested, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property
@@ -129,7 +129,7 @@ class DesignSpec(Value):
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """All fields; rows and columns only where they are asked for."""
+        """All fields; rows and columns only where they are requested."""
         written: dict[str, Any] = write(self)
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 

@@ -43,7 +43,7 @@ def images(points_mm: FloatArray, mirrors: MirrorArrays, *, bent: bool = False) 
     ----------
     points_mm : points (3, n) in rig.
     mirrors : the mirror that each point is seen in.
-    bent : whether derivatives by the curvature are asked for where mirrors are flat, too.
+    bent : whether derivatives by the curvature are requested where mirrors are flat, too.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def sparse_model(cameras: Sequence[RigCamera], reference: int, picture: str) -> 
 
     `picture` is the file's name in the folder of each camera. Cameras and images are numbered as COLMAP's database has
     them, from 1 by name; it gives each camera a rig and each image a frame, so that the rig and the frame of all
-    cameras, which `rig_configurator` puts in their place, come next. `point_triangulator` asks for these very numbers.
+    cameras, which `rig_configurator` puts in their place, come next. `point_triangulator` needs these very numbers.
     """
     joint = len(cameras) + 1
     world_from_reference = inverse(cameras[reference].camera_from_world)

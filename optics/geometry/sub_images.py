@@ -93,7 +93,7 @@ def sensor_polygon(camera: Camera) -> Polygon:
 def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
-    shown = [sensor.intersection(Polygon(outline)) for outline in whole_pupil_outlines_of(layout.mirrors, pupil)]
+    shown = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
@@ -214,16 +214,16 @@ def pixel_efficiency(layout: Layout, depth_mm: float, pupil: Pupil = PINHOLE) ->
     return views.pixel_efficiency(region, depth_mm)
 
 
-def whole_pupil_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
+def unvignetted_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
     """Corners (n, 2) of the part of a sub-image whose whole pupil the mirror serves, in normalized coordinates.
 
     (0, 2) where there is none.
     """
-    return whole_pupil_outlines_of([mirror], pupil)[0]
+    return unvignetted_outlines_of([mirror], pupil)[0]
 
 
-def whole_pupil_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
-    """The `whole_pupil_outline` (n, 2) of each mirror, found together."""
+def unvignetted_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
+    """The `unvignetted_outline` (n, 2) of each mirror, found together."""
     outlines = [mirror.usable_normalized for mirror in mirrors]
     showing = [k for k, shown in enumerate(outlines) if len(shown)]
     if pupil.radius_mm == 0.0 or not showing:
@@ -232,12 +232,12 @@ def whole_pupil_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[Flo
     shown = np.array([outlines[k][np.minimum(np.arange(most), len(outlines[k]) - 1)] for k in showing])
     normals = np.array([mirrors[k].apparent.normal_in_rig for k in showing])
     distances_mm = np.array([mirrors[k].apparent.distance_mm for k in showing])
-    for k, outline in zip(showing, whole_pupil_outlines(shown, normals, distances_mm, pupil), strict=True):
+    for k, outline in zip(showing, unvignetted_outlines(shown, normals, distances_mm, pupil), strict=True):
         outlines[k] = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
     return outlines
 
 
-def whole_pupil_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:
+def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:
     """The parts of sub-images whose whole pupil is served by n mirrors, each by one, in normalized coordinates.
 
     Their borders, of which each is nearly straight, are drawn straight and run inside.
@@ -260,7 +260,7 @@ def whole_pupil_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
     middles = (shown * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
     ends = np.stack([shown, following], axis=2)
     inwards = middles[:, None, None] - ends
-    parts = _parts_to_whole_pupil(ends, middles, normals, distances_mm, pupil)
+    parts = _parts_to_unvignetted(ends, middles, normals, distances_mm, pupil)
     found = ((parts >= 0.0) & (parts < FARTHEST_PARTS)).all(axis=2) | ~distinct
     borders = ends + np.where(found[..., None], parts, 0.0)[..., None] * inwards
     along = borders[:, :, 1] - borders[:, :, 0]
@@ -273,7 +273,7 @@ def whole_pupil_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
     return kept
 
 
-def _parts_to_whole_pupil(
+def _parts_to_unvignetted(
     ends: FloatArray, middles: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
 ) -> FloatArray:
     """Parts (n, k, 2) of the ways from the ends of edges (n, k, 2, 2) to middles (n, 2) after which pupils are whole.

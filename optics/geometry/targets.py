@@ -283,7 +283,7 @@ class AprilGrid(Value):
         return np.where(np.repeat(np.repeat(self.black, y, axis=0), x, axis=1), 0, 255).astype(np.uint8)
 
 
-# Any board; read from a file, its `kind` says which.
+# Any board; read from a file, its `kind` names the class.
 Target = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
 
 

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import HalfPlanes, Pupil, disc_part, served_through
-from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
@@ -185,7 +185,7 @@ class Decoder:
 def check_belongs(layout: Layout, identity: str, what: str) -> None:
     """Raise InputError unless `identity` is this layout's, or that of the design it was calibrated or drawn from.
 
-    `what` names the frames, say "video.mp4", that say that they were taken with the layout of this identity.
+    `what` names the frames, such as "video.mp4", whose record states the identity of their layout.
     """
     origins = (layout.provenance.get(key) for key in ("nominal", "drawn_from"))
     known = [layout.identity, *(origin for origin in origins if origin is not None)]
@@ -354,7 +354,7 @@ def _served(
     axial = np.where(image[:, 2:] > 0.0, image[:, 2:], np.nan)
     normalized = image[:, :2] / axial
     pupil, share = camera.pupil, np.zeros(len(points))
-    within = Polygon(whole_pupil_outline(mirror, pupil)).buffer(-2.0 * margin_px / min(camera.fx_px, camera.fy_px))
+    within = Polygon(unvignetted_outline(mirror, pupil)).buffer(-2.0 * margin_px / min(camera.fx_px, camera.fy_px))
     shapely.prepare(within)
     share[shapely.contains_xy(within, normalized)] = 1.0
     border = np.flatnonzero((share == 0.0) & _near(mirror, pupil, normalized))
@@ -363,10 +363,10 @@ def _served(
     u, v = pixels.T
     share[~((u >= 0.0) & (u <= camera.width_px - 1.0) & (v >= 0.0) & (v <= camera.height_px - 1.0))] = 0.0
     for other in (*layout.mirrors[:mirror_index], *layout.mirrors[mirror_index + 1 :]):
-        asked = np.flatnonzero(share)
-        asked = asked[_near(other, pupil, normalized[asked])]
-        crosstalk = disc_part(served_through(other, normalized[asked], pupil.focus_mm), pupil.radius_mm).share
-        share[asked[crosstalk > MOST_CROSSTALK]] = 0.0
+        at = np.flatnonzero(share)
+        at = at[_near(other, pupil, normalized[at])]
+        crosstalk = disc_part(served_through(other, normalized[at], pupil.focus_mm), pupil.radius_mm).share
+        share[at[crosstalk > MOST_CROSSTALK]] = 0.0
     return pixels, share.astype(np.float32)
 
 

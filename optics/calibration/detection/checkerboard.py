@@ -79,7 +79,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
     Grids of saddle points start them; the print, compared with the picture, decides which corners are there. Where none
-    are found, as under the distortion of a fisheye lens, a board that is wholly visible is searched by its squares.
+    are found, as under the distortion of a fisheye lens, a board that is completely visible is searched by its squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
     most = max(target.cols, target.rows)
@@ -265,7 +265,7 @@ def _ends(picture: Image, warp: Warp, axis: int, last: int, sign: int, squares: 
 def whole_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
     """Places (n, 2) of all corners of a board in a picture (h, w), as of `corner_grids`, and their pixels (n, 2).
 
-    None where no board of the target's size is wholly visible.
+    None where no board of the target's size is completely visible.
     """
     across, down = target.corners_across
     found, corners = cv2.findChessboardCorners(grey, (across, down), flags=FLAGS)

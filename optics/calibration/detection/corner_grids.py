@@ -118,7 +118,7 @@ def _at_one_scale(picture: NDArray[np.float32]) -> SaddlePoints:
 def _curved(smooth: NDArray[np.float32], top: int) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows and columns (n,) of the strongest saddle points of a band, and the Hessian (3, n) there: xx, yy, xy.
 
-    A band stays in the processor's cache, and no memory is asked for.
+    A band stays in the processor's cache, and no memory is allocated.
     """
     above = min(SUPPRESSED_PX, top)  # what the band's derivatives and maxima depend on
     part = smooth[top - above : top + BAND_PX + SUPPRESSED_PX]

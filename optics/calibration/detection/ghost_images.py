@@ -21,8 +21,8 @@ strong as what is added to white. So everything is done in light, as that power 
 as strong on black as on white.
 
 The better the coating reflects, the fainter is one ghost image and the stronger the other, relative to the picture:
-their ratio tells how well it does. Their sum says less, as blur of another shape than a Gaussian looks like a pair of
-ghost images.
+their ratio gives the reflectance. Their sum is less informative, as blur of another shape than a Gaussian looks like a
+pair of ghost images.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ KIND = (0, 1, 1)  # light that the front reflects from outside; light that it re
 COMPLETE = 2  # passes of the ghost images that must be complete; more carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
-FEW = 60  # corners of a view that tell its blur and strengths
-MOST_FRAMES = 4  # that tell the encoding and the strengths
+FEW = 60  # corners of a view that determine its blur and strengths
+MOST_FRAMES = 4  # that determine the encoding and the strengths
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in all, the strengths are those of Fresnel's equations
 ROUNDS = 2  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
 ROUNDS_FOR_GAMMA = 5
@@ -103,7 +103,7 @@ class GhostedView:
         return replace(self, ghosts=self.ghosts.times(factors))
 
     def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
-        """The same where, and as blurred as, a picture of light shows them, and the fit, which tells the strengths."""
+        """The same where, and as blurred as, a picture of light shows them, and the fit, which gives the strengths."""
         look = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
         seen = refine(light, self.expected, look)
         pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)

@@ -255,7 +255,7 @@ class Steps:
     Attributes
     ----------
     columns
-        The number of columns (n,) that each pair says.
+        The number of columns (n,) by each pair.
     highest
         The higher marker's number (n,) of each.
     follows
@@ -268,7 +268,7 @@ class Steps:
 
     @property
     def likely(self) -> tuple[int, Steps]:
-        """The number of columns that more than a half of the pairs say, and these pairs; 0 for none."""
+        """The number of columns on which more than half of the pairs agree, and these pairs; 0 for none."""
         if len(self.columns):
             numbers, counts = np.unique(self.columns, return_counts=True)
             if 2 * counts.max() > len(self.columns):

@@ -2,7 +2,7 @@
 
 Only a few pictures are looked at, so that this costs little. What is recognised is refused with its likely cause.
 
-The markers' numbers tell a board of another size, of OpenCV's old pattern, or numbered from another marker on. Where
+The markers' numbers reveal a board of another size, of OpenCV's old pattern, or numbered from another marker on. Where
 they cannot be read, they are tried flipped, of another size, inverted, and of another dictionary.
 """
 
@@ -28,10 +28,10 @@ from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
-FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
+FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is completely visible
 PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
 MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
-MIN_STEPS = 3  # pairs of markers that say the same number of columns, by picture
+MIN_STEPS = 3  # pairs of markers that give the same number of columns, by picture
 UNEXPLAINED = 0.05  # of the pairs that some numbering explains, for another one to be as likely
 MAX_OFF = 0.035  # squares, between the side of markers as stated and as seen
 
@@ -130,9 +130,9 @@ def other_markers(
     highest = steps.highest - (target.first_marker if isinstance(target, Charuco) else 0)
     rows = (highest if tags else 2 * highest + 1) // columns + 1 + steps.follows  # at least
     if columns != target.cols:
-        said = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
+        sentence = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
         exchanged = columns == target.rows and rows.max() <= target.cols
-        return said + (": are cols and rows exchanged?" if exchanged else "")
+        return sentence + (": are cols and rows exchanged?" if exchanged else "")
     if isinstance(target, Charuco) and (other := _other_numbers(pairs, steps, target, len(shown))):
         return other
     if (rows > target.rows).sum() >= MIN_BEYOND * len(shown):
@@ -180,7 +180,7 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
 def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
     """Whether more corners are found where the board is of the other pattern: a wrong one lacks a side of it.
 
-    With an odd number of columns, the patterns differ by a shift: only the corners at the sides tell.
+    With an odd number of columns, the patterns differ by a shift: only the corners at the sides differ.
     """
     if target.rows % 2:
         return None
@@ -203,10 +203,10 @@ def _other_pattern(target: Charuco) -> str:
             f"the ChArUco board in the pictures has a white square at its top left, which none of {target.rows} rows "
             "has: are cols and rows right in board.toml?"
         )
-    said = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
+    sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
     if target.legacy:
-        return f"{said} 4.6 and later print them, board.toml says legacy = true: remove that"
-    return f"{said} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
+        return f"{sentence} 4.6 and later print them, board.toml says legacy = true: remove that"
+    return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
 
 
 def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:

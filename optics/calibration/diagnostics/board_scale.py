@@ -3,10 +3,11 @@
 Each mirror shows the middle of the board at a distance in proportion to the board's size. Reflected back, all of them
 show one point, which holds only at one size. A size that was stated in another unit is recognised by its ratio.
 
-A board whose squares are k times as large as stated makes all lengths 1/k times the true ones, and the pictures fit
-as well as before: corners alone cannot tell. The nominal layout can, by two kinds of lengths: distances of the virtual
+A board whose squares are k times as large as stated makes all lengths 1/k times the true ones, and the pictures fit as
+well as before: corners alone cannot show it. The nominal layout can, by two kinds of lengths: distances of the virtual
 centres, and the places of the mirrors' edges, which frames show at a direction from the pupil. Both follow from a
-device that deviates from its design as a hobbyist builds it, whose camera may sit elsewhere; what is left is the scale.
+device that deviates from its design as a hobbyist builds it, whose camera may sit elsewhere; the remaining common
+factor is the scale.
 """
 
 from __future__ import annotations
@@ -49,11 +50,11 @@ def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str 
     if ratio is None or 1.0 / OTHER_SIZE < ratio < OTHER_SIZE:
         return None
     side, what = (target.tag_mm, "tags") if isinstance(target, AprilGrid) else (target.square_mm, "squares")
-    said = f"board.toml says {what} of {side:g} mm, the pictures fit about"
+    stated = f"board.toml says {what} of {side:g} mm, the pictures fit about"
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < SAME_UNIT:
-            return f"{said} {side * factor:.3g} mm: were they measured in {unit}?"
-    return f"{said} {side * ratio:.2g} mm in this layout: is either of them of another device?"
+            return f"{stated} {side * factor:.3g} mm: were they measured in {unit}?"
+    return f"{stated} {side * ratio:.2g} mm in this layout: is either of them of another device?"
 
 
 def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:

@@ -49,7 +49,7 @@ class Calibration:
     pictures
         Name of the picture of each frame (f).
     residual_scale
-        Standard deviation of residuals in those that the observations state; None where only residuals tell it.
+        Standard deviation of residuals in those that the observations state; None where only residuals give it.
     """
 
     layout: Layout
@@ -221,7 +221,7 @@ def held_out_metrics(
 def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
     """A nominal layout with the camera, planes, plates and curvatures of an estimate, without figures.
 
-    A plate that comes out as none, which an alarm says, is as thin as a layout can have it.
+    A plate that comes out as none, which raises an alarm, is as thin as a layout can have it.
     """
     thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.least)
     mirrors = tuple(

@@ -34,7 +34,7 @@ REACH_SIGMAS = 2.5  # residuals beyond count as this many: outliers
 CLIPPED_VARIANCE = float(chi2.cdf(REACH_SIGMAS**2, 3) + REACH_SIGMAS**2 * chi2.sf(REACH_SIGMAS**2, 1))
 """Mean of min(x^2, REACH_SIGMAS^2) for a normal variable x."""
 PRIOR_FREEDOM = 8.0
-"""Degrees of freedom of what all views say about each: a view of few corners is near to the others."""
+"""Degrees of freedom of the prior that all views give for each: a view of few corners is near the others."""
 STEPS = 20
 TAILS = (3.0, 5.0, 9.0, 17.0, 33.0, np.inf)
 """Degrees of freedom of the t distributions that are tried."""

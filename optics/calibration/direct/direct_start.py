@@ -93,7 +93,7 @@ def first_estimate(
 ) -> Start:
     """Camera, planes and poses from the boards detected in each picture.
 
-    Boards that bow, or are all tilted alike, tell a wrong camera or none: several are tried, and that one is used whose
+    Boards that bow, or are all tilted alike, give a wrong camera or none: several are tried, and that one is used whose
     mirrors and boards explain the corners best.
 
     Raises InputError where the boards do not determine the camera, or show fewer mirrors.

@@ -140,7 +140,7 @@ def _refined(camera: Camera, rays: FloatArray, there: FloatArray, turn: FloatArr
 
 @dataclass(frozen=True)
 class Shutter:
-    """A rolling shutter that the corners tell.
+    """A rolling shutter as the corners show it.
 
     `readout` is that of a frame, as a part of the time from frame to frame, and `sigma` its standard deviation; it is
     `supported` where the likelihood, the information criterion and frames left out all speak for it.

@@ -156,7 +156,7 @@ class Model:
 def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | None:
     """A prior that holds the rotation near that of a layout; None for more than two mirrors.
 
-    Raises InputError for one mirror, of which no picture tells anything, and for parallel ones, whose planes do not
+    Raises InputError for one mirror, which no picture determines, and for parallel ones, whose planes do not
     meet.
     """
     if len(layout.mirrors) > 2:

@@ -227,7 +227,7 @@ def depth_information(
     nearness: Expression,
     blur: Expression,
 ) -> Expression:
-    """What a window of the central view tells of the depth of a point (3), up to a factor.
+    """The information of a window of the central view on the depth of a point (3), up to a factor.
 
     Views (3) and point in view axes, in scales. The bound for a texture with as much slope at each frequency: a view
     that shows |J| px per area, J px per length, weighs |J| / (s |J^-T u|)^2 in the direction u, with the variance s^2

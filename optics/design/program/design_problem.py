@@ -124,7 +124,7 @@ def overlap_problem(
 
     Parameters
     ----------
-    spec : what is asked for.
+    spec : the requested design.
     seed : mirrors to start from.
     pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution still
         fits when more are appended.
@@ -185,7 +185,7 @@ def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_I
 
 
 def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
-    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the height asked for.
+    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the requested height.
 
     Nothing else fixes the size of the whole or its direction.
     """
@@ -280,8 +280,8 @@ def relaxed_program(program: Program, changed: Program, first: float) -> Program
     return relaxed
 
 
-def relaxed_fold(program: Program, fold: Indices, asked: float, least: float, most: float) -> Program:
-    """A program whose fold, at its place, changes within a range, and comes as near as can be to the one asked for.
+def relaxed_fold(program: Program, fold: Indices, requested: float, least: float, most: float) -> Program:
+    """A program whose fold, at its place, changes within a range, and comes as near as possible to the requested one.
 
     Radians; it starts with the fold of the program.
     """
@@ -292,7 +292,7 @@ def relaxed_fold(program: Program, fold: Indices, asked: float, least: float, mo
     for term, places, numbers in program.uses:
         for where, now in zip(places, numbers, strict=True):
             relaxed.add(changing(term), [where, change], [now, np.zeros_like(now)])
-    relaxed.add(distance_term(), [fold], [asked, CHANGE_COST])
+    relaxed.add(distance_term(), [fold], [requested, CHANGE_COST])
     return relaxed
 
 

@@ -1,4 +1,4 @@
-"""The competition of views, sector by sector: costs of places by what the views in each direction say of them."""
+"""The competition of views, sector by sector: costs of places by the views in each direction."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ NEAR, FAR = 0.6, 2.0
 MOST_CELLS = 2**26
 """Most pixels times planes that are searched without knowing where."""
 MOST_NEAR_CELLS = 2**28
-"""Most pixels times planes near what is known; where depth changes so much, what smaller pictures tell is all."""
+"""Most pixels times planes near what is known; where depth changes so much, the result of smaller pictures stands."""
 SMALLEST_SEARCHED_PX = 48
 """Pictures are not halved to less than that."""
 SMALLEST_PX = 16
@@ -254,9 +254,9 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if np.isinf(near_mm):
         raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
     if not least < near_mm < far_mm:
-        asked = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
+        limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(
-            f"{asked}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
+            f"{limits}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
         )
 
 

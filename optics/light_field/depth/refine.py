@@ -53,7 +53,7 @@ JUMP_PX = 0.6
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
 COLOUR_GREY = 20.0
-"""Sum of the differences of three colours, of 255 each, at which a neighbour's say falls by a factor of e."""
+"""Sum of the differences of three colours, of 255 each, at which a neighbour's weight falls by a factor of e."""
 
 
 @dataclass(frozen=True, eq=False)

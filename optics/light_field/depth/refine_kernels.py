@@ -150,7 +150,7 @@ def add_terms(
     hiding: float,
     terms: Terms,
 ) -> None:
-    """Add what a view says of rows `first` to `last` of a map of planes (v, u).
+    """Add the terms of a view in rows `first` to `last` of a map of planes (v, u).
 
     `own` (v, u, 2), `derivatives` (2, 2, v, u) and `variance` (v, u) are those of the reference view's slopes.
     """
@@ -180,9 +180,9 @@ def add_terms(
             left, right = x - 1 if x > 0 else 1, x + 1 if x < width - 1 else width - 2
             unlike = one + (mean[left] + mean[x] + mean[right]) * ninth * limit
             weight = row[5, x] / (unlike * unlike)
-            say = weight / variance[y, x]
-            terms.information[y, x] += say * (row[2, x] * row[2, x] + row[3, x] * row[3, x])
-            terms.gradient[y, x] += say * (row[2, x] * row[0, x] + row[3, x] * row[1, x])
+            precision = weight / variance[y, x]
+            terms.information[y, x] += precision * (row[2, x] * row[2, x] + row[3, x] * row[3, x])
+            terms.gradient[y, x] += precision * (row[2, x] * row[0, x] + row[3, x] * row[1, x])
             terms.agreeing[y, x] += weight
             terms.seeing[y, x] += row[4, x]
             terms.squares[y, x] += weight * squares[y - top, x]

@@ -31,7 +31,7 @@ LEAST_RATIO = 1.5
 SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
 SLOPE_MEAN_PX = (145, 49, 17, 9)
 SLOPE_HELD = 0.03
-"""Share of sure places in a square at which what they say counts as much as a larger square."""
+"""Share of sure places in a square at which these count as much as a larger square."""
 SURE = 12.0
 """Margin, in contrasts of eight views, from which on a lean is sure."""
 STEEPEST = 2.0
@@ -39,7 +39,7 @@ STEEPEST = 2.0
 LEVEL = 0.02
 """Leans below that, in planes a pixel, count as none."""
 SAME_PLANES = 2
-"""Planes so near each other are one place, when it is asked whether another is as cheap."""
+"""Planes so near each other are one place, when rivals that are as cheap are counted."""
 PLACE_PLANES = 3
 """Planes that are right together, to half a pixel of the farthest view's motion."""
 LINES = 32

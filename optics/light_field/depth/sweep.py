@@ -20,7 +20,7 @@ from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
 DIRECTIONS = 16
-"""Directions from the reference view that are told apart: what hides a place hides it from neighbouring directions."""
+"""Directions from the reference view that are distinguished: an occluder hides a place from neighbouring directions."""
 MOST_RINGS = 4
 Map = Callable[..., Any]
 NOTHING = np.float32(-1e9)

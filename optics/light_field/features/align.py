@@ -34,7 +34,7 @@ MOVING_ROUNDS = 2
 SHAPING_ROUNDS = 3
 # A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
 MOST_STEP_PX = 1.0
-# Views that look less like the reference's patch say nothing of its shape.
+# Views that look less like the reference's patch give no information on its shape.
 LEAST_ALIKE_FOR_SHAPE = 0.7
 KEYPOINTS_AT_ONCE = 128
 # Standard deviations of surfaces before anything is seen of them: tan(slant) (60 degrees), and how much it changes over
@@ -235,7 +235,7 @@ class PatchShapes:
         self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
 
     def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
-        """Correct the shapes by differences (views, n, SAMPLES) in the views that tell them (views, n).
+        """Correct the shapes by differences (views, n, SAMPLES) in the views that show them (views, n).
 
         Returns the move (views, n, 2) of the patches' middles for which the correction makes up.
         """
@@ -243,30 +243,30 @@ class PatchShapes:
         weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
         positions = np.einsum("vni,vj->nij", weighted, self.across_mm).astype(np.float64)
         slopes = weighted.transpose(1, 2, 0) @ difference.transpose(1, 0, 2)
-        told = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
+        projected = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
             -1, len(SHAPES), 2, 2
         )
-        count, shapes = len(told), len(SHAPES)
+        count, shapes = len(projected), len(SHAPES)
         prior = self.prior[:, :, None] * np.eye(shapes)
         information = positions.reshape(count, 1, 4) @ each.products.reshape(count, 4, shapes**2)
         self.normal = information.reshape(count, shapes, shapes) / self.variance[:, None, None] + prior
-        right = np.einsum("nbkk->nb", told) / self.variance[:, None] - self.prior * self.shape
+        right = np.einsum("nbkk->nb", projected) / self.variance[:, None] - self.prior * self.shape
         change = np.linalg.solve(self.normal, right[..., None])
         explained = (each.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
         explained = np.einsum("nkjb,nji->nbki", explained, positions)
         change = change[..., 0]
-        self.variance = self._variance(told - explained, positions)
+        self.variance = self._variance(projected - explained, positions)
         self.shape += change.astype(np.float32)
         moved = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
         return np.asarray(-(moved @ self.across_mm.T).transpose(2, 0, 1))
 
-    def _variance(self, told: FloatArray, positions: FloatArray) -> FloatArray:
-        """Variance (n,) of residuals by what they tell (n, 9, 2, 2) that no shape is: moves across epipolar lines."""
-        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, told) ** 2
+    def _variance(self, projected: FloatArray, positions: FloatArray) -> FloatArray:
+        """Variance (n,) of residuals by their part (n, 9, 2, 2) that no shape explains: moves across epipolar lines."""
+        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, projected) ** 2
         moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
         usual = np.einsum("nskm,nkmbb->nsb", moved, self.each.products)
         share = squares / np.maximum(usual, 1e-12)
-        # Views in one line tell the first alone.
+        # Views in one line determine the first alone.
         values = np.linalg.eigvalsh(positions)
         flat = values[:, 0] < 1e-6 * values[:, 1]
         return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)

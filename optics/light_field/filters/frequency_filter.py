@@ -31,7 +31,7 @@ OUTLIER_PASSES = 12
 OUTLYING = 14.0
 """Residual, in robust standard deviations, from which on a sample counts a quarter and less."""
 LEAST_VARIANCE = (1.0 / 255.0) ** 2
-"""Of residuals: where they are less than a grey level, none of them is told from rounding."""
+"""Of residuals: where they are less than a grey level, none of them exceeds rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
 """Of chi-square distributions."""
 MARGIN_PX = 8
@@ -41,7 +41,7 @@ Complex64 = NDArray[np.complex64]
 RINGS = 48
 AT_ONCE = 60_000_000
 """Bytes of coherences that are held at a time."""
-TELLS = 0.1
+LEAST_EXCESS = 0.1
 """Of tr(S S) / n - 1 of a ring, below which signal and noise look alike to the views."""
 LEAST_NOISE = 1e-5
 """Of the signal's power: a coherence is singular."""
@@ -225,10 +225,10 @@ def measured_power(spectra: Complex64, passband: Passband, frequencies: FloatArr
         traces += np.bincount(rings[part], np.square(coherence).sum(axis=(1, 2)), RINGS)
     some = np.maximum(counts, 1)
     mean, excess = sums / some[:, None, None], (traces / some) / views - 1.0
-    tells = excess > TELLS
-    signal = (mean[:, 1] - mean[:, 0]) / views / np.where(tells, excess, 1.0)[:, None]
+    separable = excess > LEAST_EXCESS
+    signal = (mean[:, 1] - mean[:, 0]) / views / np.where(separable, excess, 1.0)[:, None]
     noise = np.clip(mean[:, 0] / views - np.maximum(signal, 0.0), 0.0, None) / max(seen, 1e-3)
-    noise = _where_told(noise, tells & (counts > 0))
+    noise = _where_known(noise, separable & (counts > 0))
     return Power(np.maximum(mean[:, 0] / views - noise * seen, 0.0), noise, counts)
 
 
@@ -253,9 +253,9 @@ def _parts(count: int, views: int) -> list[slice]:
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
-def _where_told(noise: FloatArray, told: NDArray[np.bool_]) -> FloatArray:
-    """Noise (rings, c), where views do not tell it from the signal as in the nearest rings where they do."""
-    if not told.any():
+def _where_known(noise: FloatArray, separated: NDArray[np.bool_]) -> FloatArray:
+    """Noise (rings, c), where views do not separate it from the signal as in the nearest rings where they do."""
+    if not separated.any():
         return np.zeros_like(noise)
-    at, known = np.arange(len(noise)), np.flatnonzero(told)
+    at, known = np.arange(len(noise)), np.flatnonzero(separated)
     return np.stack([np.interp(at, known, each[known]) for each in noise.T], axis=-1)

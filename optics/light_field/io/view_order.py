@@ -250,7 +250,7 @@ class NamedViews:
 
 @dataclass(frozen=True)
 class _Named:
-    """What a name says of a picture: the numbers of its row and column, and its place (x, y) or None."""
+    """The place of a picture by its name: the numbers of its row and column, and its place (x, y) or None."""
 
     file: Path
     row: int

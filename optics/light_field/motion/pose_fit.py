@@ -138,7 +138,7 @@ def see(
 ) -> Seen:
     """Align the views of a light field with patches expected at directions (n, 2) and inverse distances (n,).
 
-    `warp` tells how they are seen there.
+    `warp` is how they are seen there.
     """
     views = np.arange(len(geometry.focal_px))
     start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in views])
@@ -236,18 +236,18 @@ def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigma
         if np.abs(step).max() < 1e-9:
             break
     # Columns: what remains of each landmark, and an error of one along each axis of its direction.
-    told = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
-    scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ told
+    stacked = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
+    scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ stacked
     # Weights that depend on residuals make the curvature of what is least smaller than `normal`.
     fall = (2.0 / (OUTLIER * usual)) * scores[..., 0].T @ scores[..., 0]
     covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
-    # What slopes of all landmarks have in common moves the pose, and no residual tells.
+    # An error that the slopes of all landmarks share moves the pose, and no residual shows it.
     alike = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
     return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
 
 
 def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, shared: float) -> FloatArray:
-    """Covariance (6, 6) of a pose from what each landmark says against it (n, 6, 3), neighbours being wrong alike.
+    """Covariance (6, 6) of a pose from the scores of each landmark (n, 6, 3), with correlated errors of neighbours.
 
     Landmarks in one cell of CELLS x CELLS count as one, whose sum is as wrong as it is seen to be: the sandwich
     estimator of White, Econometrica 1980, for clusters; and `shared` is an error of their directions besides.
@@ -302,7 +302,7 @@ def rigid_motions(src: FloatArray, dst: FloatArray, weights: FloatArray) -> Floa
     centres = [(share[..., None] * points).sum(axis=-2) for points in (src, dst)]
     away = [points - centre[..., None, :] for points, centre in zip((src, dst), centres, strict=True)]
     u, _, vt = np.linalg.svd(np.swapaxes(share[..., None] * away[1], -1, -2) @ away[0])
-    # No reflection: the direction of which the points tell least turns over.
+    # No reflection: the direction that the points determine least turns over.
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     turn = u @ vt
     return rigid(turn, centres[1] - (turn @ centres[0][..., None])[..., 0])

@@ -64,7 +64,7 @@ class TrackedPose:
         Covariance (6, 6) of xi = (translation in mm, rotation in radians) in world_from_view exp(xi), in the axes of
         the view. NaN where lost.
     landmarks
-        Number of landmarks that tell it; 0 where lost.
+        Number of landmarks that determine it; 0 where lost.
     is_key
         Whether later poses are measured from this one.
     """
@@ -117,7 +117,7 @@ class LightFieldTracker:
         self.finder = FeatureFinder(views, name, keypoints=keypoints, nearest_mm=nearest_mm, farthest_mm=farthest_mm)
         self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1))
         self._key: _KeyFrame | None = None
-        # The last pose, how many landmarks told it, and the last motion, which the next one is expected to be like.
+        # The last pose, its number of landmarks, and the last motion, which predicts the next one.
         self._frame_from_key, self._count, self._speed = np.eye(4), 0, np.eye(4)
         farthest_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
         self._shared = SharedErrors(NEIGHBOURS_PX / views.focal_px, COMMON_PX / (views.focal_px * farthest_mm))
@@ -153,7 +153,7 @@ class LightFieldTracker:
         return TrackedPose(world_from_view, covariance, self._count, False)
 
     def _refined(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
-        """The pose that landmarks tell, aligned from where another one expects them; None where too few agree."""
+        """The pose by landmarks, aligned from where another pose expects them; None where too few agree."""
         assert self._key is not None
         landmarks, found = self._key.landmarks, None
         for _ in range(MOST_ALIGNMENTS):

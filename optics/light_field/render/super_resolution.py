@@ -48,7 +48,7 @@ UNEXPLAINED = 6.0
 """Variance over that of noise from which on samples do not show the plane."""
 SOME = 1e-6
 FEWEST_FREE = 0.25
-"""Share of samples, at least, that tells noise, not the picture."""
+"""Share of samples, at least, that determine noise, not the picture."""
 AROUND_PX = 2.5
 """Pixels of a view around one, over which what is left over is averaged."""
 GROUPS = 4
@@ -158,7 +158,7 @@ class _Fit:
         return float(np.sqrt(np.quantile(every, IN_FOCUS) / self._free(picture)))
 
     def _free(self, picture: Float32) -> float:
-        """Share of the samples that tell noise: as many unknowns as finer pixels take part of it away."""
+        """Share of the samples that determine noise: the finer pixels, as unknowns, absorb the rest."""
         samples = sum(float(weight.sum()) for weight in self.weights)
         return max(1.0 - picture[0].size / max(samples, 1.0), FEWEST_FREE)
 

@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
 AGREE_PX = 1.0
-"""Depths agree where the farthest view tells them apart by no more than that."""
+"""Depths agree where the farthest view shows them at places apart by no more than that."""
 EDGE_PX = 2
 """How far around what is left out samples may still show some of it: they blend two pixels of the frame, softened."""
 
@@ -83,7 +83,7 @@ class ViewDepths:
     def measured(
         cls, light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None
     ) -> ViewDepths:
-        """Measure by `DepthEstimator` in the reference view, and carry it to the others as `of_reference` says.
+        """Measure by `DepthEstimator` in the reference view, and carry it to the others by `of_reference`.
 
         Raises InputError where no depth can be measured, as `DepthEstimator`.
         """

@@ -208,7 +208,7 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     """Frames (i, j) that areas average at most after some before, of sums (k, i, j, LAG_SUMS) of the views.
 
     Drift that follows from the slopes of the mean is lag. Where the views' lags differ, by their chi-squared, depth is
-    changing, which no single square may tell. A lag that all share moves a surface by as much in all views, so that its
+    changing, which no single square may show. A lag that all share moves a surface by as much in all views, so that its
     depth is right; it may be a part of a pixel. Means are left out, as they are of lighting.
     """
     # Each area with those around it.
@@ -222,14 +222,14 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     values = 2 * len(sums)
     like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
     kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
-    told = shared > chi_square(2, LAG_LIKE) * noise.joined
+    lagging = shared > chi_square(2, LAG_LIKE) * noise.joined
     # Of samples beyond all bounds, nothing is known.
-    kept = np.where(told, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
+    kept = np.where(lagging, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
     return np.clip((before + 1.0) * np.nan_to_num(kept), 1.0, MEMORY).astype(np.float32)
 
 
 def _lag(parts: Any) -> tuple[Any, Any]:
-    """Chi-squared (...) of the lag that weighted sums (5, ...) tell, and its length in px."""
+    """Chi-squared (...) of the lag by weighted sums (5, ...), and its length in px."""
     xx, xy, yy, xe, ye = parts
     least = 1e-6 * (xx + yy) + 1e-20
     xx, yy = xx + least, yy + least

@@ -39,7 +39,7 @@ BLOCK_PX = 5
 STRIDE_PX, SMALL_STRIDE_PX, SMALL_VIEW = 16, 8, 20_000
 """Distance of the blocks, and that in views of fewer pixels."""
 DARK = 16.0 / 255.0
-"""Brightness below which a block says nothing of the lighting."""
+"""Brightness below which a block gives no information on the lighting."""
 LEAST_GAIN, MOST_GAIN = 0.5, 2.0
 MEDIAN_ERROR = 1.86
 """Standard error of a median of one normal value, in median absolute deviations: 1.4826 sqrt(pi / 2)."""
@@ -72,7 +72,7 @@ class Noise:
         return (1.0 / np.array(curves)).astype(np.float32)
 
     def followed(self, new: Noise) -> Noise:
-        """The noise after a frame that says `new`."""
+        """The noise after a frame whose noise is `new`."""
         # All of it where only now it is sure that nothing moves.
         up = (new.trust - self.trust) / max(new.trust, LEAST_TRUST)
         slowly = max(up, SLOWLY * new.trust)
@@ -185,7 +185,7 @@ def _expected(known: NDArray[np.int64], found: FloatArray, count: NDArray[np.int
 
 
 def _by_level(energies: Float32, level: NDArray[np.int64], second: bool) -> tuple[Float32, float]:
-    """The noise (BINS,) that energies (n,) of blocks tell of each class, and their spread.
+    """The noise (BINS,) by the energies (n,) of blocks in each class, and their spread.
 
     Classes of few blocks are between their neighbours. With `second`, energies are the lesser of two.
     """

@@ -1,4 +1,4 @@
-"""The recursive mean of a video, row by row: what changed is told from noise, and what did not is averaged."""
+"""The recursive mean of a video, row by row: changes are told from noise, and static samples are averaged."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from mirrorcam.core.images.pictures import is_picture, read_image
 from mirrorcam.core.values import InputError, Metric
 from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, tells_drift
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, shows_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -81,7 +81,7 @@ def drift_check(
     layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
 ) -> DriftReporter | None:
     """The check of recordings for mirrors that moved; None where the layout does not allow one."""
-    if tells_drift(layout):
+    if shows_drift(layout):
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")

@@ -10,7 +10,7 @@ from mirrorcam.calibration.stiffness import MountTilt
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.values import InputError, Metric
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, Drift, resolved_layout, tells_drift
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, Drift, resolved_layout, shows_drift
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.frame_checks import check_frames
 
@@ -25,7 +25,7 @@ def find_drift_files(
     `tell` is called with what the user should know of a video, and of pictures of 16 bits. Raises InputError for a
     layout that states no measured mirrors, and for files that are not of its camera.
     """
-    if not tells_drift(layout):
+    if not shows_drift(layout):
         nominal = layout.kind == "nominal"
         what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
         raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")

@@ -73,7 +73,7 @@ def test_tilts_in_words() -> None:
     assert MirrorTilt(0, 0.05, -0.2, (0.1, 0.1)).words == "0.20° up"
     assert MirrorTilt(0, 0.05, nan, (0.1, 0.5)).words == "straight"
     assert MirrorTilt(0, nan, nan, (0.5, 0.5)).words == "cannot tell"
-    assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).told
+    assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).determined
 
 
 def test_a_tilt_hardly_known_better_than_before_is_not_told(default_layout: Layout) -> None:
@@ -173,5 +173,5 @@ def test_tilts_are_told_where_the_scene_has_texture() -> None:
 def test_an_even_scene_tells_nothing() -> None:
     frame = np.full((540, 960, 3), 120, np.uint8)
     found = SceneAligner(LAYOUT).align([frame])
-    assert found.points == 0 and not any(mirror.told for mirror in found.mirrors)
+    assert found.points == 0 and not any(mirror.determined for mirror in found.mirrors)
     assert all(mirror.words == "cannot tell" for mirror in found.mirrors)

@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.pupil_estimate import (
     SeenPupil,
     estimated_pupil,
     seen_pupil,
-    wholly_served,
+    unvignetted,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -44,7 +44,7 @@ def grid_of(layout: Layout, index: int) -> Observations:
 def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(default_layout: Layout) -> None:
     layout = with_pupil(default_layout, PUPIL)
     corners = grid_of(layout, 4)
-    kept, notes = wholly_served(layout, corners)
+    kept, notes = unvignetted(layout, corners)
     left_out = int((~kept).sum())
     assert notes == (
         f"{left_out} of {len(corners)} corners left out: near mirrors' edges, which the pupil sees partly",
@@ -60,16 +60,16 @@ def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(defau
 
 def test_nothing_is_left_out_of_a_pinhole_or_the_bare_camera(default_layout: Layout) -> None:
     corners = grid_of(default_layout, 0)
-    kept, notes = wholly_served(with_pupil(default_layout, PINHOLE), corners)
+    kept, notes = unvignetted(with_pupil(default_layout, PINHOLE), corners)
     assert kept.all()
     assert notes == ()
     direct = Observations.of_view(0, DIRECT, corners.corner, corners.pixels)
-    assert wholly_served(with_pupil(default_layout, PUPIL), direct)[0].all()
+    assert unvignetted(with_pupil(default_layout, PUPIL), direct)[0].all()
 
 
 def test_a_mirror_that_hardly_serves_a_whole_pupil_keeps_its_corners(default_layout: Layout) -> None:
     layout = with_pupil(default_layout, Pupil(40.0, 500.0))
-    kept, notes = wholly_served(layout, grid_of(layout, 4))
+    kept, notes = unvignetted(layout, grid_of(layout, 4))
     assert kept.all()
     assert notes == ("mirror 1-1: hardly any corner is seen by the whole pupil, all are used",)
 
@@ -77,10 +77,10 @@ def test_a_mirror_that_hardly_serves_a_whole_pupil_keeps_its_corners(default_lay
 def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layout) -> None:
     layout = with_pupil(default_layout, PUPIL)
     corners = grid_of(layout, 4)
-    kept, _ = wholly_served(layout, corners)
+    kept, _ = unvignetted(layout, corners)
     edge = np.flatnonzero(~kept)[:8]
     alone = Observations.of_view(1, 4, corners.corner[edge], corners.pixels[edge])
-    both, _ = wholly_served(layout, Observations.join([corners, alone]))
+    both, _ = unvignetted(layout, Observations.join([corners, alone]))
     assert (both[: len(kept)] == kept).all()
     assert both[len(kept) :].all()
 

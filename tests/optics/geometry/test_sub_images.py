@@ -23,11 +23,11 @@ from mirrorcam.optics.geometry.sub_images import (
     seen_px,
     sensor_polygon,
     sub_images,
+    unvignetted_outline,
+    unvignetted_outlines,
     vertices,
-    whole_pupil_outline,
-    whole_pupil_outlines,
 )
-from tests.optics.rim_rays import wholly_served
+from tests.optics.rim_rays import unvignetted
 from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing, two_rectangles
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
@@ -138,7 +138,7 @@ def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg:
 def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) -> None:
     shares = []
     for mirror in default_layout.mirrors:
-        outline = whole_pupil_outline(mirror, PUPIL)
+        outline = unvignetted_outline(mirror, PUPIL)
         middles = (outline + np.roll(outline, -1, axis=0)) / 2.0
         for border in (outline, middles):
             np.testing.assert_allclose(
@@ -146,7 +146,7 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
             )
         shares.append(Polygon(outline).area / Polygon(mirror.outline_normalized).area)
     assert 0.8 < min(shares) < max(shares) < 0.95
-    np.testing.assert_array_equal(whole_pupil_outline(mirror, Pupil()), mirror.usable_normalized)
+    np.testing.assert_array_equal(unvignetted_outline(mirror, Pupil()), mirror.usable_normalized)
 
 
 @pytest.mark.parametrize(("thickness_mm", "within_px"), [(0.0, 0.05), (1.5, 8.0)])
@@ -157,10 +157,10 @@ def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
     for number, mirror in enumerate(default_layout.mirrors):
         if thickness_mm:
             mirror = mirror.replaced(surface="second", thickness_mm=thickness_mm)
-        outline = Polygon(whole_pupil_outline(mirror, PUPIL))
+        outline = Polygon(unvignetted_outline(mirror, PUPIL))
         low, high = np.reshape(outline.bounds, (2, 2))
         chief = np.random.default_rng(number).uniform(low - 0.005, high + 0.005, (3000, 2))
-        served = wholly_served(mirror, chief, PUPIL)
+        served = unvignetted(mirror, chief, PUPIL)
         inside = shapely.contains_xy(outline, *chief.T)
         assert 0.4 < served.mean() < 0.99
         assert inside.mean() == pytest.approx(served.mean(), abs=0.02)
@@ -169,7 +169,7 @@ def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
 
 
 def test_a_mirror_narrower_than_the_blur_serves_no_whole_pupil(default_layout: Layout) -> None:
-    assert whole_pupil_outline(default_layout.mirrors[0], Pupil(40.0, PUPIL.focus_mm)).shape == (0, 2)
+    assert unvignetted_outline(default_layout.mirrors[0], Pupil(40.0, PUPIL.focus_mm)).shape == (0, 2)
 
 
 def test_many_mirrors_have_the_outlines_of_each_alone(default_layout: Layout) -> None:
@@ -182,9 +182,9 @@ def test_many_mirrors_have_the_outlines_of_each_alone(default_layout: Layout) ->
     shown = np.array([mirror.outline_normalized[[0, 1, 2, -1]] for mirror in mirrors])
     normals = np.array([mirror.normal_in_rig for mirror in mirrors])
     distances_mm = np.array([mirror.distance_mm for mirror in mirrors])
-    together = whole_pupil_outlines(shown, normals, distances_mm, PUPIL)
+    together = unvignetted_outlines(shown, normals, distances_mm, PUPIL)
     for mirror, outline in zip(mirrors, together, strict=True):
-        alone = whole_pupil_outline(mirror, PUPIL)
+        alone = unvignetted_outline(mirror, PUPIL)
         np.testing.assert_allclose(outline[: len(alone)], alone, atol=1e-15)
         np.testing.assert_array_equal(outline[len(alone) :] - (outline[len(alone) - 1] if len(alone) else 0.0), 0.0)
-    assert [len(whole_pupil_outline(mirror, PUPIL)) for mirror in mirrors[:3]] == [3, 0, 4]
+    assert [len(unvignetted_outline(mirror, PUPIL)) for mirror in mirrors[:3]] == [3, 0, 4]

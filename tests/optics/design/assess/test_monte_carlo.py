@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.truth.light_rays import reflected
-from tests.optics.rim_rays import wholly_served
+from tests.optics.rim_rays import unvignetted
 
 DEPTHS_MM = (300.0, 500.0)
 # Of the standard normal distribution.
@@ -213,7 +213,7 @@ def test_usable_efficiency_is_that_of_rays_from_the_rim(default_layout: Layout, 
     shares = dict.fromkeys(DEPTHS_MM, 0.0)
     for mirror in device.mirrors:
         chief = camera.normalized_from_pixels(pixels)
-        chief = chief[wholly_served(mirror, chief, pupil)]
+        chief = chief[unvignetted(mirror, chief, pupil)]
         rays = np.column_stack([chief, np.ones(len(chief))])
         _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
         for depth_mm in DEPTHS_MM:
@@ -224,7 +224,7 @@ def test_usable_efficiency_is_that_of_rays_from_the_rim(default_layout: Layout, 
                 seen = device.project(points, index)
                 on_sensor = ((seen > -0.5) & (seen < [camera.width_px - 0.5, camera.height_px - 0.5])).all(axis=1)
                 points, seen = points[on_sensor], seen[on_sensor]
-                points = points[wholly_served(other, camera.normalized_from_pixels(seen), pupil)]
+                points = points[unvignetted(other, camera.normalized_from_pixels(seen), pupil)]
             shares[depth_mm] += len(points) / len(pixels)
     found = figures(layout, draw_perturbations(tolerances, len(mirrors), 1, np.random.default_rng(5)))
     for depth_mm, share in shares.items():

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
-from mirrorcam.optics.geometry.sub_images import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 from tests.optics.design.program.seeded_mirrors import (
     KINDS,
     expressed,
@@ -151,7 +151,7 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     assert -f / 2.0 == pytest.approx(share, rel=1e-4)
     assert g[-1] == pytest.approx(share - 0.01, abs=1e-5)
     # The least of the others says by what area over a tile's the region's nearest corner lies within an edge.
-    usable = Polygon(whole_pupil_outline(mirror, camera.pupil))
+    usable = Polygon(unvignetted_outline(mirror, camera.pupil))
     assert (g[:-1] >= 0).all() == usable.contains(Polygon(normalized))
     far = term_value(term, [fold_of(spec), centres[2], corners[2], 3.0 * tangents.ravel()], numbers)[1]
     assert far[:-1].min() < 0

@@ -104,7 +104,7 @@ def test_the_smallest_change_is_found(margin: float) -> None:
     term = apart()
     # At most 2 apart: 5 - 4 change = 2 - margin.
     relaxed = relaxed_program(program(term, 5.0), program(term, 1.0), 0.9)
-    outcome, missed = Solver(relaxed, SLACK_WEIGHTS).mend(margin)
+    outcome, missed = Solver(relaxed, SLACK_WEIGHTS).find_relaxed(margin)
     assert outcome.solved
     assert outcome.values[-1] == pytest.approx((3.0 + margin) / 4.0, abs=1e-3)
     assert missed["spacing"] == pytest.approx(-margin, abs=1e-6)
@@ -112,14 +112,18 @@ def test_the_smallest_change_is_found(margin: float) -> None:
 
 def test_where_no_change_is_enough_something_is_missed() -> None:
     term = apart()
-    outcome, missed = Solver(relaxed_program(program(term, 5.0), program(term, 3.0), 0.9), SLACK_WEIGHTS).mend(0.0)
+    outcome, missed = Solver(relaxed_program(program(term, 5.0), program(term, 3.0), 0.9), SLACK_WEIGHTS).find_relaxed(
+        0.0
+    )
     assert outcome.values[-1] == pytest.approx(1.0, abs=1e-3)
     assert missed["spacing"] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_what_is_feasible_stays_as_it_is() -> None:
     term = apart()
-    outcome, missed = Solver(relaxed_program(program(term, 1.5), program(term, 1.0), 0.9), SLACK_WEIGHTS).mend(0.0)
+    outcome, missed = Solver(relaxed_program(program(term, 1.5), program(term, 1.0), 0.9), SLACK_WEIGHTS).find_relaxed(
+        0.0
+    )
     assert outcome.values[-1] == pytest.approx(0.0, abs=1e-2)
     assert max(missed.values()) < 1e-6
 
@@ -131,6 +135,6 @@ def test_a_fold_comes_as_near_as_can_be() -> None:
     begun = Program()
     place = begun.unknown(0.5, 0.5, 0.5)
     begun.add(builder.built(), [place])
-    outcome, missed = Solver(relaxed_fold(begun, place, 2.0, 0.1, 2.5), SLACK_WEIGHTS).mend(0.0)
+    outcome, missed = Solver(relaxed_fold(begun, place, 2.0, 0.1, 2.5), SLACK_WEIGHTS).find_relaxed(0.0)
     assert outcome.values[place] == pytest.approx([1.2], abs=1e-3)
     assert max(missed.values()) < 1e-6
