@@ -1,4 +1,4 @@
-"""Building of a layout's device: files of every part and of the whole, and their checks."""
+"""The builder of a layout's device: what it refuses before any file is written."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def build_parts(
     progress: Progress = no_progress,
     elastic: bool = False,
 ) -> dict[str, Metric]:
-    """Write every file of a layout's device: parts to print, mirrors to cut, drawings, guide, page and checks.
+    """Write all files of a layout's device (`files_of`): parts, mirrors to cut, drawings, guide, page and checks.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def build_parts(
     progress
         Called with the numbers of steps done and of all.
     elastic
-        Whether finite elements tell how gravity, warmth and creep move the mirrors, which takes a minute or two; it
+        Whether finite elements predict how gravity, warmth and creep move the mirrors, which takes a minute or two; it
         needs the extra `fe`.
 
     Returns
@@ -63,7 +63,7 @@ def build_parts(
     check_type("hardware", hardware, Hardware)
     out = path_of("out", out)
     check_count("workers", workers, WORKERS)
-    before = None if previous is None else path_of("previous", previous)
+    earlier = None if previous is None else path_of("previous", previous)
     if workers > 1:
         begin_loading(KERNEL)
     with _extra_installed():
@@ -76,7 +76,7 @@ def build_parts(
         require_solvable(hardware)
     device = plan_device(layout, hardware)
     with _extra_installed():
-        from mirrorcam.cad.device_files import write_device
+        from mirrorcam.cad.device_files import write_files
         from mirrorcam.cad.holder.holder_solid import check_gaps
     check_gaps(layout, hardware)
     try:
@@ -84,7 +84,7 @@ def build_parts(
     except OSError as error:
         reason = "is a file" if out.exists() else f"cannot be written: {error.strerror}"
         raise InputError(f"{out}: {reason}, expected a new or empty folder") from None
-    return write_device(device, out, before, workers, progress, elastic=elastic)
+    return write_files(device, out, earlier, workers, progress, elastic=elastic)
 
 
 @contextmanager

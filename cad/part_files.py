@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.guide import write_drawing
-from mirrorcam.cad.guide.title_block import UNDATED, issue_date
+from mirrorcam.cad.guide.drawing_sheet import UNDATED, issue_date
 from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain

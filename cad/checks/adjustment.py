@@ -12,13 +12,12 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import carrier_name
 from mirrorcam.cad.checks.clashes import FASTENERS, common_mm3
 from mirrorcam.cad.holder.adjuster import DRIVER_MM
-from mirrorcam.cad.holder.carriers import CarrierPlan
-from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
+from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.device_names import carrier_name
+from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8

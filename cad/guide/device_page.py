@@ -12,10 +12,10 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import APART, COUPON
 from mirrorcam.cad.guide.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.guide.device_pictures import middle_ray
 from mirrorcam.cad.guide.picture_views import DevicePicture
+from mirrorcam.cad.plan.device_names import APART, COUPON
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.core.disk.files import read_bytes, write_text

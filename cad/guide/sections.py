@@ -12,10 +12,9 @@ import shapely
 from build123d import Compound, Face, GeomType, Keep, Part, Plane
 from shapely import LineString, MultiLineString, Polygon
 
-from mirrorcam.cad.guide.drawing_sheet import INK, DrawingSheet
+from mirrorcam.cad.guide.drawing_sheet import BLOCK_MM, BORDER_MM, INK, DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import DEPTH
 from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
-from mirrorcam.cad.guide.title_block import BLOCK_MM, BORDER_MM
 from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.dimension import Hole

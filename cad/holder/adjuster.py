@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG
-from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
-from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.core.values import InputError
 
 SCREW = "M3"

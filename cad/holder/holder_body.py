@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.webs import Hollow
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.splitting.body_cuts import fragments
+from mirrorcam.cad.splitting import fragments
 from mirrorcam.core.values import FloatArray, InputError
 
 # Solids that are joined reach into each other by this much: faces that only touch need not join.

@@ -14,7 +14,16 @@ import numpy as np
 from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.back import FrontSurface, MountFace, fits_bed, mount_axes, place_cuts, place_mount
+from mirrorcam.cad.holder.back import (
+    FrontSurface,
+    MountFace,
+    fits_bed,
+    mount_axes,
+    nut_slots,
+    place_cuts,
+    place_mount,
+    screw_depths_mm,
+)
 from mirrorcam.cad.holder.glue import (
     free_of_others,
     glue_mm3,
@@ -27,11 +36,9 @@ from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
-from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import plan_hollows
-from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
-from mirrorcam.cad.plan.cuts import Cuts
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
 from mirrorcam.core.values import FloatArray

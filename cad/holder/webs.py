@@ -11,9 +11,8 @@ from shapely import Point, Polygon, box, get_coordinates
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.plan.cuts import Cuts
+from mirrorcam.cad.plan.cuts import Cuts, reach_of_pin_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.pin_joints import reach_of_pin_mm
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from mirrorcam.cad.holder.pads import pad_shapes
 from mirrorcam.cad.plan.back_table import RingGauge
-from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.camera_box import body_box, motion_of_errors
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.nest import motion_of_errors
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles

@@ -1,12 +1,13 @@
-"""Bought hardware, fits and the printer: the one table of dimensions that parts are drawn from.
+"""Bought hardware, fits, printer and print settings: the one table of dimensions that parts are drawn from.
 
-The table is data: a TOML file may replace any of it. A camera's body comes from the library of cameras
-(`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
+The table is data: a TOML file may replace any of it but the print settings. A camera's body comes from the library of
+cameras (`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
@@ -270,3 +271,16 @@ class Hardware(Value):
 
 
 HARDWARE = Hardware()
+
+
+@dataclass(frozen=True)
+class PrintSettings:
+    """Nozzle, layers, number of perimeters (lines of a wall) and share of infill."""
+
+    nozzle_mm: float = 0.4
+    layer_mm: float = 0.2
+    perimeters: int = 3
+    infill_percent: int = 20
+
+
+PRINT_SETTINGS = PrintSettings()

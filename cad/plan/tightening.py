@@ -18,9 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP
+from mirrorcam.cad.plan.fasteners import Thread, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
-from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
 # Share of a plastic's strength that it bears for years.
@@ -29,9 +30,7 @@ LASTING = 0.25
 HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
-PRESSING = ("camera_clip",)
-# Screws against springs, which are turned to adjust a mirror, and not tightened.
-ADJUSTING = "carrier_"
+PRESSING = (CLIP,)
 ON_AXIS_MM = 1e-3
 
 
@@ -62,7 +61,8 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
-    if screw.joins[-1].startswith(ADJUSTING):
+    # Screws against springs are turned to adjust a mirror, not tightened.
+    if screw.joins[-1].startswith(CARRIER):
         return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
         return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")

@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.pupil import (
     served_through,
 )
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
-from mirrorcam.render_scenes.undistorted_pixels import undistorted_pixels
+from mirrorcam.render_scenes.lens import undistorted_pixels
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 BLOCK = 8  # subpixels along each side of a block that is classified as a whole

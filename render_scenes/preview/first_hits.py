@@ -8,8 +8,18 @@ import numpy as np
 
 from mirrorcam.core.compiled import inlined
 from mirrorcam.render_scenes.preview.traced_scene import BOUND, BOX, CYLINDER, KIND, RECTANGLE, SPHERE, TRIANGLES, UNIT
-from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, nearest_triangle
-from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, mapped, minus, turned, turned_back
+from mirrorcam.render_scenes.preview.triangle_tree import (
+    NOTHING,
+    along,
+    at,
+    cross,
+    dot,
+    mapped,
+    minus,
+    nearest_triangle,
+    turned,
+    turned_back,
+)
 
 LID = 1
 """Part of a cylinder that is its lid; 0 is its side."""

@@ -17,8 +17,7 @@ from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.view_images import tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
-from mirrorcam.render_scenes.preview.arranged import Subject
-from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, preview_frame
+from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, Subject, preview_frame
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 BEFORE, BEHIND = 0.85, 1.3

@@ -17,7 +17,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import printed_radiance, rig_from_rectangle
+from mirrorcam.render_scenes.boards import printed_radiance, rig_from_rectangle
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.reference.device_bodies import DeviceBody, body_shapes, near_mm

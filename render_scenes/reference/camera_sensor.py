@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.geometry.camera import PLAIN_LENS, Camera
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.undistorted_pixels import undistorted_pixels
-from mirrorcam.render_scenes.wavy_camera import PERIODS, WavyCamera
+from mirrorcam.render_scenes.lens import PERIODS, WavyCamera, undistorted_pixels
 
 NEWTON_STEPS = 4  # residual below 1e-4 px at the corners of a C920 with k1 = .08, k2 = -.18
 

@@ -1,4 +1,7 @@
-"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm."""
+"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm.
+
+Rays of the truth are cast against them by Mitsuba.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from mirrorcam.core.values import FloatArray, InputError, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh
-from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
@@ -205,3 +208,39 @@ def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
         )
         for body in bodies
     }
+
+
+class BodyObstacles:
+    """`truth.obstacles.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
+
+    def __init__(self, bodies: Sequence[DeviceBody]) -> None:
+        import mitsuba as mi
+
+        self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
+        self._near_mm = near_mm(bodies)
+
+    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+        """Length (...), mm, that rays from points (..., 3) along unit vectors (..., 3) go before a body stops them."""
+        import drjit as dr
+        import mitsuba as mi
+
+        shape = np.shape(direction)[:-1]
+        known = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
+        flat = [
+            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32)
+            for values in (start, direction)
+        ]
+        if dr.is_jit_v(mi.Float):
+            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
+            found = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+        else:
+            pairs = zip(*(values.tolist() for values in flat), strict=True)
+            found = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
+        free = np.full(known.shape, np.nan)
+        free[known] = found
+        return free.reshape(shape)
+
+    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
+        before = (self._near_mm / rays[..., 2])[..., None] * rays
+        return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))

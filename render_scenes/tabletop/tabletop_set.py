@@ -30,6 +30,7 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
 from mirrorcam.optics.light_field.light_field import Views
+from mirrorcam.render_scenes.lens import as_it_is
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
@@ -37,7 +38,6 @@ from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tableto
 from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Hits, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
-from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 MANIFEST = "scene.json"
 KNOWN = ("layout.json", "truth/layout.json", "truth/things.json")

@@ -18,10 +18,9 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
-from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
-from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, image_px, reflected
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # of a fixed-point iteration; each reduces the error of a corner's time to about a tenth

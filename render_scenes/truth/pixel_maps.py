@@ -17,10 +17,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import margin_mm
+from mirrorcam.render_scenes.boards import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import chief_rays, reflected
-from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, reflected
 
 NO_MIRROR = -1
 CHANNELS = ("mirror", "board.x", "board.y", "path")

@@ -15,8 +15,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import reflected
-from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100

@@ -17,8 +17,7 @@ from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.suites.costs import slowness
-from mirrorcam.render_scenes.suites.suite import SUITES, read_suite
+from mirrorcam.render_scenes.suites.suite import SUITES, read_suite, slowness
 from mirrorcam.render_scenes.variant import choose_variant
 from mirrorcam.simulation.set_check import check_set
 from tests.command_line import assert_refused_here

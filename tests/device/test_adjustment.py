@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.mirror_turns import centre_after, rotation_about
+from mirrorcam.cad.holder.carriers import centre_after, rotation_about
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.core.values import FloatArray, InputError

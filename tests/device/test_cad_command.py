@@ -74,7 +74,7 @@ def test_a_body_that_cannot_be_compared_with_the_layout_is_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     default_layout.save(tmp_path / "layout.json")
-    monkeypatch.setattr("mirrorcam.device.device_folder.write_device", lambda *_, **__: {})
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda *_, **__: {})
     assert cli.main(["cad", "layout.json", "--camera", camera]) == 0
     line = "states no field_of_view_deg: not compared with that of the layout, 70.4 x 43.3 deg"
     assert (line in " ".join(capfd.readouterr().out.split())) == said
@@ -100,7 +100,7 @@ def test_it_prints_what_fails_and_the_device_as_a_whole(
         "holder.wall_mm": Metric(value=size_mm, unit="mm", limit=0.8, lower_is_better=False),
     }
     monkeypatch.setattr("mirrorcam.device.cad_command.require", lambda *extras: None)
-    monkeypatch.setattr("mirrorcam.device.device_folder.write_device", lambda *given, **options: checks)
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda *given, **options: checks)
     small_layout.save(tmp_path / "layout.json")
     assert cli.main(["cad", str(tmp_path / "layout.json"), "--out", str(tmp_path / "cad")]) == code
     printed = capfd.readouterr().out

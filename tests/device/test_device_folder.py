@@ -1,20 +1,15 @@
-"""The table of dimensions that a device is built from: a file, with another camera or other fasteners."""
+"""The hardware that a device is built from, and its folder: files in the way are refused before the work."""
 
 from __future__ import annotations
 
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
-from mirrorcam.cad.assembly.catalogue import EXPLODE
-from mirrorcam.cad.assembly.device_plan import plan_device
-from mirrorcam.cad.backs.plan_backs import plan_back
-from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
-from mirrorcam.cad.plan.back_table import BACKS, Gen2Back, back_of
+from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.values import InputError
-from mirrorcam.device.device_folder import FILES, read_hardware, write_device
+from mirrorcam.device.device_folder import device_folder, read_hardware
 from mirrorcam.optics.geometry.camera_library import read_body, read_camera
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -67,36 +62,35 @@ def test_the_back_is_the_one_that_is_named(tmp_path: Path) -> None:
         read_hardware(adapter="shelf")
 
 
-def test_the_files_of_every_part_are_known_before_it_is_built(default_layout: Layout) -> None:
-    device = plan_device(default_layout, HARDWARE)
-    backs = [plan_back(device.clip, device.mount, HARDWARE.replaced(back=back_of(kind))) for kind in BACKS]
-    printed = {part.name for back in backs for part in back.parts}
-    names = [f"parts/{part}.step" for part in (*EXPLODE, *printed, "mirror_holder_2")]
-    names += [f"mirrors/{sheet.stem}.dxf" for sheet in plan_sheets(default_layout, HARDWARE.cutting)]
-    assert len(names) > 6
-    assert [name for name in names if not any(fnmatchcase(name, pattern) for pattern in FILES)] == []
-
-
 @pytest.mark.parametrize(
-    "name",
+    ("name", "back"),
     [
-        *("parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x", "parts/.mount.json"),
-        *("pictures/exploded.png", "robot/meshes/mirror_holder_hull.stl", "robot/meshes/mirrors.stl"),
+        *((name, "none") for name in ("parts/mount.stl", "drawings/camera_clip.pdf", "pictures", "bom.csv/x")),
+        *((name, "none") for name in ("parts/.mount.json", "pictures/exploded.png")),
+        *(("robot", "gen2"), ("robot/meshes/mirror_holder_hull.stl", "gen2"), ("robot/meshes/mirrors.stl", "iso9409")),
     ],
 )
 @pytest.mark.parametrize("force", [False, True])
-def test_what_is_in_the_way_is_refused_before_the_work(
-    name: str, force: bool, default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    built: list[Path] = []
-    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda layout, folder, *rest, **named: built.append(folder))
+def test_what_is_in_the_way_is_refused_before_the_work(name: str, back: str, force: bool, tmp_path: Path) -> None:
+    hardware = read_hardware(adapter=back)
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
     if force and name.count("/") and not name.startswith("bom"):
-        write_device(default_layout, tmp_path, force=True)
-        assert built
+        with device_folder(tmp_path, hardware, elastic=False, force=True):
+            pass
     else:
-        with pytest.raises(InputError, match=r"was not written by this command|is a file or a link|is a folder"):
-            write_device(default_layout, tmp_path, force=force)
-        assert not built
+        refusal = r"was not written by this command|is a file or a link|is a folder"
+        with (
+            pytest.raises(InputError, match=refusal),
+            device_folder(tmp_path, hardware, elastic=False, force=force),
+        ):
+            pytest.fail("the work begins")
     assert (tmp_path / name).read_text() == "mine"
+
+
+def test_what_another_device_would_have_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "elasticity.md").write_text("mine")
+    (tmp_path / "robot").write_text("mine")
+    with device_folder(tmp_path, HARDWARE, elastic=False, force=False) as folder:
+        (folder / "checks.json").write_text("{}")
+    assert sorted(path.name for path in tmp_path.glob("[!.]*")) == ["checks.json", "elasticity.md", "robot"]

@@ -1,4 +1,4 @@
-"""`mirrorcam picture`: refusals; what it draws is tested with `render_scenes.reference.product`."""
+"""`mirrorcam picture`: refusals; what it draws is tested with `render_scenes.reference.product_picture`."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from mirrorcam.bench.score_figure import score_figure
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
 from mirrorcam.bench.suite_folder import FinishedSuite
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.render_scenes.sets.true_layout import true_layout
+from mirrorcam.render_scenes.sets.dataset import true_layout
 
 EVALUATION, SUMMARY, JUNIT = "evaluation.json", "summary.md", "junit.xml"
 FILES = (EVALUATION, SUMMARY, JUNIT, f"{PICTURES}/*.png", f"{RESULTS}/**/*")

@@ -21,8 +21,9 @@ from mirrorcam.core.names import LONGEST
 from mirrorcam.core.values import InputError, Value
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import FormatName, read_rig
-from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
-from mirrorcam.render_scenes.sets.true_layout import TRUTH, true_layout
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
 """A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
@@ -164,9 +165,15 @@ def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
     for path in paths:
         if not path.is_dir():
             raise InputError(f"{path}: no folder, expected a set that mirrorcam render wrote")
-        inner = [path] if (path / TRUTH).is_file() else sorted(each.parents[1] for each in path.glob(f"*/{TRUTH}"))
+        inner = (
+            [path]
+            if (path / TRUE_LAYOUT).is_file()
+            else sorted(each.parents[1] for each in path.glob(f"*/{TRUE_LAYOUT}"))
+        )
         if not inner:
-            raise InputError(f"{path}: no {TRUTH} in it or in a folder of it, expected a rendered set with its truth")
+            raise InputError(
+                f"{path}: no {TRUE_LAYOUT} in it or in a folder of it, expected a rendered set with its truth"
+            )
         found += inner
     return tuple(found)
 

@@ -167,7 +167,7 @@ def plan_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 def plan_text(plan: Plan, workers: int | None) -> str:
     """What a suite takes: sets, pictures, size, and the time of workers of this machine, or of one core for others."""
-    from mirrorcam.render_scenes.suites.costs import design_seconds, elapsed_s, slowness
+    from mirrorcam.render_scenes.suites.suite import design_seconds, elapsed_s, slowness
 
     suite, missing = plan.suite, plan.unfinished
     states = Counter(each.state for each in plan.sets)

@@ -34,7 +34,6 @@ from mirrorcam.designs.sweep_run import design_here, design_on_cluster
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
-from mirrorcam.render_scenes.suites.costs import Cost, set_cost
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
     SetAnswer,
@@ -44,7 +43,7 @@ from mirrorcam.render_scenes.suites.set_work import (
     render_in_turn,
     render_on_one_core,
 )
-from mirrorcam.render_scenes.suites.suite import Suite
+from mirrorcam.render_scenes.suites.suite import Cost, Suite, set_cost
 
 SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetAnswer | Died]]]
 LARGEST_ANSWER_BYTES = 1_000_000_000

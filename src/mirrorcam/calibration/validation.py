@@ -28,8 +28,7 @@ from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.sets.true_layout import true_layout
+from mirrorcam.render_scenes.sets.dataset import Dataset, true_layout
 
 LIMITS = {
     "normal_error_max_deg": 0.01,

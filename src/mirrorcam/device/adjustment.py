@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.cad.holder.mirror_turns import tilt_and_shift, travel_turns, turns_to
+from mirrorcam.cad.holder.carriers import tilt_and_shift, travel_turns, turns_to
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.disk.files import read_model, write_json

@@ -59,8 +59,10 @@ class CadOptions(Value):
 
 def run(options: CadOptions) -> int:
     """Build the parts and print the figures of the device, and every check that fails."""
+    from mirrorcam.cad.build import build_parts
     from mirrorcam.cad.plan.hardware import field_of_view
-    from mirrorcam.device.device_folder import read_hardware, write_device
+    from mirrorcam.core.processes.worker_pool import cores
+    from mirrorcam.device.device_folder import device_folder, read_hardware
     from mirrorcam.optics.geometry.layout import Layout
 
     layout = Layout.load(options.layout)
@@ -77,15 +79,18 @@ def run(options: CadOptions) -> int:
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
     require("cad", *(("fe",) if options.elastic else ()))
     doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
-    with long_work("cad", doing, "steps") as advance:
-        checks = write_device(
+    with (
+        long_work("cad", doing, "steps") as advance,
+        device_folder(options.out, hardware, elastic=options.elastic, force=options.force) as folder,
+    ):
+        checks = build_parts(
             layout,
-            options.out,
+            folder,
             hardware,
-            workers=options.workers,
-            force=options.force,
-            elastic=options.elastic,
+            previous=options.out,
+            workers=options.workers or cores(),
             progress=advance,
+            elastic=options.elastic,
         )
     from mirrorcam.cad.plan.prices import summary_of
 

@@ -1,22 +1,33 @@
-"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed."""
+"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed.
+
+Faces with names: those of the default device are in its STEP files, in the planes that the plans have.
+
+Ways of inserts and nuts out of their seats: each ends outside of its part, and none goes through it.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from build123d import Location, Part, Plane, Rotation
 
-from mirrorcam.cad.assembly.bought_solids import item_solid
-from mirrorcam.cad.assembly.catalogue import bought_items, parts_of
+from mirrorcam.cad.assembly.catalogue import bought_items, named_faces, parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, tessellated
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
+from tests.cad.write.test_part_export import named_planes
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 POCKETS = ("mount", "camera_clip", "adapter_saddle", "adapter_desk")
@@ -149,3 +160,60 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> 
         )
         low = (corners @ turn.T + part.print_from_rig[:3, 3])[:, 2].min()
         assert low == pytest.approx(0.0, abs=1e-6)
+
+
+Built = tuple[Layout, Path, dict[str, Metric]]
+
+
+def test_faces_of_the_default_device_are_in_its_files(built_default: Built, device: Device) -> None:
+    for part in parts_of(device):
+        planes = named_planes((built_default[1] / "parts" / f"{part.name}.step").read_text(encoding="utf-8"))
+        by_name = {face.name: face for face in part.faces}
+        for name, (point, normal) in planes.items():
+            face = by_name[name] if name in by_name else by_name[name.rpartition("_")[0]]
+            assert (point - face.point) @ face.normal == pytest.approx(0.0, abs=0.02)
+            np.testing.assert_allclose(normal, face.normal, atol=1e-4)
+        if part.name == "mirror_holder":
+            pads = [name for name in planes if name.startswith("pad_")]
+            assert len(pads) == 3 * len(device.layout.mirrors)
+            assert {name for name in by_name if any(each.startswith(name) for each in planes)} == set(by_name)
+        if part.name == "mount":
+            assert {"joint_back", "joint_slide", "joint_foot"} <= {name.removesuffix("_1") for name in planes}
+
+
+def test_a_piece_of_a_part_has_the_faces_of_the_whole(device: Device) -> None:
+    assert [face.name for face in named_faces(device, "mount_2")] == [
+        face.name for face in named_faces(device, "mount")
+    ]
+    assert named_faces(device, "fit_coupon") == ()
+
+
+HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_desk")
+
+
+@pytest.mark.parametrize(
+    "hardware",
+    [HARDWARE, NUTS, NUTS.replaced(camera=read_body("board_38"), back=back_of("gen2"))],
+    ids=["insert", "nut", "board on a clamp"],
+)
+def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: Layout) -> None:
+    device = plan_device(small_layout, hardware)
+    items = bought_items(device)
+    assert all(bool(len(item.way_out_mm)) == (item.kind in ("insert", "nut")) for item in items)
+    solids = {part.name: solid_of(tessellated(part.make(part.plan))) for part in parts_of(device) if part.name in HOMES}
+    solids |= {piece.name: solid_of(piece.mesh) for piece in item_pieces(items)}
+    assert not [name for name, check in check_insertion(items, solids).items() if check.passed is False]
+    threads = [item for item in items if item.kind in ("insert", "nut")]
+    assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
+    if hardware.screw.kind == "nut":
+        # As nuts were drawn once: before the face that the screw enters, as if they were inserts.
+        wrong = [replace(item, way_out_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
+        assert check_insertion(wrong, solids)["device.insertion_clash_mm3"].value > 100.0
+
+
+def test_a_nut_of_the_foot_leaves_by_the_nearer_side(small_layout: Layout) -> None:
+    nuts = [item for item in bought_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
+    assert len(nuts) == 4
+    for nut in nuts:
+        assert nut.way_out_mm[0] @ nut.rig_from_item[:3, 2] < 0.0
+        assert np.sign(nut.way_out_mm[1, 0]) == np.sign(nut.rig_from_item[0, 3])

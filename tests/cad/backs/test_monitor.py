@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back_solids import MAKERS
-from mirrorcam.cad.backs.load import carried
-from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.back import carried
+from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.prisms import overlap_mm
