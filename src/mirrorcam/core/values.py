@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
-from mirrorcam.core.errors import InputError as InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
 FloatArray = NDArray[np.float64]

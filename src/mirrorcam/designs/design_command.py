@@ -11,8 +11,9 @@ from pydantic import BeforeValidator, Field
 from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, print_metrics, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import in_two_processes
-from mirrorcam.core.values import InputError, Metric, Value
+from mirrorcam.core.values import Metric, Value
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_camera

@@ -12,9 +12,9 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force, Scheduler, Workers
 from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError
 
 if TYPE_CHECKING:
     from mirrorcam.optics.design.spec_grid import Outcome

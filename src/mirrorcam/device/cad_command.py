@@ -11,9 +11,9 @@ from cyclopts import App, Parameter
 
 from mirrorcam.core.console.options import Force, Workers
 from mirrorcam.core.console.progress import long_work, print_metrics, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
-from mirrorcam.core.values import InputError
 from mirrorcam.device.hardware_choice import HardwareChoice
 
 if TYPE_CHECKING:

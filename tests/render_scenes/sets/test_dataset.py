@@ -15,7 +15,7 @@ from mirrorcam.bench.score_request import ScoreRequest
 from mirrorcam.bench.scoring import score
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.disk.fingerprint import file_digest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.dataset import FINISH, MANIFEST, TRUE_LAYOUT, Dataset, true_layout
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
