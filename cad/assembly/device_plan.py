@@ -121,7 +121,7 @@ def _require_known_screws(hardware: Hardware) -> None:
 def _cover(
     layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
 ) -> CoverPlan | None:
-    """The dust cover, if one is asked for, fits the bed, and comes off past the camera in its clip (`camera`)."""
+    """The dust cover, if it is requested, fits the bed, and comes off past the camera in its clip (`camera`)."""
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.core.values import InputError
 
 SCREW = "M3"
-"""Thread of the screws: that of all the others, so that inserts and nuts are the same."""
+"""Thread of the screws: the same as all others, so that inserts and nuts are the same."""
 
 # The carrier's edge keeps this far from the holder at the end of its travel.
 SPARE_MM = 0.2

@@ -309,7 +309,7 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
 def space_of_mount(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
 ) -> list[BaseGeometry]:
-    """What the mount's holes (n, 2; about a centre) take of a back: discs with the insert's wall, slots for nuts."""
+    """Areas of a back for the mount's holes (n, 2; about a centre): discs with the insert's wall, slots for nuts."""
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     taken: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
     if hardware.screw.kind == "nut":

@@ -128,7 +128,7 @@ def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardwar
 
 
 def _free_area(index: int, layout: Layout, shadows: Sequence[Polygon], axes: FloatArray, hardware: Hardware) -> Polygon:
-    """What a carrier may take: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
+    """The area for a carrier: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
     area = _shadow(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
     for other, shadow in enumerate(shadows):
         if other == index or area.is_empty:

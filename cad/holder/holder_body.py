@@ -92,7 +92,7 @@ class HolderPlan:
 
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
-    """The holder without hollows, grooves and holes: what is material and not in any light."""
+    """The holder without hollows, grooves and holes: all material that is in no light."""
     away = plan.rig_from_mount[:3, 2]
     down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
     body = csg.joined(

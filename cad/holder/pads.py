@@ -1,4 +1,4 @@
-"""Three pads in every seat: what a mirror rests on, and what makes the bond behind it as thick as it is meant to be."""
+"""Three pads in every seat: a mirror rests on them, and they set the thickness of the bond behind it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def plan_pads(
     Parameters
     ----------
     name : str
-        What the mirror is called in messages.
+        Name of the mirror in messages.
     mirror : Mirror
         The mirror that the pads carry.
     free : Polygon

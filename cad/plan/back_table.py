@@ -30,10 +30,10 @@ class RingGauge:
 
 
 class BackTable(Value):
-    """What the tables of all backs have in common."""
+    """Base of the tables of all backs."""
 
     title: ClassVar[str]
-    """What the device is fastened to, in a few words."""
+    """The support of the device, in a few words."""
     parts: ClassVar[tuple[str, ...]]
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False

@@ -126,7 +126,7 @@ def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
-    """Depth out to which the reflected light must be free: the farthest the design asks for."""
+    """Depth out to which the reflected light must be free: the farthest depth of the design."""
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 

@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 KNOWN = ("layout.json", "board.toml")
-"""What the user has besides the pictures."""
+"""Files that the user has besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
@@ -40,7 +40,7 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
+    """Manifest of a rendered set: facts that a user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, the seed included.
     """

@@ -121,7 +121,7 @@ def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
 
 
 def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
-    """Raise InputError where the frames cannot be put into the video that is asked for."""
+    """Raise InputError where the frames cannot be put into the requested video."""
     video, sensor = settings.video, settings.sensor
     if video is not None and rate_hz is None:
         raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")

@@ -35,8 +35,8 @@ def made_with() -> dict[str, str]:
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
     """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
-    asked = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
-    return f"{recipe.name}-{value_digest(asked)[:16]}"
+    inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
+    return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 
 class SetTask(Value):

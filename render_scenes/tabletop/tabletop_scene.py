@@ -71,7 +71,7 @@ def render_lit(
     seed
         Seed of the sample pattern.
     by_mirrors
-        What the camera sees without a mirror is black.
+        Surfaces that the camera sees without a mirror are black.
     most_indirect
         Upper bound of what an area light adds to a sample by way of a surface that scatters. A bound leaves out the
         brightest glints on other surfaces, whose noise would need thousands of samples.

@@ -305,7 +305,7 @@ def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> d
 
 def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
-    asked = manifest.model_dump(mode="json", exclude={"request", "files"})
+    inputs = manifest.model_dump(mode="json", exclude={"request", "files"})
     stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}
-    return value_digest(asked | drawn)[:16]
+    return value_digest(inputs | drawn)[:16]
