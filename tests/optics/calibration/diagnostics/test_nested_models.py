@@ -27,6 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     plate_thickness,
     with_addition,
 )
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, residuals
@@ -185,17 +186,19 @@ def test_a_stated_lens_is_kept() -> None:
     taken = scene(layout, frames=5, base_frames=3, target=TARGET, seed=1)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
-    found = calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, level="joint", lens=model)
+    requested = RequestedModel(lens=model)
+    found = calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=requested)
     assert found.layout.camera.lens_model == model
     assert found.diagnostics is not None
     assert not found.diagnostics.alarms
 
 
-def test_a_level_names_lenses_that_the_camera_can_become() -> None:
+def test_a_model_adds_what_the_lens_can_become() -> None:
     nominal = nominal_layout()
     nominal = nominal.replaced(camera=with_addition(nominal.camera, "fisheye"))
     taken = scene(nominal, frames=5, base_frames=3, target=TARGET, seed=2)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
-    with pytest.raises(InputError, match=r"level joint\+rational: the camera already has a fisheye lens"):
-        calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, level="joint+rational")
+    model = RequestedModel(additions=("prism",))
+    with pytest.raises(InputError, match=r"level joint\+prism: the camera already has a fisheye lens"):
+        calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=model)
