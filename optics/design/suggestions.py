@@ -9,6 +9,7 @@ from math import ceil, floor, log10
 
 import numpy as np
 
+from mirrorcam.core.bounds import FOLD_DEG, MIRRORS
 from mirrorcam.core.processes.calls import Call, Calls, in_turn
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design_near
@@ -17,7 +18,7 @@ from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutc
 from mirrorcam.optics.design.program.relaxed import relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
 from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
-from mirrorcam.optics.geometry.design_spec import FOLD_DEG, GAVE_UP, MIRRORS, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
 DIGITS = 3

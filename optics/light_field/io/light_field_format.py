@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM, DepthOrInf
+from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import DepthOrInf, InputError, Value
 from mirrorcam.optics.light_field.light_field import LightField
 
 Depth = NDArray[np.float32]
