@@ -9,6 +9,7 @@ from math import ceil, floor, log10
 
 import numpy as np
 
+from mirrorcam.core.bounds import FOLD_DEG, MIRRORS
 from mirrorcam.core.processes.calls import Call, Calls, in_turn
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design_near
@@ -16,7 +17,7 @@ from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overla
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
-from mirrorcam.optics.geometry.design_spec import FOLD_DEG, GAVE_UP, MIRRORS, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
 DIGITS = 3

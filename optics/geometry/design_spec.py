@@ -12,8 +12,10 @@ from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, mode
 from mirrorcam.core.bounds import (
     AREA_MM2,
     DEPTH_MM,
+    FOLD_DEG,
     GAP_MM,
     LENGTH_MM,
+    MIRRORS,
     REFRACTIVE_INDEX,
     TOLERANCE_DEG,
     TOLERANCE_MM,
@@ -28,10 +30,7 @@ from mirrorcam.optics.geometry.camera_library import named_camera
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
 
-MIRRORS = Bounds(1, 12)
-"""Rows or columns of mirrors."""
 MOST_DEPTHS = 10
-FOLD_DEG = Bounds(60.0, 150.0)
 FIRST_FOLD_DEG = 110.0
 """The fold from which the best one is searched."""
 

@@ -11,10 +11,10 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM, DepthOrInf
+from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import Value
+from mirrorcam.core.values import DepthOrInf, Value
 from mirrorcam.optics.light_field.light_field import LightField
 
 Depth = NDArray[np.float32]

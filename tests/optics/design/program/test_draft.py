@@ -7,12 +7,13 @@ import pytest
 import shapely
 from numpy.testing import assert_allclose
 
+from mirrorcam.core.bounds import FOLD_DEG
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.program.draft import SAFE_SIGMAS, Draft, displacements, safe_gap, tilts
 from mirrorcam.optics.design.program.seeds import Seed, layout_of, mirrors_of, seed_of
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import FOLD_DEG, DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.perturbations import draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
