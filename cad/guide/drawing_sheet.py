@@ -23,8 +23,9 @@ from matplotlib.textpath import TextPath
 
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.sheet_text import drawable, fitted
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.names import drawable, fitted
+from mirrorcam.core.values import FloatArray
 
 MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH

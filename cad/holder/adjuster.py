@@ -13,7 +13,7 @@ import numpy as np
 
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, SUNK_HEAD, thread_of
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 SCREW = "M3"
 """Thread of the screws: the same as all others, so that inserts and nuts are the same."""

@@ -15,7 +15,8 @@ from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.splitting import fragments
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 # Solids that are joined reach into each other by this much: faces that only touch need not join.
 OVERLAP_MM = 0.5

@@ -34,7 +34,8 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 Cut = Frustum | Bore | Countersink | Hexagon
 

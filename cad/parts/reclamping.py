@@ -11,8 +11,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 # How well each point repeats, along its normal: an assumption, of a pad of printed plastic wiped clean, whose lines of
 # 0.2 mm meet a moulded body where they met it before. One standard deviation.

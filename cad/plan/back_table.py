@@ -11,8 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Link, Name
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 
 def _size(default: float, description: str) -> Any:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 

@@ -14,7 +14,8 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil

@@ -25,11 +25,12 @@ from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.disk.resumable import read_record
 from mirrorcam.core.disk.stages import MANIFEST, Stage, perform, staleness
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text, figure_text, sentence_case
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.names import Line, Name
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import write_design
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_profile

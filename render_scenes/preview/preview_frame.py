@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.compiled import compiled, inlined
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import inlined
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.render_scenes.boards import margin_mm, printed_radiance

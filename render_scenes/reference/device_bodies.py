@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 from mirrorcam.core.disk.files import read_bytes
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.nested_text import json_value
-from mirrorcam.core.values import FloatArray, InputError, Matrix4, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly

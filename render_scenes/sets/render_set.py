@@ -14,8 +14,9 @@ from pathlib import Path
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
 from mirrorcam.core.disk.files import write_bytes, write_files, write_json, write_npz
 from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board

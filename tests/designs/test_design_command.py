@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from mirrorcam.cli import main
+from mirrorcam.cli import application, main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import figure_text
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_command import pattern_from_text
+from mirrorcam.designs.design_command import DesignChanges
 from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
@@ -66,7 +67,7 @@ def test_a_spec_without_a_parabola_is_designed_all_the_same(
 ) -> None:
     assert main(["design", "--out", str(tmp_path)]) == 0
     assert "parabola.json" in results(tmp_path)
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", no_parabola)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", no_parabola)
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed
@@ -118,11 +119,23 @@ def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Pa
 def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('name = "mine"\npositions = [[0, 0], [1, 0], [0.4, 2]]\n')
-    assert pattern_from_text("hex7") == Pattern.hexagonal(1)
-    assert pattern_from_text(str(file)) == Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
+    own = Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
+    assert DesignChanges(pattern="hex7").of(DesignSpec()) == DesignSpec(pattern=Pattern.hexagonal(1))
+    assert DesignChanges(pattern=str(file)).of(DesignSpec()) == DesignSpec(pattern=own)
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
     with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
-        pattern_from_text(str(file))
+        DesignChanges(pattern=str(file)).of(DesignSpec())
+
+
+def test_the_help_states_the_defaults_of_a_request() -> None:
+    arguments = []
+    for each in application()["design"].assemble_argument_collection():
+        stated = re.search(r"\[default: (.+)\]", each.parameter.help or "")
+        if stated is not None and each.field_info.name in DesignSpec.model_fields:
+            arguments += [each.name, *stated[1].split()]
+    _, bound, _ = application().parse_args(["design", *arguments])
+    assert len(vars(bound.arguments["changes"])) == 8
+    assert bound.arguments["changes"].of(DesignSpec()) == DesignSpec()
 
 
 def test_options_replace_fields_of_a_request_in_a_file(

@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
 from mirrorcam.designs import sweep_work
 from mirrorcam.designs.design_sweep import Results, table_of, write_table
 from mirrorcam.designs.sweep_files import design_here

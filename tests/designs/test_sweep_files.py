@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_sweep import table_of
 from mirrorcam.designs.sweep_files import SweepRequest, in_order, read_sweep, write_sweep
 from mirrorcam.optics.design.spec_grid import Outcome, grid, structure

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 POISSON = 0.35
 LOADS = 8

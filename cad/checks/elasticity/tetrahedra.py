@@ -14,8 +14,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 
 # Round shapes get this many elements around; elements are no smaller than this.
 AROUND, SMALLEST_MM = 6, 1.0

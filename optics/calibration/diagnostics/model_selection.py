@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
+from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
-from mirrorcam.optics.calibration.diagnostics.lens_additions import LENS_ADDITIONS, further_lenses
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     SUPPORTED_CHANCE,
     ModelComparison,
@@ -19,11 +18,13 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
+    LENS_ADDITIONS,
     PLATE_INDEX,
     Fitted,
     fit_as,
     fit_with,
     foreseen_gain,
+    further_lenses,
     joint_model,
     paper_model,
     plate_thickness,

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from mirrorcam.core.disk.files import atomic, write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import SIGMA
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,
     ViewDifference,
@@ -23,8 +24,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.camera_files.read.registry import formats_in, unread
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
 KINDS = ("difference", "sigma")

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
-from pydantic import BeforeValidator, Field
 
-from mirrorcam.core.bounds import DEPTH_MM
-from mirrorcam.core.console.options import Force
+from mirrorcam.core.bounds import DEPTH_MM, FOLD_DEG, LENGTH_MM, MIRRORS, Bounds
+from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import long_work, print_metrics, say
-from mirrorcam.core.processes.worker_pool import in_two_processes
-from mirrorcam.core.values import InputError, Metric, Value
-from mirrorcam.optics.geometry.arrangement import Pattern
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_library import read_camera
-from mirrorcam.optics.geometry.design_spec import FOLD_DEG, DesignSpec
+from mirrorcam.core.errors import InputError
 
 if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
     from mirrorcam.designs.design_files import DesignComparison
     from mirrorcam.optics.design.assess.monte_carlo import Study
+    from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 GROUPS = {
     "overlap of the views": (
@@ -34,52 +31,52 @@ GROUPS = {
 FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
-def pattern_from_text(text: str) -> Pattern:
-    """A pattern of views by its name, such as hex7, or read from a JSON or TOML file."""
-    from mirrorcam.core.disk.files import read_model
-
-    return Pattern.named(text) or read_model(Pattern, Path(text))
-
-
-def _field(name: str, unset: str = "") -> Any:
-    """A field of `DesignSpec` as an option, None where it is not given; `unset` is its default, where it has one."""
-    field = DesignSpec.model_fields[name]
-    limits = {
-        limit: getattr(bound, limit)
-        for bound in field.metadata
-        for limit in ("ge", "le", "min_length", "max_length")
-        if hasattr(bound, limit)
-    }
-    default = f" [default: {unset}]" if unset else ""
-    return Field(default=None, description=f"{field.description}{default}", **limits)
-
-
-def _read(read: Any) -> BeforeValidator:
-    return BeforeValidator(lambda value: read(value) if isinstance(value, str) else value)
-
-
 @Parameter(name="*")
-class DesignChanges(Value):
-    """Fields of a design's specification that options replace; all others are those of `design.toml`."""
+@dataclass(frozen=True)
+class DesignChanges:
+    """Fields of a design's specification that options replace, None where they do not."""
 
     camera: Annotated[
-        Camera | None, Parameter(accepts_keys=False, n_tokens=1, metavar="NAME|FILE"), _read(read_camera)
-    ] = _field("camera", "c920")
-    rows: int | None = _field("rows", "3")
-    cols: int | None = _field("cols", "3")
+        str | None,
+        Parameter(metavar="NAME|FILE", help="name of `mirrorcam camera list`, or a TOML or JSON file [default: c920]"),
+    ] = None
+    rows: Annotated[int | None, bounded(MIRRORS, "rows of mirrors, one row of views each", unset="3")] = None
+    cols: Annotated[int | None, bounded(MIRRORS, "columns of mirrors", unset="3")] = None
     pattern: Annotated[
-        Pattern | None,
-        Parameter(accepts_keys=False, n_tokens=1, metavar="hexN|ringN|FILE"),
-        _read(pattern_from_text),
-    ] = _field("pattern")
-    scale_mm: float | None = _field("scale_mm", "80")
-    fold_deg: Annotated[float, FOLD_DEG.each] | Literal["auto"] | None = _field("fold_deg", "120")
-    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] | None = _field("depths_mm", "300 500")
-    tradeoff: float | None = _field("tradeoff", "0.3")
+        str | None,
+        Parameter(
+            metavar="hexN|ringN|FILE",
+            help="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
+        ),
+    ] = None
+    scale_mm: Annotated[
+        float | None, bounded(LENGTH_MM, "height of the central mirror above the pupil", unset="80")
+    ] = None
+    fold_deg: Annotated[
+        float | Literal["auto"] | None,
+        bounded(FOLD_DEG, "angle from the camera's axis to the views' axis, auto: the best whole degree", unset="120"),
+    ] = None
+    depths_mm: Annotated[
+        tuple[float, ...] | None,
+        bounded(DEPTH_MM, "scene depths at which the views overlap, from the pupil, up to 10", unset="300 500"),
+    ] = None
+    tradeoff: Annotated[
+        float | None,
+        bounded(Bounds(0.0, 1.0), "weight of a regular grid of views against usable pixels", unset="0.3"),
+    ] = None
 
     def of(self, spec: DesignSpec) -> DesignSpec:
         """The specification with these fields; raises InputError where they do not fit the others."""
-        return spec.replaced(**{name: getattr(self, name) for name in self.model_fields_set})
+        from mirrorcam.core.disk.files import read_model
+        from mirrorcam.optics.geometry.arrangement import Pattern
+        from mirrorcam.optics.geometry.camera_library import read_camera
+
+        changes: dict[str, Any] = {name: value for name, value in vars(self).items() if value is not None}
+        if self.camera is not None:
+            changes["camera"] = read_camera(self.camera)
+        if self.pattern is not None:
+            changes["pattern"] = Pattern.named(self.pattern) or read_model(Pattern, Path(self.pattern))
+        return spec.replaced(**changes)
 
 
 def design(
@@ -106,6 +103,7 @@ def design(
         mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
     """
     from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.processes.worker_pool import in_two_processes
     from mirrorcam.designs.design_files import DesignRequest, read_request, write_design
 
     requested = DesignRequest() if request is None else read_request(request)
@@ -168,6 +166,7 @@ def print_design(found: DesignComparison, *, best_fold: bool) -> None:
 
 def print_tolerance(study: Study) -> None:
     """Print three tables: figures at the tolerances, medians over accuracy, and the share of each tolerance."""
+    from mirrorcam.core.values import Metric
     from mirrorcam.designs.tolerance import hidden_mirrors, spread_columns
 
     say("tolerance", f"{study.devices} devices, standard deviations: {study.tolerances.workmanship}")

@@ -12,9 +12,8 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force, Scheduler, Workers
 from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError
 
 if TYPE_CHECKING:
     from mirrorcam.optics.design.spec_grid import Outcome
@@ -50,6 +49,7 @@ def sweep(
         require("parquet")
     if scheduler is not None:
         require("cluster")
+    from mirrorcam.core.figures.figure_texts import count_text
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.designs.sweep_files import SweepRequest, design_here, design_on_cluster, read_sweep, write_sweep
     from mirrorcam.optics.geometry.sub_images import sensor_polygon

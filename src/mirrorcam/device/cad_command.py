@@ -11,9 +11,9 @@ from cyclopts import App, Parameter
 
 from mirrorcam.core.console.options import Force, Workers
 from mirrorcam.core.console.progress import long_work, print_metrics, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
-from mirrorcam.core.values import InputError
 from mirrorcam.device.hardware_choice import HardwareChoice
 
 if TYPE_CHECKING:
@@ -55,7 +55,6 @@ def cad(
         mirrorcam cad layout.json --body d435 --adapter tripod --mounting screws
         mirrorcam cad picture layout.json output/cad
     """
-    from mirrorcam.cad.build import build_parts
     from mirrorcam.cad.plan.hardware import field_of_view
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.device.device_folder import device_folder
@@ -67,6 +66,8 @@ def cad(
         body, seen = hardware.camera.name, field_of_view(device.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
     require("cad", *(("fe",) if elastic else ()))
+    from mirrorcam.cad.build import build_parts
+
     doing = f"a device of {count_text(len(device.mirrors), 'mirror')}"
     with (
         long_work("cad", doing, "steps") as advance,

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import write_pfm
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality

@@ -86,7 +86,7 @@ def write_features(
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.features import FeatureFinder
-    from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
+    from mirrorcam.optics.light_field.features.feature_set import save_csv, save_npz
 
     finder: FeatureFinder | None = None
     depth_range_mm: tuple[float, float] | None = None

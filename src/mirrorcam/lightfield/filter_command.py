@@ -78,7 +78,7 @@ def write_filtered(
     from mirrorcam.core.images.pictures import write_image
     from mirrorcam.optics.light_field.filters import Passband, filter_light_field
     from mirrorcam.optics.light_field.io.formats.npz import save_npz
-    from mirrorcam.optics.light_field.io.views_picture import tiles
+    from mirrorcam.optics.light_field.io.view_images import tiles
 
     summaries = []
     with output_folder(folder, "filter", force=force) as output:

@@ -20,8 +20,7 @@ from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLight
 from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.render.between_views import with_views_between
-from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from, with_views_between
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 from cyclopts import Parameter
 from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, OFFSET_MM, Bounds, DepthOrInf
-from mirrorcam.core.values import Value
+from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, OFFSET_MM, Bounds
+from mirrorcam.core.values import DepthOrInf, Value
 from mirrorcam.render_scenes.settings import RATE_HZ
 
 CAMERAS = Bounds(0, 255)

@@ -12,7 +12,7 @@ from mirrorcam.core.bounds import SEED
 from mirrorcam.core.console.options import AdapterOption, Force, Mounting, bounded
 from mirrorcam.core.console.progress import print_metrics, say
 from mirrorcam.core.console.reporter import TERMINAL
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def run(

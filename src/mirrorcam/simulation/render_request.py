@@ -11,7 +11,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SEED
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_model
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Shaped, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value
 from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, SENSORS, RendererName, RenderSettings, SensorModel

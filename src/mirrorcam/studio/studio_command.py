@@ -10,10 +10,8 @@ from cyclopts import Parameter
 from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError
 
 Port = Annotated[int, bounded(Bounds(0, 65_535), "port of the page on the loopback address, 0: any free one")]
 NoBrowser = Annotated[bool, Parameter(help="print the address, and do not open the browser")]
@@ -56,7 +54,9 @@ def studio(
 
 
 def _snapshot(design: Path | None, path: Path, *, force: bool) -> int:
+    from mirrorcam.core.disk.files import write_text
     from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.figures.figure_texts import count_text
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.designs.design_files import DesignRequest, read_request
     from mirrorcam.studio.atlas import AtlasGrid, atlas

@@ -12,7 +12,8 @@ import pytest
 from docs.gallery import devices as device_gallery
 from docs.gallery.devices import DeviceList, GalleryDevice, is_finished, make_device, processor_s, work_of
 from mirrorcam.core.disk.files import model_from, write_metrics, write_text
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference import product_picture
 

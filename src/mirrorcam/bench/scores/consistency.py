@@ -22,8 +22,9 @@ from scipy.stats import chi2
 from mirrorcam.bench.scores.gauge import Gauge
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.projection_motion import without_motion
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from mirrorcam.core.bounds import WORKERS, Bounds
 
 
-def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
-    """A numeric option in a range, which its help states; `unset` says what a default of None stands for."""
+def _whole(_: object, tokens: Sequence[Token]) -> int:
+    return int(tokens[0].value)  # cyclopts by itself rounds 2.5
 
-    def check(_: object, value: float | None) -> None:
-        if value is not None and not bounds.least <= value <= bounds.most:
-            raise ValueError(f"expected {bounds}")
+
+def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
+    """A numeric option in a range, which its help states; `unset` says what a default of None stands for.
+
+    It takes whole numbers where the bounds are such.
+    """
+
+    def check(_: object, value: object) -> None:
+        if value == ():
+            raise ValueError("expected at least one value")
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, int | float) and not bounds.least <= each <= bounds.most:
+                raise ValueError(f"expected {bounds}")
 
     stated = f" [default: {unset}]" if unset else ""
-    return Parameter(help=f"{text}, {bounds}{stated}", validator=check)
+    converter = _whole if isinstance(bounds.least, int) else None
+    return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
 
 
 Force = Annotated[bool, Parameter(help="replace files that this command did not write, or that were changed since")]

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -17,18 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from mirrorcam.core.console.session import session
-from mirrorcam.core.figures.figure_texts import (
-    NONE,
-    digits_past_limit,
-    figure_text,
-    figures_alike,
-    label_text,
-    limit_text,
-    unit_text,
-)
 from mirrorcam.core.processes import interruption
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import Metric
+
+if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
 
 SECONDS_BETWEEN_LINES = 5.0
 TITLE_WIDTH = 12
@@ -84,6 +78,8 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
 
 def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
     """Values of one figure with the same decimals, each with its unit only where that is not the row's."""
+    from mirrorcam.core.figures.figure_texts import figure_text, figures_alike, unit_text
+
     alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
     cells = []
     for metric in metrics:
@@ -121,6 +117,15 @@ def print_metrics(
     session().figures(columns)
     if not session().prints:
         return
+    from mirrorcam.core.figures.figure_texts import (
+        NONE,
+        digits_past_limit,
+        figure_text,
+        label_text,
+        limit_text,
+        unit_text,
+    )
+
     names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
     every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
     limited = any(metric.limit is not None for metric in every.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 from cyclopts import (
     CoercionError,
@@ -67,14 +67,22 @@ def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
         name = error.argument.name
         return f"{name}: expected a value" if error.keyword else f"expected {name}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
-        choices = get_args(error.target_type) if get_origin(error.target_type) is Literal else ()
-        expected = f"one of {', '.join(choices)}" if choices else get_hint_name(error.target_type).upper()
-        return f"{_given(error.argument, error.token.value)}: expected {expected}"
+        return f"{_given(error.argument, error.token.value)}: expected {_expected(error.target_type)}"
     if isinstance(error, ValidationError) and error.argument is not None and error.argument.tokens:
-        return f"{_given(error.argument, error.argument.tokens[0].value)}: {error.exception_message}"
+        values = " ".join(token.value for token in error.argument.tokens)
+        return f"{_given(error.argument, values)}: {error.exception_message}"
     if isinstance(error, UnusedCliTokensError):
         return f"unknown argument {' '.join(error.unused_tokens or ())}"
     return str(error).rstrip(".")
+
+
+def _expected(kind: Any) -> str:
+    """The values that a type takes: its choices, or its name."""
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(get_args(kind))}" if len(get_args(kind)) > 1 else str(get_args(kind)[0])
+    if inner := [each for each in get_args(kind) if each is not type(None)]:
+        return " or ".join(map(_expected, inner))
+    return get_hint_name(kind).upper()
 
 
 def _given(argument: Argument, value: object) -> str:

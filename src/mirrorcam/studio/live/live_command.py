@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Layout
 from mirrorcam.core.console.progress import say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.values import InputError
 from mirrorcam.studio.studio_command import NoBrowser, Port
 
 
