@@ -77,8 +77,9 @@ def account(layout: Layout, out: Path) -> tuple[float, dict[str, float]]:
 
 def measure(layout: Layout, folder: Path) -> dict[str, float]:
     """Build a layout in three ways below a folder, and print the times; seconds by names of ways."""
-    first = seconds(lambda: build_parts(layout, folder / "first", workers=cores()))
-    again = seconds(lambda: build_parts(layout, folder / "again", previous=folder / "first", workers=cores()))
+    kept = folder / "kept"
+    first = seconds(lambda: build_parts(layout, folder / "first", results=kept, workers=cores()))
+    again = seconds(lambda: build_parts(layout, folder / "again", results=kept, workers=cores()))
     alone, spent = account(layout, folder / "alone")
     limit = LIMITS_S.get(len(layout.mirrors))
     print(f"\n{layout.rows}x{layout.cols} mirrors" + (f" (limit {limit:g} s)" if limit else ""))

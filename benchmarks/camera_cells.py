@@ -132,31 +132,19 @@ def cell_of(camera: str, adapter: str, checks: Mapping[str, Metric], seconds: fl
 def built(camera: str, adapter: str, designs: Path, devices: Path) -> Cell:
     """Build and check a device; whatever stops it is the cell's error.
 
-    `devices` keeps the first device of each camera: the parts that another adapter leaves as they are come from there.
+    `devices` keeps the parts of each camera: those that another adapter leaves as they are come from there.
     """
     start = time.perf_counter()
-    first = devices / camera
     try:
         hardware = HARDWARE.replaced(camera=read_profile(camera).body, back=back_of(adapter))
         with TemporaryDirectory(dir=devices) as folder:
-            out = Path(folder) / "device"
-            checks = build_parts(layout_for(camera, designs), out, hardware, previous=first)
-            if not first.exists():
-                _keep(out, first)
+            layout = layout_for(camera, designs)
+            checks = build_parts(layout, Path(folder) / "device", hardware, results=devices / camera)
     except Exception as error:  # of any kind: it is written down, and the other cells go on
         text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         seconds = round(time.perf_counter() - start, 1)
         return Cell(camera=camera, adapter=adapter, seconds=seconds, error=" ".join(text.split()) or "no reason given")
     return cell_of(camera, adapter, checks, time.perf_counter() - start)
-
-
-def _keep(device: Path, first: Path) -> None:
-    """Move a device to where the first of its camera is kept, unless another process was quicker."""
-    try:
-        device.rename(first)
-    except OSError:
-        if not first.exists():
-            raise
 
 
 def read_cells(path: Path) -> dict[Key, Cell]:

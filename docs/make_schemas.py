@@ -21,7 +21,6 @@ from mirrorcam.bench.suite_folder import SuiteManifest
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.sweep_work import Record
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
@@ -58,7 +57,6 @@ FILES: dict[str, Any] = {
     "score": ScoreReport,
     "sensor": SensorModel,
     "suite": SuiteManifest,
-    "sweep_result": Record,
     "views": ViewsFile,
 }
 """What reads a file, by the name of its schema."""

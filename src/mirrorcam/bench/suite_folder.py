@@ -46,7 +46,7 @@ class SuiteManifest(Value):
     renderer : str
         Variant of Mitsuba, which the bytes depend on.
     made_with : dict of str to str
-        Digests of the sources and versions of the distributions that made the sets.
+        Digest of the code, and versions of the libraries, that made the sets.
     sets : tuple of SuiteSet
         Those that are finished.
     missing : tuple of str

@@ -73,7 +73,7 @@ class CalibrateOptions(Value):
         default=Path("output/calibrated"),
         description=(
             "folder for layout.json (calibrated), metrics.json, report.html, residuals.png and corners.csv (the "
-            "corners used); detected corners are cached in detections/"
+            "corners used); detected corners are kept for the next time"
         ),
     )
     force: bool = FORCE
@@ -96,7 +96,7 @@ class CalibrateOptions(Value):
 def run(options: CalibrateOptions) -> int:
     """Calibrate, write the result, and print its figures; 1 where the diagnostics contradict the model."""
     from mirrorcam.calibration.calibration_files import FILES, CalibrationRequest, calibrate_files, write_calibration
-    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.disk.output_folder import output_folder, results_folder
 
     request = CalibrationRequest(
         board=options.board,
@@ -108,7 +108,7 @@ def run(options: CalibrateOptions) -> int:
         level=options.level,
         lens=options.lens,
         surface=options.surface,
-        detections=options.out / "detections",
+        detections=results_folder(options.out),
     )
 
     def on_hint(picture: str, hint: NextPose) -> None:

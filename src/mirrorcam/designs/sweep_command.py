@@ -80,7 +80,7 @@ class SweepOptions(Value):
     )
     out: Path = Field(
         default=Path("output/sweep"),
-        description="folder for the table, pareto.png, results/ and layouts/; an interrupted sweep is resumed",
+        description="folder for the table, pareto.png and layouts/; an interrupted sweep is resumed",
     )
     force: bool = FORCE
 

@@ -8,7 +8,7 @@ from typing import Literal
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.disk.output_folder import output_folder, results_folder
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import Metric
@@ -30,7 +30,6 @@ PICTURES = (
 FILES = (
     *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
     *(f"parts/{part}.{ending}" for part in PARTS for ending in ("step", "stl", "3mf")),
-    *(f"parts/.{part}.json" for part in PARTS),
     *(f"drawings/{part}.{ending}" for part in (*PARTS, "assembly") for ending in ("svg", "pdf")),
     *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
     *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
@@ -85,10 +84,10 @@ def write_device(
 ) -> dict[str, Metric]:
     """Build and check every part of a layout's device in a folder; returns all figures by name.
 
-    Figures with a limit are the checks. What an earlier call has written there and still holds is taken over, and its
-    other files go. `workers` are processes that share the work, one for each core without a number. It needs the extra
-    `cad`, and for `elastic`, finite elements of the whole, `fe`. Raises InputError, without `force`, where a file would
-    be replaced that no such call wrote, or that was changed since.
+    Figures with a limit are the checks. Parts that an earlier call has made are not built again, and files that it
+    wrote and this one does not are deleted. `workers` are processes that share the work, one for each core without a
+    number. It needs the extra `cad`, and for `elastic`, finite elements of the whole, `fe`. Raises InputError, without
+    `force`, where a file would be replaced that no such call wrote, or that was changed since.
     """
     from mirrorcam.cad.build import build_parts
 
@@ -100,7 +99,7 @@ def write_device(
                 layout,
                 staged,
                 hardware,
-                previous=folder,
+                results=results_folder(folder),
                 workers=workers or cores(),
                 progress=progress,
                 elastic=elastic,

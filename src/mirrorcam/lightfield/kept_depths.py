@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.output_folder import OutputFolder, results_folder
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.disk.results import Results
 from mirrorcam.optics.light_field.depth import DepthEstimator
-from mirrorcam.optics.light_field.depth.depth_files import (
-    DepthRecord,
-    content_digest,
-    load_depth,
-    load_record,
-    save_depth,
-)
+from mirrorcam.optics.light_field.depth.depth_files import DepthRecord, content_digest, load_depth, save_depth
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
+
+CODE = "mirrorcam.optics.light_field.depth.estimate"
+_SHA256, _SEARCHED = "sha256", "searched_mm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,29 +31,33 @@ class KeptDepth:
     searched_mm: tuple[float, float]
 
 
-def keep_depth(path: Path, depth: DepthMap, light_field: LightField, estimator: DepthEstimator) -> None:
-    """Write a depth map with of which light field and between which depths it was measured."""
-    save_depth(path, depth, DepthRecord(content_digest(light_field), (estimator.near_mm, estimator.far_mm)))
+def keep_depth(
+    output: OutputFolder, staged: Path, name: str, depth: DepthMap, light_field: LightField, estimator: DepthEstimator
+) -> None:
+    """Write a depth map as NAME_depth.npz into a staged folder, and note in the store of the output what it is of."""
+    path, searched_mm = staged / f"{name}_depth.npz", (estimator.near_mm, estimator.far_mm)
+    save_depth(path, depth, DepthRecord(content_digest(light_field), searched_mm))
+    contents = {_SHA256: file_digest(path), _SEARCHED: " ".join(map(str, searched_mm))}
+    output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
 
 def kept_depth(
     folders: Iterable[Path], name: str, light_field: LightField, near_mm: float | None, far_mm: float | None
 ) -> KeptDepth | None:
-    """The first NAME_depth.npz of folders that was measured in this light field, or None.
+    """The first NAME_depth.npz of folders that this program measured in this light field, or None.
 
     Where a nearest or farthest depth is given, it must have been searched between just those.
     """
-    content = content_digest(light_field)
     for folder in folders:
-        path = folder / f"{name}_depth.npz"
-        if not path.is_file():
+        contents = Results(results_folder(folder)).get(f"depth-{name}", _made_of(light_field))
+        if contents is None:
             continue
-        try:
-            record = load_record(path)
-        except InputError:
-            continue  # a file of the user's that is called so
-        if record is None or record.light_field_sha256 != content:
-            continue  # of another light field, or of a version that did not note which
-        if all(asked in (None, found) for asked, found in zip((near_mm, far_mm), record.searched_mm, strict=True)):
-            return KeptDepth(path, load_depth(path, light_field), record.searched_mm)
+        path, (near, far) = folder / f"{name}_depth.npz", map(float, contents[_SEARCHED].split())
+        fits = near_mm in (None, near) and far_mm in (None, far)
+        if fits and path.is_file() and file_digest(path) == contents[_SHA256].decode():
+            return KeptDepth(path, load_depth(path, light_field), (near, far))
     return None
+
+
+def _made_of(light_field: LightField) -> dict[str, str]:
+    return {"light_field": content_digest(light_field)} | program_of(CODE)

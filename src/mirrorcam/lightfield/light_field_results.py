@@ -79,7 +79,7 @@ def write_depths(
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field if frames_apart else recording.filtered(each))
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
-                keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
+                keep_depth(output, staged, each.name, depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
             sure = depth.valid & (depth.confidence > SURE)
