@@ -9,28 +9,24 @@ each mirror, with equal weights and with the same weights. Both may leave out fu
 PYTHON is an interpreter that has mrcal (https://mrcal.secretsauce.net; in Debian the package python3-mrcal), by default
 the running one or else that of the system; without any, a line says so and the exit code is 2.
 
-Prints residuals, lens and seconds of each, and how they differ, from each other and from the truth, as mrcal says it:
-by its projection difference over the picture, with the implied motion; and in all mirrors at once, with one rigid
-motion taken out. Points are as far away as the boards.
+Prints residuals, seconds and lens of each, and how far each is from the truth (without a truth, from this project), as
+mrcal says it: by its projection difference over the picture, with the implied motion; and in all mirrors at once, with
+one rigid motion taken out. Points are as far away as the boards.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration_foreign import LENS
-from benchmarks.records import Table, add_json_option, table, write_record
+from benchmarks.records import Rows, add_json_option, write_record
+from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
 from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.calibration.corner_files import load_corners
@@ -39,23 +35,9 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Observation
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, Target, load_board
 
-SOLVER = Path(__file__).parent / "referees" / "mrcal_solver.py"
-LENSES = {"brown_conrady": "LENSMODEL_OPENCV5", "rational": "LENSMODEL_OPENCV8", "thin_prism": "LENSMODEL_OPENCV12"}
 OWN = "this project"
-LEAST_PX = 1e-3  # standard deviation of a number in pixels; distortion is known better
 MOST_PLACES = 400
 """Corners of a mirror where projections are compared."""
-
-
-def python_with_mrcal(asked: str | None) -> str | None:
-    """An interpreter that has mrcal; None where there is none."""
-    for python in (asked,) if asked else (sys.executable, "/usr/bin/python3"):
-        try:
-            subprocess.run([python, "-c", "import mrcal"], capture_output=True, check=True)
-        except (OSError, subprocess.CalledProcessError):
-            continue
-        return python
-    return None
 
 
 def reflection(centre: FloatArray) -> FloatArray:
@@ -105,18 +87,6 @@ def task_of(corners: Path, layout: Layout, target: Target) -> dict[str, Any]:
     }
 
 
-def print_lens(names: list[str], calibrations: dict[str, dict[str, Any]], truth: list[float] | None) -> None:
-    """Print the numbers of the lens with their standard deviations; their errors in these where the truth is known."""
-    for place, name in enumerate(names):
-        cells = []
-        for each in calibrations.values():
-            value, sigma = each["lens"][place], each["sigma"][place]
-            off = "" if truth is None else f" ({(value - truth[place]) / sigma:+.1f} sigma)"
-            digits = 4 if sigma > LEAST_PX else 6
-            cells.append(f"{value:.{digits}f} +- {sigma:.{digits}f}{off}")
-        print(f"  {name:8} " + "".join(f"{cell:36}" for cell in cells) + ("" if truth is None else f"{truth[place]:g}"))
-
-
 def figures_of(found: Calibration, seconds: float) -> dict[str, Any]:
     """The same figures as mrcal's."""
     known = found.layout.uncertainty
@@ -133,6 +103,46 @@ def figures_of(found: Calibration, seconds: float) -> dict[str, Any]:
     }
 
 
+def known_of(folder: Path) -> dict[str, Any]:
+    """The true calibration of a set, empty where it is not known."""
+    path = folder / "truth" / "truth.json"
+    if not path.exists():
+        return {}
+    truth = json.loads(path.read_text())
+    lens = [*truth["K"], *truth["D"]]
+    return {"truth": {"lens": lens} | ({} if truth["sheet"] else {"cameras": cameras_m(np.array(truth["C"]))})}
+
+
+def compare(corners: Path, folder: Path, judge: str, rows: Rows) -> None:
+    """Calibrate by both, and add a row for each."""
+    layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+    if isinstance(target, AprilGrid):
+        raise InputError(f"{folder / 'board.toml'}: an AprilGrid, expected a board of even squares, as mrcal has them")
+    started = time.perf_counter()
+    found = calibrate_files(
+        CalibrationRequest(board=folder / "board.toml", corners=(corners,), layout=folder / "layout.json")
+    )
+    ours, camera = figures_of(found, time.perf_counter() - started), found.layout.camera
+    if camera.lens_model not in LENSES:
+        raise InputError(f"{folder}: a {camera.lens_model} lens, expected one of {', '.join(LENSES)}")
+    if found.layout.mirrors[0].is_second_surface:
+        del ours["cameras"]  # behind glass, no place of a camera is exact
+    known = known_of(folder)
+    task = task_of(corners, layout, target) | {"lens": LENSES[camera.lens_model], "calibrations": known | {OWN: ours}}
+    answer = asked(judge, task)
+    off = {each["of"][1]: each for each in answer["differences"] if each["of"][0] == ("truth" if known else OWN)}
+    for name, each in ({OWN: ours} | answer["found"]).items():
+        lens = (
+            f"{short} {value:.6g} ± {sigma:.2g}"
+            for short, value, sigma in zip(camera.intrinsic_names, each["lens"], each["sigma"], strict=True)
+        )
+        apart = (off.get(name, {}).get(key) for key in ("lens_px", "device_px"))
+        distances = ("" if value is None else f"{value:.4f}" for value in apart)
+        used = f"{each['corners']:,} of {len(task['corners']):,}"
+        residuals = "{:.4f} / {:.4f}".format(*each["rms_px"])
+        rows.add(folder.name, name, used, residuals, *distances, f"{each['seconds']:.1f}", ", ".join(lens))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("pairs", type=Path, nargs="+", metavar="CORNERS SET")
@@ -145,141 +155,15 @@ def main() -> int:
     if judge is None:
         print(f"mrcal: not there in {options.python or 'this or the system python3'}; --python PYTHON names another")
         return 2
+    rows = Rows("set", "by", "corners used", "RMS x / y, px", "off: picture, px", "mirrors, px", "seconds", "lens")
     try:
-        pairs = zip(options.pairs[::2], options.pairs[1::2], strict=True)
-        found = [compare(corners, folder, judge) for corners, folder in pairs]
+        for corners, folder in zip(options.pairs[::2], options.pairs[1::2], strict=True):
+            compare(corners, folder, judge, rows)
     except InputError as error:
         print(error)
         return 2
-    if options.json:
-        write_record(options.json, "calibration_mrcal", *recorded(found))
+    write_record(options.json, "calibration_mrcal", table=rows.table)
     return 0
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """What was found of a set: its kind of board, all corners, calibrations by name, the lens's names and the truth.
-
-    `off_px` has, by name, how far each is from the truth: over the picture, and in all mirrors where these are known.
-    """
-
-    board: str
-    corners: int
-    calibrations: dict[str, dict[str, Any]]
-    names: tuple[str, ...]
-    truth: dict[str, Any]
-    off_px: Mapping[str, tuple[float, float | None]]
-
-    @property
-    def glass(self) -> bool:
-        """Whether its mirrors are plates, of which no calibration has places of cameras to compare."""
-        return "cameras" not in self.truth.get("truth", {})
-
-
-def recorded(found: list[Compared]) -> tuple[dict[str, float], Table]:
-    """Figures, and a table with three columns for each set of first-surface mirrors."""
-    figures, columns, cells = {}, [""], []
-    for each in found:
-        names = list(each.calibrations)
-        if each.glass:
-            figures["acrylic_lens_mrcal_px"] = each.off_px[names[1]][0]
-            figures["acrylic_lens_own_px"] = each.off_px[names[0]][0]
-            continue
-        columns += [f"{each.board}: {names[0]}", *names[1:]]
-        cells += [_cells(each, name) for name in names]
-        left_out = 1.0 - each.calibrations[names[1]]["corners"] / each.corners
-        figures[f"left_out_{each.board.lower()}_percent"] = 100.0 * left_out
-    lens = next(each.truth["truth"]["lens"] for each in found if not each.glass)
-    true = dict(zip(LENS, lens, strict=True))
-    titles = ["corners used", "RMS x / y, px"]
-    titles += [f"{name.removesuffix('_px')}, px (truth {true[name]:g})" for name in ("fx_px", "cy_px")]
-    titles += ["from the truth, picture", "from the truth, mirrors", "seconds"]
-    return figures, table(columns, zip(titles, *cells, strict=True))
-
-
-def _cells(compared: Compared, name: str) -> tuple[str, ...]:
-    found = compared.calibrations[name]
-    numbers = []
-    for wanted in ("fx_px", "cy_px"):
-        place = compared.names.index(wanted)
-        numbers.append(f"{found['lens'][place]:.3f} ± {found['sigma'][place]:.3f}")
-    picture, mirrors = compared.off_px[name]
-    seconds = f"{found['seconds']:.1f}" + (", with model selection" if name == OWN else "")
-    off = (f"{picture:.4f}", "" if mirrors is None else f"{mirrors:.4f}")
-    return (f"{found['corners']:,}", "{:.4f} / {:.4f}".format(*found["rms_px"]), *numbers, *off, seconds)
-
-
-def known_of(folder: Path) -> dict[str, Any]:
-    """The true calibration of a set, empty where it is not known."""
-    path = folder / "truth" / "truth.json"
-    if not path.exists():
-        return {}
-    truth = json.loads(path.read_text())
-    lens = [*truth["K"], *truth["D"]]
-    return {"truth": {"lens": lens} | ({} if truth["sheet"] else {"cameras": cameras_m(np.array(truth["C"]))})}
-
-
-def compare(corners: Path, folder: Path, judge: str) -> Compared:
-    """Calibrate by both and print the figures."""
-    layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
-    if isinstance(target, AprilGrid):
-        raise InputError(f"{folder / 'board.toml'}: an AprilGrid, expected a board of even squares, as mrcal has them")
-    started = time.perf_counter()
-    found = calibrate_files(
-        CalibrationRequest(board=folder / "board.toml", corners=(corners,), layout=folder / "layout.json")
-    )
-    ours = figures_of(found, time.perf_counter() - started)
-    if found.layout.camera.lens_model not in LENSES:
-        raise InputError(f"{folder}: a {found.layout.camera.lens_model} lens, expected one of {', '.join(LENSES)}")
-    if found.layout.mirrors[0].is_second_surface:
-        del ours["cameras"]  # behind glass, no place of a camera is exact
-    truth = known_of(folder)
-    task = task_of(corners, layout, target) | {
-        "lens": LENSES[found.layout.camera.lens_model],
-        "calibrations": truth | {OWN: ours},
-    }
-    answer = asked(judge, task)
-    print(f"{folder.name}: {len(task['corners'])} corners")
-    print_table({OWN: ours} | answer["found"], found, truth)
-    for each in answer["differences"]:
-        device = "" if each["device_px"] is None else f", in all mirrors {each['device_px']:.4f} px"
-        print(f"  {each['of'][1]} from {each['of'][0]}: over the picture {each['lens_px']:.4f} px{device}")
-    return Compared(
-        board={"charuco": "ChArUco"}.get(target.kind, target.kind),
-        corners=len(task["corners"]),
-        calibrations={OWN: ours} | answer["found"],
-        names=tuple(found.layout.camera.intrinsic_names),
-        truth=truth,
-        off_px={
-            each["of"][1]: (each["lens_px"], each["device_px"])
-            for each in answer["differences"]
-            if each["of"][0] == "truth"
-        },
-    )
-
-
-def asked(python: str, task: dict[str, Any]) -> dict[str, Any]:
-    """What the solver answers in another interpreter."""
-    with tempfile.TemporaryDirectory() as kept:
-        given, answer = Path(kept) / "task.json", Path(kept) / "answer.json"
-        given.write_text(json.dumps(task))
-        subprocess.run([python, str(SOLVER), str(given), str(answer)], check=True)
-        return dict(json.loads(answer.read_text()))
-
-
-def print_table(calibrations: dict[str, dict[str, Any]], found: Calibration, truth: dict[str, Any]) -> None:
-    """Print residuals, seconds and lens of each calibration."""
-    print(f"  {'':8} " + "".join(f"{name:36}" for name in calibrations) + ("truth" if truth else ""))
-    lines: dict[str, Callable[[dict[str, Any]], str]] = {
-        "rms px": lambda each: "{:.4f} / {:.4f}".format(*each["rms_px"]),
-        "corners": lambda each: str(each["corners"]),
-        "seconds": lambda each: f"{each['seconds']:.1f}",
-    }
-    for name, text in lines.items():
-        print(f"  {name:8} " + "".join(f"{text(each):36}" for each in calibrations.values()))
-    names = [name.removesuffix("_px") for name in found.layout.camera.intrinsic_names]
-    same = truth and len(names) == len(LENS)
-    print_lens(names, calibrations, truth["truth"]["lens"] if same else None)
 
 
 if __name__ == "__main__":

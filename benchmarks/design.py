@@ -1,4 +1,4 @@
-"""Speed of the optimiser: `python -m benchmarks.design [--skip-peers] [--cap SECONDS] [--picture FILE]`.
+"""Speed of the optimiser: `python -m benchmarks.design [--skip-peers] [--cap SECONDS]`.
 
 Times `design` without imports: the default 3x3 and 5x5, again and again in this process and in two, and once cold in a
 fresh one; its growth with the mirror count; and the same program (objective, constraints, bounds, start, exact
@@ -16,14 +16,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from benchmarks.design_peers import Question, first_problem, peers, seconds_of
 from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
-from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.processes.calls import in_turn
 from mirrorcam.core.processes.worker_pool import in_two_processes
-from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
@@ -66,8 +63,8 @@ def speed() -> Table:
     return rows.table
 
 
-def growth(picture: Path | None) -> tuple[float, dict[str, float]]:
-    """Print times and sizes over the mirror count, and draw them.
+def growth() -> tuple[float, dict[str, float]]:
+    """Print times and sizes over the mirror count.
 
     The power of the count by which times grow, and figures of 2 and 36 mirrors.
     """
@@ -88,38 +85,9 @@ def growth(picture: Path | None) -> tuple[float, dict[str, float]]:
     medians = [statistics.median(runs) for runs in times]
     slope = float(np.polyfit(np.log(mirrors), np.log(medians), 1)[0])
     print(f"time grows like mirrors^{slope:.2f}")
-    if picture:
-        draw(np.array(mirrors), np.array(times), np.array(sizes), slope, picture)
     two, many = mirrors.index(2), mirrors.index(36)
     figures = {"two_mirrors_s": medians[two], "thirty_six_mirrors_s": medians[many]}
     return slope, figures | dict(zip(("thirty_six_unknowns", "thirty_six_constraints"), sizes[many], strict=True))
-
-
-def draw(mirrors: FloatArray, times: FloatArray, sizes: FloatArray, slope: float, path: Path) -> None:
-    """Write a PNG, both axes logarithmic: seconds over mirrors, and how large the programs are."""
-    figure = Figure(figsize=(11.0, 4.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    medians = np.median(times, axis=1)
-    spread = np.abs(np.stack([times.min(axis=1), times.max(axis=1)]) - medians)
-    left.errorbar(
-        mirrors, medians, spread, color="#0077bb", marker="o", capsize=3, label=f"design: mirrors^{slope:.2f}"
-    )
-    for (rows, cols), limit_s in LIMITS_S.items():
-        left.plot(rows * cols, limit_s, "v", color="#cc3311", ms=7, label=f"limit for {rows}x{cols}: {limit_s:g} s")
-    left.set_ylabel("seconds (median, least, greatest)")
-    for column, (name, colour) in enumerate((("unknowns", "#009988"), ("constraints", "#ee7733"))):
-        right.plot(mirrors, sizes[:, column], color=colour, marker="o", label=name)
-    right.set_ylabel("size of the program")
-    for axes in (left, right):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xticks(mirrors, [f"{count}" if count != 15 else "" for count in mirrors])  # 16 stands beside it
-        axes.minorticks_off()
-        axes.set_xlabel("mirrors")
-        axes.grid(alpha=0.3, linewidth=0.5)
-        axes.legend(fontsize=9)
-    with atomic(path) as temporary:
-        figure.savefig(temporary, dpi=110)
 
 
 if __name__ == "__main__":
@@ -127,12 +95,11 @@ if __name__ == "__main__":
     parser.add_argument("--skip-peers", action="store_true", help="leave SciPy's solvers out")
     parser.add_argument("--only-peers", action="store_true", help="SciPy's solvers alone")
     parser.add_argument("--cap", type=float, default=90.0, help="seconds after which a peer is stopped")
-    parser.add_argument("--picture", type=Path, help="a PNG of the growth to write")
     add_json_option(parser)
     arguments = parser.parse_args()
     if not arguments.only_peers:
         found = speed()
-        power, figures = growth(arguments.picture)
+        power, figures = growth()
         write_record(arguments.json, "design_speed", {"growth_power": power}, found)
         write_record(arguments.json, "design_growth", figures)
     if not arguments.skip_peers:

@@ -1,18 +1,17 @@
-"""Detection under stress, and its speed: `python -m benchmarks.detection [LAYOUT] [--frames N] [--json FILE]`.
+"""Detection under stress, and its speed beside OpenCV: `python -m benchmarks.detection [LAYOUT] [--json FILE]`.
 
-Rendered frames of mirrors that are tilted by 2 degrees (sigma), by a good and by a poor camera, each as it is and with
-glare, motion blur, little light, strong compression, and all of these at once. Prints for each how many of the visible
-corners were found, how far they are off, and how many are false: more than 1 px, or 5 of their own standard deviations
-(scaled to the errors of that mirror's corners in that run, and 0.1 px), from where that mirror shows that corner. Then
-the seconds of processor time that a frame of nine views at 1920 x 1080 takes (limit: 0.5), for each kind of board and
-of mirror, the least of a few runs, and the seconds that 20 frames take (limit: 10 on 2 cores). AprilGrids are also
-searched by OpenCV, in the flipped part of the frame that each mirror is known to fill, with `cornerSubPix`.
+Frames of mirrors that are tilted by 2 degrees (sigma) are rendered for a good and for a poor camera, each as it is and
+with glare, motion blur, little light, strong compression, and all of these at once. Printed for each: the share of the
+visible corners that is found, their error, and the number of false ones: more than 1 px, or 5 of their own standard
+deviations (scaled to the errors of that mirror's corners in that run, and at least 0.1 px), from the true place.
+
+Then the processor time of a frame of nine views at 1920 x 1080 (limit: 0.5 s) for each kind of board. AprilGrids are
+also searched by OpenCV, in the flipped part of the frame that each mirror is known to fill, with `cornerSubPix`.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,14 +21,13 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from benchmarks.records import SIGMA, add_json_option, table, write_record
+from benchmarks.records import SIGMA, Rows, add_json_option, write_record
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
-from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.whole_pupil import wholly_served
@@ -45,7 +43,7 @@ DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.
 TILT_DEG = 2.0
 FALSE_PX, FALSE_SIGMAS = 1.0, 5.0
 MIN_FALSE_PX = 0.1  # below which no corner is called false, however small the others' errors are
-LIMIT_S, FRAME_LIMIT_S = 10.0, 0.5
+FRAME_LIMIT_S = 0.5
 RUNS, TIMED_FRAMES = 3, 4
 PLAIN = Checkerboard(cols=20, rows=13, square_mm=12.0)
 TAGS = AprilGrid(cols=10, rows=7, tag_mm=18.0, spacing=0.3)
@@ -122,12 +120,13 @@ def _used(layout: Layout, corners: Observations) -> Observations:
     return corners.where(wholly_served(layout, corners)[0])
 
 
-def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
-    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder.
+def _rendered(
+    layout: Layout, target: Target, folder: Path, *, frames: int, sensor: SensorName, seed: int
+) -> tuple[Dataset, FloatArray, int]:
+    """A set of tilted mirrors rendered into a folder, true pixels (frame, mirror, corner, 2), and how many are visible.
 
     Corners that only a part of the pupil sees are not counted: a calibration leaves them out.
     """
-    target = default_board()
     request = SetRequest(
         layout=layout,
         target=target,
@@ -138,12 +137,20 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
         settings=RenderSettings(renderer="fast", sensor=SENSORS[sensor], maps=False),
     )
     dataset: Dataset = render_set(request, folder)
-    pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     with np.load(folder / "truth" / "corners.npz") as truth:
         truth_px = truth["frames_px"]
         frame, view, corner = np.nonzero(truth["frames_visible"])
     built = Layout.load(folder / "truth" / "layout.json")
     visible = len(_used(built, Observations(frame, view, corner, truth_px[frame, view, corner])))
+    return dataset, truth_px, visible
+
+
+def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
+    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder."""
+    target = default_board()
+    dataset, truth_px, visible = _rendered(layout, target, folder, frames=frames, sensor=sensor, seed=seed)
+    built = Layout.load(folder / "truth" / "layout.json")
+    pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
         bad = [degraded(picture, condition, random) for picture in pictures]
@@ -151,54 +158,14 @@ def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, see
         yield condition, score([_used(built, frame.corners) for frame in found], truth_px, visible)
 
 
-def _without_ghost_images(
-    found: list[Observations], pictures: list[Grey], folder: Path, target: Target
-) -> tuple[list[Observations], float]:
-    """Corners without the pull of ghost images, by true mirrors and poses, and the least processor time of a frame."""
-    built = Layout.load(folder / "truth" / "layout.json")
-    poses = json.loads((folder / "truth" / "poses.json").read_text())["frames"]
-    rig_from_board = {number: np.array(pose) for number, pose in enumerate(poses)}
-    spent = []
-    for _ in range(RUNS):
-        started = time.process_time()
-        refined = without_ghost_images(found, pictures, rig_from_board, built, target)
-        spent.append(time.process_time() - started)
-    return refined, min(spent) / len(pictures)
+BOARDS: dict[str, Target] = {"ChArUco": default_board(), "checkerboard": PLAIN, "AprilGrid, 10 x 7 tags": TAGS}
 
 
-@dataclass(frozen=True)
-class Timed:
-    """Processor time of a frame and the score of a set; what numbering by all frames and ghost images add to a frame.
-
-    Of AprilGrids also rows of what OpenCV finds.
-    """
-
-    seconds: float
-    numbering_s: float
-    ghosts_s: float
-    rows: tuple[tuple[str, ...], ...]
-
-
-BOARDS = {"charuco": "ChArUco", "checkerboard": "checkerboard", "aprilgrid": "AprilGrid"}
-
-
-def timed(layout: Layout, target: Target, folder: Path) -> Timed:
-    """Print the processor time of a frame, and the errors, of a set that is rendered into a folder.
-
-    What one frame alone cannot number of a checkerboard is numbered by all of them, which is not in the time of one.
-    """
-    request = SetRequest(
-        layout=layout,
-        target=target,
-        frames=TIMED_FRAMES,
-        base_frames=0,
-        seed=0,
-        tolerances=Tolerances(tilt_deg=TILT_DEG),
-        settings=RenderSettings(renderer="fast", sensor=SENSORS["c920"], maps=False),
-    )
-    dataset: Dataset = render_set(request, folder)
-    found, least = [], []
+def speed(layout: Layout, name: str, target: Target, folder: Path, rows: Rows) -> float:
+    """Processor time of a frame, the least of a few runs; adds a row, and for an AprilGrid one of OpenCV's tags."""
+    dataset, truth_px, visible = _rendered(layout, target, folder, frames=TIMED_FRAMES, sensor="c920", seed=0)
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
+    found, least = [], []
     for picture in pictures:
         spent = []
         for _ in range(RUNS):
@@ -207,39 +174,20 @@ def timed(layout: Layout, target: Target, folder: Path) -> Timed:
             spent.append(time.process_time() - started)
         found.append(frame)
         least.append(min(spent))
-    started = time.process_time()
-    if isinstance(target, Checkerboard):
+    if isinstance(target, Checkerboard):  # a frame alone may not number all of a checkerboard's corners
         found = numbered_together(found, [], layout, target)
-    numbering_s = (time.process_time() - started) / len(pictures)
-    with np.load(folder / "truth" / "corners.npz") as truth:
-        truth_px, visible = truth["frames_px"], int(truth["frames_visible"].sum())
-    corners, ghosts_s = _without_ghost_images([frame.corners for frame in found], pictures, folder, target)
-    seen = score(corners, truth_px, visible)
-    surface = "second" if layout.mirrors[0].is_second_surface else "first"
-    print(
-        f"{target.kind:12} {surface:6}-surface: {np.mean(least):.2f} s a frame (limit {FRAME_LIMIT_S:g} s), "
-        f"{ghosts_s:.2f} s more for ghost images, "
-        f"found {seen.found} of {seen.visible}, rms {seen.rms_px:.4f} px, {seen.far} beyond {FALSE_PX:g} px",
-        flush=True,
-    )
-    name = BOARDS[target.kind]
-    tags = f", {target.cols} x {target.rows} tags" if isinstance(target, AprilGrid) else ""
-    rows = [_row(f"{name}{tags}", float(np.mean(least)), seen)]
+    seconds = float(np.mean(least))
+    _add(rows, name, seconds, score([frame.corners for frame in found], truth_px, visible))
     if isinstance(target, AprilGrid):
         started = time.process_time()
-        theirs = score([tags_by_opencv(picture, layout, target) for picture in pictures], truth_px, visible)
+        theirs = [tags_by_opencv(picture, layout, target) for picture in pictures]
         spent_s = (time.process_time() - started) / len(pictures)
-        print(
-            f"{'':12} OpenCV's tags with cornerSubPix: {spent_s:.2f} s a frame, found {theirs.found} of "
-            f"{theirs.visible}, rms {theirs.rms_px:.4f} px, {theirs.far} beyond {FALSE_PX:g} px",
-            flush=True,
-        )
-        rows.append(_row(f"{name}, OpenCV", spent_s, theirs))
-    return Timed(float(np.mean(least)), numbering_s, ghosts_s, tuple(rows))
+        _add(rows, f"{name}, OpenCV", spent_s, score(theirs, truth_px, visible))
+    return seconds
 
 
-def _row(name: str, seconds: float, seen: Score) -> tuple[str, ...]:
-    return name, f"{seconds:.2f}", f"{seen.found} of {seen.visible}", f"{seen.rms_px:.3f} px", f"{seen.far}"
+def _add(rows: Rows, name: str, seconds: float, seen: Score) -> None:
+    rows.add(name, f"{seconds:.2f}", f"{seen.found} of {seen.visible}", f"{seen.rms_px:.3f} px", f"{seen.far}")
 
 
 def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observations:
@@ -276,60 +224,22 @@ def main() -> None:
     add_json_option(parser)
     options = parser.parse_args()
     layout = Layout.load(options.layout)
-    counts: dict[str, int] = {}
+    corners = false = 0
     sensors: tuple[SensorName, ...] = ("c920", "poor")
-    under: dict[str, list[str]] = {}
-    with TemporaryDirectory() as name:
+    rows = Rows("sensor", "condition", "found", "RMS", f"false: > {FALSE_PX:g} px", f"> {FALSE_SIGMAS:g} {SIGMA}")
+    with TemporaryDirectory() as place:
         for seed, sensor in enumerate(sensors):
-            folder = Path(name) / sensor
+            folder = Path(place) / sensor
             for condition, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
-                counted = {"corners": found.found, "beyond_1px": found.far, "false": found.false}
-                counted |= {f"corners_{sensor}": found.found, f"beyond_5_sigma_{sensor}": found.outlying}
-                counts |= {name: counts.get(name, 0) + value for name, value in counted.items()}
-                cells = f"{found.found / found.visible:.0%}, {found.rms_px:.3f} px", f"{found.far}, {found.outlying}"
-                under.setdefault(condition, []).extend(cells)
-                print(
-                    f"{sensor:5} {condition:12} found {found.found:6d} of {found.visible:6d} "
-                    f"({found.found / found.visible:4.0%}), rms {found.rms_px:.4f} px, false: "
-                    f"{found.far} beyond {FALSE_PX:g} px, {found.outlying} beyond {FALSE_SIGMAS:g} sigma",
-                    flush=True,
-                )
-        total, false = counts["corners"], counts.pop("false")
-        print(f"false corners: {false} of {total}, {1e4 * false / max(total, 1):.2f} in 10,000 (limit 1)")
-        false_head = f"false > {FALSE_PX:g} px, > {FALSE_SIGMAS:g} {SIGMA}"
-        head = [f"{prefix}`{sensor}`: found, RMS" for prefix, sensor in zip(("sensor ", ""), sensors, strict=True)]
-        columns = ("", *(each for title in head for each in (title, false_head)))
-        write_record(options.json, "detection", table=table(columns, [(name, *under[name]) for name in under]))
-        times: dict[str, float] = {}
-        boards: list[tuple[str, ...]] = []
-        plates = [m.replaced(surface="second", thickness_mm=2.0, refractive_index=1.49) for m in layout.mirrors]
-        for number, built in enumerate((layout, layout.replaced(mirrors=tuple(plates)))):
-            for target in (default_board(), PLAIN, TAGS):
-                found_of = timed(built, target, Path(name) / f"{target.kind}_{number}")
-                if number == 0:
-                    boards += found_of.rows
-                    times[f"{target.kind}_s"] = found_of.seconds
-                    times |= {"checkerboard_numbering_s": found_of.numbering_s} if target is PLAIN else {}
-                elif target.kind == "charuco":
-                    times["ghosts_s"] = found_of.ghosts_s
-        columns = ("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
-        write_record(options.json, "detection_boards", table=table(columns, boards))
-        shares = {
-            f"beyond_5_sigma_{sensor}_in_10000": 1e4 * counts[f"beyond_5_sigma_{sensor}"] / counts[f"corners_{sensor}"]
-            for sensor in sensors
-        }
-        write_record(options.json, "detection_counts", counts | shares | times)
-        files = sorted((Path(name) / "c920" / "frames").iterdir())
-        pictures = [read_image(path, grey=True) for path in files]
-        for workers in sorted({1, 2, cores()}):
-            started, busy = time.perf_counter(), time.process_time()
-            detect_frames(pictures, layout, default_board(), mirrored=True, workers=workers)
-            spent = 20.0 * (time.perf_counter() - started) / len(pictures)
-            busy = (time.process_time() - busy) / len(pictures)
-            print(
-                f"20 frames on {workers} threads of {cores()} cores: {spent:.1f} s (limit {LIMIT_S:g} s on 2), "
-                f"{busy:.2f} s of processor a frame"
-            )
+                corners, false = corners + found.found, false + found.false
+                share = f"{found.found / found.visible:.0%} of {found.visible}"
+                rows.add(sensor, condition, share, f"{found.rms_px:.3f} px", f"{found.far}", f"{found.outlying}")
+        print(f"false corners: {false} of {corners}, {1e4 * false / max(corners, 1):.2f} in 10,000 (limit 1)")
+        write_record(options.json, "detection", {"corners": corners, "false": false}, rows.table)
+        boards = Rows("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
+        slowest = max(speed(layout, name, target, Path(place) / target.kind, boards) for name, target in BOARDS.items())
+        print(f"slowest board: {slowest:.2f} s a frame (limit {FRAME_LIMIT_S:g} s)")
+        write_record(options.json, "detection_boards", table=boards.table)
 
 
 if __name__ == "__main__":

@@ -15,11 +15,6 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.plate import rise_mm
-from mirrorcam.optics.geometry.transforms import transform
-
-PATH_STEPS = 20
 
 
 def predicted_mirrored(
@@ -100,39 +95,3 @@ def prediction_floor(fitted: Fitted, observations: Observations, fold: IntArray,
         seen = replace(observations, pixels=clean + noise)
         errors.append(predicted_mirrored(truth, seen, fitted.model, fold)[0])
     return np.concatenate(errors)
-
-
-def twice_reflected(estimate: Estimate, board: Board, frame: int, path: tuple[int, int]) -> FloatArray:
-    """Pixels (c, 2) of the board's corners seen in mirror path[0], in which mirror path[1] shows them.
-
-    Each plate is, for a ray of one incidence, a first-surface mirror raised by t (1 - tan' / tan); rays and incidences
-    are found together by fixed-point iteration. Whether the outlines let that light pass is not considered.
-    """
-    points = transform(estimate.rig_from_board[frame], board.shaped(estimate.shape))
-    image = points
-    for mirror in path[::-1]:
-        image = reflect(image, estimate.virtual_centres_in_rig_mm[mirror])
-    for _ in range(PATH_STEPS):
-        direction = image / np.linalg.norm(image, axis=1, keepdims=True)
-        raised = []
-        for mirror in path:
-            centre = estimate.virtual_centres_in_rig_mm[mirror]
-            length = float(np.linalg.norm(centre))
-            unit = centre / length
-            along = np.abs(direction @ unit)
-            tangent = np.sqrt(np.maximum(1.0 - along**2, 0.0)) / along
-            rise = rise_mm(tangent, estimate.thickness_mm[mirror], estimate.refractive_index[mirror])
-            raised.append(centre * (1.0 - 2.0 * rise / length)[:, None])
-            direction = direction - 2.0 * (direction @ unit)[:, None] * unit
-        image = points
-        for centres in raised[::-1]:
-            image = reflect(image, centres)
-    return estimate.camera.project(image)
-
-
-def on_first_mirror(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> FloatArray:
-    """Mask (n,) of viewing rays of pixels (n, 2) that meet mirror path[0] before the plane of path[1]."""
-    rays = estimate.camera.unproject(pixels)
-    distance = [c @ c / 2.0 / (rays @ c) for c in estimate.virtual_centres_in_rig_mm[list(path)]]
-    first, second = (np.where(d > 0.0, d, np.inf) for d in distance)
-    return np.asarray(first < second)

@@ -16,8 +16,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.calibration_mrcal import python_with_mrcal
 from benchmarks.records import add_json_option, table, write_record
+from benchmarks.referees.mrcal_runner import python_with_mrcal
 from mirrorcam.bench.scores.leaderboard import Leaderboard
 from mirrorcam.bench.scores.leaderboard_texts import board_rows, set_rows
 from mirrorcam.core.disk.files import read_model

@@ -23,7 +23,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.records import Rows, Table, add_json_option, table, write_record
-from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid
@@ -32,6 +31,7 @@ from mirrorcam.optics.light_field.features.keypoints import grey_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose, save_tum
 from tests.optics.light_field.photographs import reflected_rays
+from tests.optics.light_field.relief_scene import Card, Relief, even_views, light_field_of
 
 STEP_MM = 10.0
 HZ = 30.0

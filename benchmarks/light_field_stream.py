@@ -1,11 +1,9 @@
 """Videos to light fields: `python -m benchmarks.light_field_stream [FRAMES] [LAYOUT]`.
 
 Makes a H.264 and a MJPEG video of the layout's camera (a textured picture that drifts, with noise), and prints for each
-the frames per second, and the milliseconds of processor time a frame (both cores together; what is left of 1000 / 45
-ms times two is what 45 frames/s leave free), of reading alone, of decoding views of 400 px, and of streaming them, and
-views as sharp as the frames, to Zarr and to a ROS 2 bag, and of reading the bag's light fields, beside what rosbags
-alone takes to write as many bytes and to read the bag. Then decodes FRAMES (10,000) frames of the H.264 video, again
-and again, and prints the memory that the process holds on the way.
+the frames per second, and the milliseconds of processor time a frame (all cores together), of reading alone, of
+decoding views of 400 px, and of streaming them, and views as sharp as the frames, to Zarr. Then decodes FRAMES (10,000)
+frames of the H.264 video, again and again, and prints the memory that the process holds on the way.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ import time
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +29,15 @@ from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.bag_reader import StoredBag
-from mirrorcam.optics.light_field.io.bag_writer import BagWriter, Compression
 from mirrorcam.optics.light_field.io.recording import Recording, about
-from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
-from mirrorcam.optics.light_field.io.stream import decoded_ahead, light_fields, record
+from mirrorcam.optics.light_field.io.stream import light_fields, record
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
-from mirrorcam.optics.light_field.light_field import Views
 
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 LENGTH = 240
 RATE_HZ = 30
 LEAST_HZ = 45.0
 FLAT_MB = 30.0
-HAS_ROSBAGS = find_spec("rosbags") is not None
-"""Of the extra robot."""
 
 
 def pictures(width: int, height: int) -> Iterator[NDArray[np.uint8]]:
@@ -108,45 +99,6 @@ def to_zarr(decoder: Decoder, video: Video, path: Path) -> int:
     return len(recording.entries.numbers)
 
 
-def to_bag(compression: Compression, decoder: Decoder, video: Video, path: Path) -> int:
-    """Frames decoded and written as messages, without depth."""
-    count = 0
-    with BagWriter(path, compression) as bag:
-        for item in decoded_ahead(decoder, video):
-            assert not isinstance(item, Lost)
-            stamp = stamp_ns(item[0].time_s)
-            before = () if count else latched_messages(item[1], stamp)
-            bag.write([*before, *frame_messages(item[1], stamp)], stamp)
-            count += 1
-    return count
-
-
-def bare_bag(views: Views, path: Path) -> int:
-    """Frames written by rosbags alone: one message of as many bytes as the views of a frame."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    raw = bytes(views.rows * views.cols * views.height_px * views.width_px * 3)
-    with Writer(path, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/a", "sensor_msgs/msg/Image", typestore=get_typestore(Stores.ROS2_HUMBLE))
-        for number in range(LENGTH):
-            writer.write(topic, number, raw)
-    return LENGTH
-
-
-def read_messages(path: Path) -> int:
-    """Frames of a bag that rosbags alone reads, message by message."""
-    from rosbags.rosbag2 import Reader
-
-    with Reader(path) as reader:
-        return sum(connection.topic.endswith("view_1_1/image_rect") for connection, _, _ in reader.messages())
-
-
-def read_bag(path: Path) -> int:
-    """Light fields read from a bag."""
-    return sum(1 for _ in StoredBag(path))
-
-
 class Loop:
     """A video again and again, up to a number of frames."""
 
@@ -172,18 +124,6 @@ def resident_mb() -> float:
     return int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() / 1e6
 
 
-def measure_bags(folder: Path, views: str, decoder: Decoder, video: Video) -> None:
-    """Print what it takes to write bags of a video, and to read one of them."""
-    bag = folder / "bag.mcap"
-    for compression in ("zstd", "none"):
-        measure(f"{views} to a bag, {compression}", partial(to_bag, compression, decoder, video, bag))
-    measure("  rosbags alone, as many bytes", partial(bare_bag, decoder.views, folder / "bare"))
-    measure("  light fields of the bag", partial(read_bag, bag))
-    measure("  rosbags alone, its messages", partial(read_messages, bag))
-    bag.unlink()
-    shutil.rmtree(folder / "bare")
-
-
 def main(count: int, layout: Layout, json: Path | None) -> None:
     camera = layout.camera
     decoders = {"400 px": Decoder(layout, width_px=400), "all": Decoder(layout)}
@@ -202,8 +142,6 @@ def main(count: int, layout: Layout, json: Path | None) -> None:
                 store = Path(folder) / f"{name}-{sizes[which]}.zarr"
                 measure(f"{views} to Zarr", partial(to_zarr, decoder, video, store))
                 shutil.rmtree(store)
-                if kind == "H.264" and HAS_ROSBAGS:
-                    measure_bags(Path(folder), views, decoder, video)
         print(f"wanted: {LEAST_HZ:.0f} frames/s")
         loop = Loop(Video(Path(folder) / "video.mp4"), count)
         held: list[float] = []

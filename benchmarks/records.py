@@ -11,7 +11,6 @@ import datetime
 import json
 import os
 import platform
-import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,14 +30,13 @@ TIMES, SIGMA = "\N{MULTIPLICATION SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
 
 
 class Machine(Value):
-    """What a benchmark ran on; `gpu` where it used one."""
+    """What a benchmark ran on."""
 
     cpu: str
     cores: int
     memory_gb: float
     system: str
     python: str
-    gpu: str | None = None
 
 
 class Figure(Value):
@@ -123,13 +121,6 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     return Table(columns=tuple(columns), rows=tuple(map(tuple, rows)))
 
 
-def short(value: float, decimals: int = 3, sign: str = "") -> str:
-    """A number without the zero before its point, as tables of shares have it; with `sign` "+", and 0 without one."""
-    text = f"{value:{sign}.{decimals}f}"
-    text = text if float(text) else text.lstrip("+-")
-    return re.sub(r"^([+-]?)0\.", r"\1.", text)
-
-
 class Rows:
     """A table that is printed row by row, as it is measured."""
 
@@ -148,7 +139,7 @@ class Rows:
         return table(self._columns, self._rows)
 
 
-def this_machine(gpu: str | None = None) -> Machine:
+def this_machine() -> Machine:
     """The machine of this process."""
     try:
         system = platform.freedesktop_os_release()["PRETTY_NAME"]
@@ -160,7 +151,6 @@ def this_machine(gpu: str | None = None) -> Machine:
         memory_gb=round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
         system=system,
         python=platform.python_version(),
-        gpu=gpu,
     )
 
 
@@ -175,16 +165,14 @@ def _git(*arguments: str) -> str:
     return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def record_of(
-    command: str, values: Mapping[str, Figure] | None = None, table: Table | None = None, gpu: str | None = None
-) -> Record:
+def record_of(command: str, values: Mapping[str, Figure] | None = None, table: Table | None = None) -> Record:
     """A record of what was measured now, on this machine, by the commit that is checked out."""
     return Record(
         command=command,
         date=datetime.datetime.now(datetime.UTC).date(),
         commit=_git("rev-parse", "--short=12", "HEAD"),
         changed=bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs/measured.json")),
-        machine=this_machine(gpu),
+        machine=this_machine(),
         values=dict(values or {}),
         table=table,
     )

@@ -1,4 +1,4 @@
-"""Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--picture FILE] [--json F]`.
+"""Speed and corner noise of the renderers: `python -m benchmarks.render [--frames N] [--json F]`.
 
 Times, in one run, a frame of the default camera (1920 x 1080, nine mirrors, a tilted ChArUco board) by formula and by
 the reference at several numbers of samples: the light alone, and the whole frame as a worker makes it (light, lens,
@@ -18,11 +18,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.processes.worker_pool import cores, run_local
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
@@ -119,7 +117,7 @@ def noise_px(
     return {name: (float(np.sqrt(np.mean(m**2))), float(np.linalg.norm(m, axis=1).max())) for name, m in moved.items()}
 
 
-def main(frames: int, picture: Path | None, json: Path | None) -> None:
+def main(frames: int, json: Path | None) -> None:
     layout, board = camera_of(3, 3), default_board()
     poses = plan_frames(layout, board, 12, np.random.default_rng(0)).poses
     by_formula = RenderSettings(renderer="fast", maps=False)
@@ -189,32 +187,11 @@ def main(frames: int, picture: Path | None, json: Path | None) -> None:
         lines.add(names[by], seconds + times, f"{rms:.{3 if rms < 0.1 else 2}f}, {most:.2f} px")
     write_record(json, "render", figures, lines.table)
     write_record(json, "render_maps", {"truth_maps_s": maps_s})
-    if picture is not None:
-        with atomic(picture) as temporary:
-            figure({by: (costs[by], *noise[by]) for by in noise}).savefig(temporary, dpi=150, format="png")
-
-
-def figure(points: dict[str, tuple[float, float, float]]) -> Figure:
-    """Corner noise against seconds a frame."""
-    drawn = Figure(figsize=(6.0, 4.0), layout="constrained")
-    axes = drawn.add_subplot()
-    for column, label, marker in ((1, "rms along an axis", "o"), (2, "largest", "^")):
-        axes.plot([p[0] for p in points.values()], [p[column] for p in points.values()], marker, label=label)
-    for name, point in points.items():
-        axes.annotate(name, (point[0], point[1]), xytext=(0, -14), textcoords="offset points", fontsize=8, ha="center")
-    axes.set(
-        xscale="log", yscale="log", xlabel="seconds a frame, 1920 x 1080, nine mirrors", ylabel="corner noise (px)"
-    )
-    axes.margins(0.12)
-    axes.grid(which="both", alpha=0.3)
-    axes.legend()
-    return drawn
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=5, help="frames that each time is the median of")
-    parser.add_argument("--picture", type=Path, help="PNG file of noise against time")
     add_json_option(parser)
     given = parser.parse_args()
-    main(given.frames, given.picture, given.json)
+    main(given.frames, given.json)

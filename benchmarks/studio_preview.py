@@ -1,8 +1,5 @@
 """Speed of previews of a design: `python -m benchmarks.studio_preview [--layouts FILE...] [--rounds N]`.
 
-With `--picture FILE`, it draws what a count and a scale are worth instead: previews of the same objects by four
-designs, the central view of each, the picture focused on the nearest depth, and the depth map.
-
 For each layout (by default those designed for some counts and scales), in one warm process: median and 95th percentile
 of a preview of the tabletop and of a board, 640 px wide, in seconds of the clock and of one processor (which other work
 on the machine changes less), and of what is had of it: decoded views with a depth map, and a picture focused on a
@@ -22,21 +19,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.records import add_json_option, write_record
-from mirrorcam.core.disk.files import write_bytes
-from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
 from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
 from mirrorcam.render_scenes.preview.preview_frame import REFLECTANCE, PreviewFrame, preview_frame
-from mirrorcam.render_scenes.preview.seen_by import seen_by, seen_in
-from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
+from mirrorcam.render_scenes.preview.seen_by import seen_in
 
 ROUNDS = 20
 LIMIT_S = 0.3
@@ -49,10 +41,6 @@ SPECS = {
     "3x3, scale 160": DesignSpec(scale_mm=160.0),
     "3x3, plates": DesignSpec(surface="second", thickness_mm=2.0),
 }
-DRAWN = ("3x3", "5x5", "3x3, scale 40", "3x3, scale 160")
-PICTURE_PX = 1920
-FRAME_PX, VIEW_PX, TALL_PX = 360, 330, 206
-JPEG_QUALITY = 88
 
 
 @dataclass(frozen=True)
@@ -132,31 +120,6 @@ def of_reference(frame: PreviewFrame) -> Compared:
     )
 
 
-def shown(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """A picture in the middle of a tile that is `width` wide and `TALL_PX` high."""
-    factor = min(width / picture.shape[1], TALL_PX / picture.shape[0])
-    how = cv2.INTER_CUBIC if factor > 1.0 else cv2.INTER_AREA
-    size = round(factor * picture.shape[1]), round(factor * picture.shape[0])
-    resized = cv2.resize(picture, size, interpolation=how)
-    tile = np.full((TALL_PX, width, 3), 255, dtype=np.uint8)
-    left, top = (width - resized.shape[1]) // 2, (TALL_PX - resized.shape[0]) // 2
-    tile[top : top + resized.shape[0], left : left + resized.shape[1]] = resized
-    return tile
-
-
-def draw(path: Path, layouts: dict[str, Layout]) -> None:
-    """Draw a row of pictures for each layout; the objects are arranged for the first."""
-    first = next(iter(layouts.values()))
-    near = min(default_depths_mm(first))
-    rows = []
-    for layout in layouts.values():
-        seen = seen_by(layout, width_px=PICTURE_PX, arranged_for=first)
-        view = seen.light_field.samples[divmod(layout.central_index, layout.cols)]
-        tiles = [shown(part, VIEW_PX) for part in (view, seen.refocused(near), seen.depth_picture())]
-        rows.append(np.hstack([shown(seen.frame.picture, FRAME_PX), *tiles]))
-    write_bytes(path, encoded_image(np.vstack(rows), path.suffix, JPEG_QUALITY))
-
-
 def main(layouts: dict[str, Layout], rounds: int = ROUNDS, json: Path | None = None) -> int:
     """Print the figures; 1 where previews of the tabletop by 3 x 3 mirrors take more of a processor than they may."""
     late = False
@@ -200,11 +163,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--layouts", type=Path, nargs="+", metavar="FILE", help="layouts instead of designed ones")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what designs see into this file, .jpg")
     add_json_option(parser)
     asked = parser.parse_args()
     given = {path.stem: Layout.load(path) for path in asked.layouts or ()}
-    if asked.picture is not None:
-        draw(asked.picture, given or {name: design(SPECS[name]) for name in DRAWN})
-        raise SystemExit(0)
     raise SystemExit(main(given or {name: design(spec) for name, spec in SPECS.items()}, asked.rounds, asked.json))

@@ -1,15 +1,12 @@
-"""How suites scale, measured and on paper: `python -m benchmarks.suite_scale [--sets 200] [--json FILE]`.
+"""How suites scale: `python -m benchmarks.suite_scale [--sets 200] [--json FILE]`.
 
 - weak scaling: one worker renders so many small sets, two render twice as many, up to the cores there are. Efficiency
   is the time of one worker divided by that of all, in elapsed time, which other work on the machine lengthens, and in
   the processor time that a set takes;
 - a cluster: a Dask scheduler with a worker per core renders small sets, and one worker is killed in the middle. All
-  sets must be there, with the same bytes as those that processes without a cluster rendered;
-- on paper: what 10,000 sets like those of the suite `standard` cost, from the rates of `render_scenes/suites/costs.py`
-  and prices that are stated here.
+  sets must be there, with the same bytes as those that processes without a cluster rendered.
 
-`python -m benchmarks.suite_scale --rates SUITE` renders a suite instead, and compares time and size of each set with
-what was said beforehand; `--paper` ends after the costs. Exits with 1 where a set is missing, or differs.
+Exits with 1 where a set is missing, or differs.
 """
 
 from __future__ import annotations
@@ -30,9 +27,8 @@ from mirrorcam.bench.suite_run import Rendered, Workers, layouts_of, planned, re
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.processes.worker_pool import Died, cores
-from mirrorcam.render_scenes.suites.costs import design_seconds, set_cost, slowness
 from mirrorcam.render_scenes.suites.set_work import SetAnswer
-from mirrorcam.render_scenes.suites.suite import Suite, read_suite
+from mirrorcam.render_scenes.suites.suite import Suite
 from mirrorcam.render_scenes.variant import choose_variant
 
 SMALL: dict[str, Any] = {
@@ -43,16 +39,6 @@ SMALL: dict[str, Any] = {
     "base_frames": 1,
 }
 """Sets of four pictures of 240 x 135 pixels through nine mirrors."""
-WELL_SAID = 1.5
-"""The factor within which a time is as it was said."""
-PAPER_SETS = 10_000
-PRICES_OF = "estimates of list prices of large clouds, November 2026, from memory"
-PRICES: dict[str, float] = {
-    "usd_per_core_hour": 0.05,
-    "usd_per_core_hour_spot": 0.02,
-    "usd_per_gb_month": 0.023,
-    "usd_per_gb_egress": 0.09,
-}
 
 
 @dataclass(frozen=True)
@@ -130,54 +116,8 @@ def on_cluster(suite: Suite, folder: Path) -> tuple[Run, int]:
         return render(suite, folder, replace(workers, render=with_a_kill)), killed
 
 
-def on_paper(count: int) -> dict[str, float]:
-    """What so many sets like those of the suite `standard` cost, on one kind of core."""
-    sets = read_suite("standard").sets
-    costs = [set_cost(each) for each in sets]
-    specs = {spec for each in sets if (spec := each.spec) is not None}
-    share = count / len(sets)
-    hours = (share * sum(cost.seconds for cost in costs) + sum(design_seconds(spec) for spec in specs)) / 3600.0
-    size_gb = share * sum(cost.stored_bytes for cost in costs) / 1e9
-    return {
-        "sets": count,
-        "pictures": share * sum(cost.pictures for cost in costs),
-        "processor_hours": hours,
-        "gb": size_gb,
-        "usd_processors": hours * PRICES["usd_per_core_hour"],
-        "usd_processors_spot": hours * PRICES["usd_per_core_hour_spot"],
-        "usd_storage_a_month": size_gb * PRICES["usd_per_gb_month"],
-        "usd_one_download": size_gb * PRICES["usd_per_gb_egress"],
-    }
-
-
-def rates(name: str, folder: Path) -> tuple[dict[str, float], dict[str, str]]:
-    """Print time and size of each set of a suite beside what was said; their sums, and the failures."""
-    slow = slowness()
-    done = render(read_suite(name), folder, workers_here(cores()))
-    rows: list[dict[str, Any]] = []
-    for each in planned(read_suite(name), folder, choose_variant()).sets:
-        size = sum(path.stat().st_size for path in each.folder.rglob("*") if path.is_file())
-        row: dict[str, Any] = {
-            "set": each.recipe.name,
-            "said_s": slow * each.cost.seconds,
-            "took_s": done.rendered.seconds.get(each.recipe.name, 0.0),
-            "said_mb": each.cost.stored_bytes / 1e6,
-            "is_mb": size / 1e6,
-        }
-        rows.append(row)
-        print("{set:22} said {said_s:6.1f} took {took_s:6.1f} s, said {said_mb:6.1f} is {is_mb:6.1f} MB".format(**row))
-    total = {key: sum(float(row[key]) for row in rows) for key in ("said_s", "took_s", "said_mb", "is_mb")}
-    print("all: said {said_s:.0f} took {took_s:.0f} s, said {said_mb:.0f} is {is_mb:.0f} MB".format(**total))
-    print(f"elapsed {done.elapsed_s:.0f} s with {cores()} workers, load {os.getloadavg()[0]:.1f}")
-    factors = [row["took_s"] / row["said_s"] for row in rows if row["took_s"]]
-    within = sum(1.0 / WELL_SAID < factor < WELL_SAID for factor in factors)
-    print(f"{within} of {len(rows)} sets within a factor of {WELL_SAID:g}, the worst {max(factors):.1f} times")
-    found = total | {"elapsed_s": done.elapsed_s, "sets": len(rows), "well_said": within, "worst_factor": max(factors)}
-    return found, done.rendered.failures
-
-
 def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
-    """All figures but the rates."""
+    """Figures of weak scaling and of the cluster."""
     found: dict[str, Any] = {"cores": cores(), "weak_scaling": weak_scaling(folder, per_worker)}
     suite = small_sets(sets)
     clustered, killed = on_cluster(suite, folder / "cluster")
@@ -221,42 +161,13 @@ def scale_table(found: dict[str, Any]) -> Table:
     )
 
 
-def paper_table(paper: dict[str, float]) -> Table:
-    """Costs on paper, in the words of docs/suites.md."""
-    hour, spot, month = (PRICES[key] for key in ("usd_per_core_hour", "usd_per_core_hour_spot", "usd_per_gb_month"))
-    download = PRICES["usd_per_gb_egress"]
-    processors = f"{hour:g} USD an hour: {paper['usd_processors']:.1f} USD"
-    spots = f"{spot:g} where it may be interrupted: {paper['usd_processors_spot']:.1f} USD"
-    size = f"{paper['gb']:.0f} GB"
-    return table(
-        (f"{PAPER_SETS:,} sets", "", f"at ({PRICES_OF})"),
-        [
-            ("pictures", f"{round(paper['pictures'], -3):,.0f}", ""),
-            ("processor hours of one core", f"{paper['processor_hours']:.0f}", f"{processors}; {spots}"),
-            ("stored", size, f"{month:g} USD per GB and month: {paper['usd_storage_a_month']:.1f} USD a month"),
-            ("downloaded once from the cloud", size, f"{download:g} USD per GB: {paper['usd_one_download']:.0f} USD"),
-        ],
-    )
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sets", type=int, default=200, help="sets of the cluster")
     parser.add_argument("--per-worker", type=int, default=20, help="sets of a worker in weak scaling")
-    parser.add_argument("--rates", metavar="SUITE", help="compare what a suite takes with what was said")
-    parser.add_argument("--paper", action="store_true", help="the costs on paper alone")
     add_json_option(parser)
     given = parser.parse_args()
-    paper = on_paper(PAPER_SETS)
-    print(paper_table(paper).markdown(), flush=True)
-    write_record(given.json, "suite_paper", paper, paper_table(paper))
-    if given.paper:
-        return 0
     with TemporaryDirectory() as folder:
-        if given.rates is not None:
-            found, missing = rates(given.rates, Path(folder))
-            write_record(given.json, f"suite_rates_{given.rates}", found)
-            return int(bool(missing))
         scaled = scale(Path(folder), given.sets, given.per_worker)
     measured = scale_table(scaled)
     print(measured.markdown())

@@ -31,7 +31,6 @@ deviations). Limits are in the run's report.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
-design_start | the same for the faceted parabola | {parabola_120.usable_efficiency_300mm:.2f}
 default_run | predicted standard deviation of depth at 300 mm | {design.depth_sigma_300mm:.2f} mm
 default_run | rays blocked by parts | {cad.device.rays_blocked:.0f} of {cad.device.rays_cast:,.0f}
 default_run | mass, plastic as solid | {cad.device.mass_g:.0f} g
@@ -86,6 +85,32 @@ detection_parts | only the middle of each view visible | {all but the middle of 
 detection_parts | corners off by more than 1 px, the last case | {all but the middle of each view/3}
 light_field_motion_mirrors | camera on a loop of 0.5 m: drift | {mirrors, loop 0/1}
 light_field_motion_mirrors | the same by OpenCV | {mirrors, loop 0/6}
+
+## Measured once
+
+These answers need no repetition. Their scripts are in the history of the repository, up to commit 93f9e36d54cf.
+
+- **Blind sets of the reference renderer.** Worst normal 0.0006° with first-surface mirrors, and 0.0007° with 2 mm of
+  acrylic, whose thickness is found within 0.004 mm.
+- **Hard pictures** (three frames, JPEG 25, overexposure by 1.8, blur of 2.5 px, hidden boards) of the sets of another
+  renderer: worst normal 0.010°; one overexposed set is rejected by the verdict.
+- **The optimiser** solved all 70 specifications of a mixture of counts, scales, depths, gaps, cameras and surfaces.
+- **All files of a device** are built in 25 s for 3 x 3 mirrors and in 26 s for 5 x 5, on two cores.
+- **Features** of tabletop scenes: 0.993 of those by SIFT are within 2 % of the true depth, against 0.899 of pairwise
+  matches with the ratio test (ORB 0.987 and 0.722, AKAZE 0.997 and 0.876).
+- **Standard deviations of features**: the median error is 0.5 to 0.7 of them (0.67 for a Gaussian), and at most 1.8 %
+  exceed three.
+- **Refocused pictures** of a C920 agree to 37 to 41 dB with what a pinhole sees of the plane in focus.
+- **The pupil in decoding**: views agree with the truth to 38.9 dB, against 36.3 dB as a pinhole, and seams of
+  refocused pictures are 0.1 to 0.3 grey levels, against 2.0 to 3.2.
+- **Views interpolated between 3 x 3**: refocused pictures agree with those of 9 x 9 views to 47 to 69 dB, against 33
+  to 43 dB.
+- **`refocus --scale 2`** resolves 0.98 line pairs per pixel of nine ideal views, against 0.54 in the central view; of
+  decoded frames of the mirror camera 0.46, against 0.44.
+- **Filters**: at noise of 25 grey levels, the hyperfan gives 29 to 41 dB, non-local means of the central view 26 to
+  37 dB.
+- **Depth of videos** filtered in time: flicker of a still scene falls from 0.34 to 0.11 px, BadPix from 29 to 12 %.
+- **Depth of a tabletop scene** at 300 to 500 mm: median error 0.04 %, and 0.4 % for nine pixels of ten.
 
 ## Time
 

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from benchmarks.calibration_mrcal import LENSES, asked, python_with_mrcal
 from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.opencv_joint import POSE, start
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, write_cameras
+from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.layout import Layout

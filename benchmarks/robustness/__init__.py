@@ -1,4 +1,4 @@
-"""What comes of bad input: damaged files of every kind, options out of range, and processes that are killed.
+"""What comes of bad input: damaged and hostile files of every kind.
 
 `python -m benchmarks.robustness [CATEGORY ...] [--part 0.01] [--seed 0]` prints tried, right, wrong.
 """

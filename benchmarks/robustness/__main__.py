@@ -9,10 +9,7 @@ from importlib import import_module
 from benchmarks.robustness.guard import Category, lines, tally
 from mirrorcam.core.processes.worker_pool import cores
 
-MODULES = (
-    *("layouts", "inputs", "texts", "options", "names", "pictures", "videos", "playlists", "light_fields", "kills"),
-    "surroundings",
-)
+MODULES = ("files", "names", "media", "playlists", "light_fields")
 
 
 def categories() -> dict[str, Category]:

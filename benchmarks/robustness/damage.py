@@ -89,25 +89,8 @@ _HOSTILE: dict[str, tuple[str, ...]] = {
 }
 """What a text of a language may have in the place of a value, and should not."""
 _LONG = (
-    "1",
-    "1:",
-    "[",
-    "{",
-    "[],",
-    "a.",
-    "- ",
-    "? ",
-    "&a ",
-    '"',
-    "'",
-    "#",
-    "\\",
-    "---\n",
-    "[[a]]\n",
-    "0",
-    " ",
-    "\n",
-    "{a: ",
+    *("1", "1:", "[", "{", "[],", "a.", "- ", "? ", "&a ", '"', "'", "#", "\\", "---\n", "[[a]]\n", "0", " "),
+    *("\n", "{a: "),
 )
 """What is repeated many times."""
 

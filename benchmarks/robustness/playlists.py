@@ -19,18 +19,18 @@ from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks.robustness import media
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
-from benchmarks.robustness.videos import HEIGHT, WIDTH, written
 from mirrorcam.core.values import InputError
 from mirrorcam.core.video import camera_addresses
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.studio.live.source import open_source
 
-CAMERA = Camera(width_px=WIDTH, height_px=HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
+CAMERA = Camera(width_px=media.WIDTH, height_px=media.HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
 ANSWER_S = 0.2
 """Time for which a stream is waited for."""
 GIVEN_UP_S = 1.0
@@ -46,38 +46,14 @@ PREFIXES = (
     *("rtsp://127.0.0.1:{port}/", "httpproxy://127.0.0.1:{port}/", "mmsh://127.0.0.1:{port}/"),
 )
 ADDRESSES = (
-    *(
-        "pipe:",
-        "pipe:0",
-        "fd:",
-        "-",
-        "data:video/mp4;base64,AAAA",
-        "unix:other.mkv",
-        "movie=other.mkv",
-        "lavfi:testsrc",
-    ),
-    *("%02d.png", "frame_%02d.png", "*.png", "frame_*.png", "frame_%2d.png", "@other.mkv", "tee:a|b", "other.mkv|b"),
+    *("pipe:", "pipe:0", "fd:", "-", "data:video/mp4;base64,AAAA", "unix:other.mkv", "movie=other.mkv"),
+    *("lavfi:testsrc", "%02d.png", "frame_%02d.png", "*.png", "frame_*.png", "frame_%2d.png", "@other.mkv"),
+    *("tee:a|b", "other.mkv|b"),
 )
 ENDINGS = (
-    *(
-        "mp4",
-        "mov",
-        "mkv",
-        "webm",
-        "avi",
-        "ts",
-        "mpg",
-        "m4v",
-        "wmv",
-        "flv",
-        "ogv",
-        "mxf",
-        "h264",
-        "mjpeg",
-        "dat",
-        "MP4",
-    ),
-    *("m3u8", "m3u", "mpd", "sdp", "ffconcat", "concat", "txt", "idx", "mlv", "xml", "nut", "y4m", "gif", "rm", ""),
+    *("mp4", "mov", "mkv", "webm", "avi", "ts", "mpg", "m4v", "wmv", "flv", "ogv", "mxf", "h264", "mjpeg", "dat"),
+    *("MP4", "m3u8", "m3u", "mpd", "sdp", "ffconcat", "concat", "txt", "idx", "mlv", "xml", "nut", "y4m", "gif"),
+    *("rm", ""),
 )
 
 
@@ -151,7 +127,7 @@ def video() -> bytes:
     """A short good video."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.mp4"
-        written(path, "mjpeg", {})
+        media.written(path, "mjpeg", {})
         return path.read_bytes()
 
 
@@ -204,7 +180,7 @@ def _live(name: str) -> None:
 
 def _device(name: str) -> None:
     """Open a camera as `decode --device` does; one that gives nothing, such as a stream that nobody sends, is left."""
-    source = camera_addresses.camera(name, WIDTH, HEIGHT)
+    source = camera_addresses.camera(name, media.WIDTH, media.HEIGHT)
     given_up = Timer(GIVEN_UP_S, source.stop)
     given_up.start()
     try:

@@ -100,7 +100,7 @@ RUNNERS: dict[type, Callable[[Any], int]] = {
     doctor.DoctorOptions: doctor.run,
     leaderboard.LeaderboardOptions: leaderboard.run,
 }
-COMMANDS = {options.__module__.rpartition(".")[2]: options for options in RUNNERS}
+COMMANDS = {options.__module__.rpartition(".")[2].removesuffix("_command"): options for options in RUNNERS}
 """The options of each command by its name."""
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.calibration_mrcal import asked, cameras_m, centres_of, main, python_with_mrcal, reflection, task_of
+from benchmarks.calibration_mrcal import cameras_m, centres_of, reflection, task_of
+from benchmarks.referees.mrcal_runner import asked, python_with_mrcal
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -55,12 +56,6 @@ def test_places_of_mirrors_are_rigid_and_show_what_the_mirrors_show() -> None:
     for index, place in enumerate(np.array(cameras_m(centres))):
         assert np.linalg.det(place[:3, :3]) == pytest.approx(1.0)
         assert CAMERA.project(transform(place, in_first_m)) == pytest.approx(LAYOUT.project(points, index), abs=1e-9)
-
-
-def test_without_mrcal_a_line_says_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.argv", ["x", "corners.csv", "set", "--python", "no-such-python"])
-    assert main() == 2
-    assert capsys.readouterr().out == "mrcal: not there in no-such-python; --python PYTHON names another\n"
 
 
 def test_mrcal_finds_the_camera_and_the_mirrors(table: Path) -> None:

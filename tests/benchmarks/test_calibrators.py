@@ -6,23 +6,16 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibrators import opencv_joint, opencv_per_view
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
-from benchmarks.calibrators.view_poses import mean_pose, view_from_reference, write_cameras
+from benchmarks.calibrators.view_poses import mean_pose, write_cameras
 from mirrorcam.bench.scores.stated_covariance import with_covariance
-from mirrorcam.bench.scoring import ScoreRequest, score
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.targets import Charuco
-from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.render_scenes.sets.render_set import render_set
-from mirrorcam.render_scenes.sets.set_request import SetRequest
-from mirrorcam.render_scenes.settings import RenderSettings
 from tests.optics.camera_files.rigs import device
 
 BOARD = Charuco(cols=10, rows=8, square_mm=14.0, marker_mm=10.0)
@@ -83,15 +76,6 @@ def test_the_separate_one_finds_the_true_device_from_exact_corners(tmp_path: Pat
     assert found.figures["baseline_error_max_mm"].value < 0.5
 
 
-def test_too_few_boards_are_refused() -> None:
-    few = corners()
-    seen = {key: board for key, board in few.seen.items() if key[1] != 2 or key[0] < 2}
-    with pytest.raises(InputError, match="view_0_2: 2 boards, expected 3 at least"):
-        opencv_per_view.calibrate_per_view(SetCorners(**{**vars(few), "seen": seen}))
-    with pytest.raises(InputError, match="view 1 has no board in common with view 0"):
-        view_from_reference({(0, 0): np.eye(4), (1, 0): np.eye(4), (2, 1): np.eye(4)}, 2)
-
-
 def test_poses_far_from_the_others_are_left_out_of_the_mean() -> None:
     random = np.random.default_rng(0)
     poses = [
@@ -103,25 +87,3 @@ def test_poses_far_from_the_others_are_left_out_of_the_mean() -> None:
     expected = Rotation.from_rotvec([0.1, 0.2, 0.3])
     assert (Rotation.from_matrix(found[:3, :3]) * expected.inv()).magnitude() < 1e-3
     np.testing.assert_allclose(found[:3, 3], 50.0, atol=1.0)
-
-
-@pytest.mark.slow
-def test_a_rendered_set_is_calibrated_and_scored(tmp_path: Path, default_layout: object) -> None:
-    """Seven views would do; these are nine of the default device, by the fast renderer."""
-    request = SetRequest.model_validate(
-        {
-            "layout": default_layout,
-            "frames": 12,
-            "base_frames": 1,
-            "settings": RenderSettings(renderer="fast", maps=False),
-            "tolerances": Tolerances.hobby(),
-        }
-    )
-    render_set(request, tmp_path / "set")
-    rms_px = {}
-    for name, calibrator in (("per_view", opencv_per_view), ("joint", opencv_joint)):
-        calibrator.calibrate_set(tmp_path / "set", tmp_path / f"{name}.yaml")
-        report = score(ScoreRequest(sets=(tmp_path / "set",), calibrations=(tmp_path / f"{name}.yaml",)))
-        rms_px[name] = report.sets[0].figures["rms_px"].value
-    assert rms_px["joint"] < 0.1
-    assert rms_px["joint"] < rms_px["per_view"] < 2.0

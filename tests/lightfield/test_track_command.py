@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam import cli
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.motion import LightFieldTracker
 from tests.command_line import assert_refused_here, results
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 SIZE: dict[str, Any] = {"width_px": 160, "height_px": 120, "focal_px": 280.0, "centre_px": np.array([79.5, 59.5])}
 

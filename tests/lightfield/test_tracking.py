@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField
 from mirrorcam.lightfield.tracking import TrackSearch, write_trajectory
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 SIZE: dict[str, Any] = {"width_px": 160, "height_px": 120, "focal_px": 280.0, "centre_px": np.array([79.5, 59.5])}
 

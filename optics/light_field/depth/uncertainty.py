@@ -3,7 +3,7 @@
 The forms follow from what is measured: the error of a surface that is smoothed at inverse variance SMOOTH grows with
 about a root of noise over information, and the odds of being right fall with the number of other places that are about
 as cheap. Their constants were fitted to public scenes with true depth, by quantile and by logistic regression;
-`python -m benchmarks.light_field_depth_scenes` prints how true they are.
+`python -m benchmarks.light_field_depth scenes` prints how true they are.
 """
 
 from __future__ import annotations

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.calibration_mrcal import python_with_mrcal
 from benchmarks.calibrators import mrcal_joint
 from benchmarks.calibrators.mrcal_joint import calibrate_set, covariance_of, left_jacobian
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
+from benchmarks.referees.mrcal_runner import python_with_mrcal
 from mirrorcam.bench.scores.calibration_score import score_calibration
 from mirrorcam.bench.scores.stated_covariance import with_covariance
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.camera import Camera
@@ -104,9 +104,3 @@ def test_mrcal_finds_the_cameras_and_how_certain_they_are(folder: Path) -> None:
     assert found["rms_px"].value < NOISE_PX
     assert 0.4 < found["nees"].value < 2.5
     assert len(json.loads(covariance.read_text())["parameters"]) == 9 + 6 * 3
-
-
-def test_a_lens_that_mrcal_has_not_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mrcal_joint, "LENSES", {"rational": "LENSMODEL_OPENCV8"})
-    with pytest.raises(InputError, match="a brown_conrady lens, expected one of rational"):
-        calibrate_set(folder, folder / "cameras.yaml", "python3")

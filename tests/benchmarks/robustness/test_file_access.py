@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -41,12 +39,3 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
         (Path(folder) / "link").symlink_to(tmp_path / "secret")
         (Path(folder) / "link").read_bytes()
     assert f"reads {tmp_path / 'secret'}" in elsewhere
-
-
-def test_temporary_files_and_libraries_are_not_listed() -> None:
-    with watched_files() as elsewhere:
-        folder = Path(tempfile.mkdtemp())
-        (folder / "file").write_bytes(b"x")
-        shutil.rmtree(folder)
-        Path(os.__file__).read_bytes()
-    assert elsewhere == []

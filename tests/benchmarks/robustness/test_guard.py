@@ -10,19 +10,7 @@ import pytest
 
 from benchmarks.robustness import guard
 from benchmarks.robustness.__main__ import categories
-from benchmarks.robustness.guard import Category, Tally, lines, refused_well, tally, watched
-
-
-def test_an_attempt_without_fault_is_right() -> None:
-    seen: list[Path] = []
-
-    def attempt(seed: int, folder: Path) -> str:
-        seen.append(folder)
-        (folder / "file").write_text("x")
-        return ""
-
-    assert watched(attempt, 0) == ""
-    assert not seen[0].exists()
+from benchmarks.robustness.guard import Category, tally, watched
 
 
 def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,18 +40,6 @@ def test_files_elsewhere_are_wrong(tmp_path: Path) -> None:
     assert watched(writes, 0) == f"writes {tmp_path / 'file'}"
 
 
-def test_messages_are_one_short_line() -> None:
-    assert refused_well("layout.json: no such file") == ""
-    assert "2 lines" in refused_well("a\nb")
-    assert "301 characters" in refused_well("a" * 301)
-
-
-def test_the_table_counts_and_shows_what_is_wrong() -> None:
-    table = list(lines([Tally("layouts", 10, {3: "traceback: KeyError"}, {5: 2.5}, 4.0)]))
-    assert table[1].split() == ["layouts", "10", "9", "1", "1", "4"]
-    assert table[2:] == ["layouts, seed 3: traceback: KeyError", "layouts, seed 5: 2.5 s of processor time"]
-
-
 def faulty(seed: int, folder: Path) -> str:
     raise AttributeError(f"attempt {seed}")
 
@@ -74,14 +50,8 @@ def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
     assert "traceback: AttributeError" in found.wrong[3]
 
 
-VALID_DATA = {"videos": {6}}
-"""Seeds that are known to be wrong: flipped bits that give the data of another picture, as no reader can tell."""
-
-
 @pytest.mark.parametrize("name", categories())
 def test_a_part_of_every_category_has_no_wrong_outcome(name: str) -> None:
     category = categories()[name]
     outcomes = {seed: watched(category.attempt, seed, category.longest_s) for seed in range(category.tested)}
-    wrong = {seed: outcome for seed, outcome in outcomes.items() if outcome}
-    assert {seed: each for seed, each in wrong.items() if not each.endswith("valid data")} == {}
-    assert set(wrong) == VALID_DATA.get(name, set())
+    assert {seed: outcome for seed, outcome in outcomes.items() if outcome} == {}

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.robustness import names
 from benchmarks.robustness.guard import watched
-from mirrorcam.cad.write import bill_files
 from mirrorcam.core.disk import resumable
 
 
@@ -28,10 +26,3 @@ def test_reading_outside_of_a_folder_is_wrong(monkeypatch: pytest.MonkeyPatch) -
     assert "dataset" not in wrong(names.dataset, monkeypatch)
     monkeypatch.setattr(resumable, "inside", unchecked)
     assert "dataset read a file outside of the folder" in wrong(names.dataset, monkeypatch)
-
-
-@pytest.mark.parametrize("name", ["markdown_text", "spreadsheet_text"])
-def test_a_name_that_is_no_text_is_wrong(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain: Any = str
-    monkeypatch.setattr(bill_files, name, plain)
-    assert "profile: " in wrong(names.profile, monkeypatch)

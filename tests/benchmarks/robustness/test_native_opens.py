@@ -25,16 +25,3 @@ def test_opens_of_python_libraries_and_processes_are_seen(tmp_path: Path) -> Non
         subprocess.run([sys.executable, "-c", f"open({str(paths[2])!r})"], check=True)
         assert opened == []
     assert sorted(set(opened)) == sorted(paths[:3])
-
-
-def test_a_block_in_which_nothing_is_opened_sees_nothing(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(b"a")
-    (tmp_path / "a").read_bytes()
-    with watched_opens([tmp_path / "a"]) as opened:
-        (tmp_path / "a").stat()
-    assert opened == []
-
-
-def test_what_is_not_there_cannot_be_watched(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="nowhere"), watched_opens([tmp_path / "nowhere"]):
-        pass

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.direct_prediction import on_first_mirror, predicted_mirrored, twice_reflected
+from benchmarks.direct_prediction import predicted_mirrored
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
@@ -25,6 +25,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
+from tests.optics.calibration.direct.twice_reflected import on_first_mirror, twice_reflected
 from tests.optics.calibration.direct.two_mirrors import (
     BOARD,
     CAMERA,

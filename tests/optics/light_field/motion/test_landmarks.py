@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.relief_scene import Relief, even_views, light_field_of
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.motion.landmarks import Frame, landmarks_of, see
 from mirrorcam.optics.light_field.motion.pose_fit import predicted
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
 VIEWS = even_views(3, 10.0, width_px=200, height_px=150, centre_px=np.array([99.5, 74.5]))
 SCENE = Relief(heights_mm=((20.0, 8.0),))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.relief_scene import Card, Relief, even_views, light_field_of
 from mirrorcam.core.values import FloatArray, InputError
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose
 from mirrorcam.optics.light_field.motion import tracker as tracking
 from mirrorcam.optics.light_field.motion.tracker import adjoint
+from tests.optics.light_field.relief_scene import Card, Relief, even_views, light_field_of
 
 SIZE: dict[str, Any] = {"width_px": 200, "height_px": 150, "focal_px": 330.0, "centre_px": np.array([99.5, 74.5])}
 

@@ -12,11 +12,13 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.light_field_depth import best_stereo, our_disparity, render_hci, scores
+from benchmarks.light_field_depth.scenes import render_hci
+from benchmarks.light_field_depth.stereo import Disparity, best_stereo, scores
 from mirrorcam.core.images.pfm import read_pfm
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -138,6 +140,13 @@ def test_every_fourth_view_has_four_times_the_disparity(nine: tuple[Path, LightF
     assert np.allclose(part.disparity_px, 4 * whole.disparity_px)
     with pytest.raises(InputError, match="9x9 views, expected the central one among every 3th"):
         read_hci(folder, every=3)
+
+
+def our_disparity(scene: HciScene) -> Disparity:
+    """Disparity (v, u) of the central view from all views."""
+    near, far = scene.depth_range_mm or (None, None)
+    found = DepthEstimator(scene.light_field, near_mm=near, far_mm=far).estimate(scene.light_field)
+    return found.disparity_px().astype(np.float32)
 
 
 def test_nine_views_beat_the_best_stereo_pair(nine: tuple[Path, LightField, FloatArray]) -> None:

@@ -1,0 +1,1 @@
+"""Depth of light fields beside OpenCV's stereo, beside the truth, and its speed."""
