@@ -80,7 +80,7 @@ def test_the_files_of_every_part_are_known_before_it_is_built(default_layout: La
 @pytest.mark.parametrize(
     "name",
     [
-        *("parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x", "parts/.mount.json"),
+        *("parts/mount.stl", "drawings/camera_clip.pdf", "robot", "pictures", "bom.csv/x"),
         *("pictures/exploded.png", "robot/meshes/mirror_holder_hull.stl", "robot/meshes/mirrors.stl"),
     ],
 )

@@ -91,7 +91,7 @@ def _source(module: str) -> _Source:
     attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     folders = [path.parent, *([path.parents[1]] if "parents" in attributes else [])]
     data = _data_files(folders, texts) if "__file__" in variables else []
-    parts = [ast.dump(tree), *(f"{each.name} {file_digest(each)}" for each in data)]
+    parts = [ast.dump(tree, annotate_fields=False), *(f"{each.name} {file_digest(each)}" for each in data)]
     libraries = {name.partition(".")[0] for name in imported} - sys.stdlib_module_names - {top}
     existing = frozenset(name for name in names if _path_of(name))
     return _Source(digest("\n".join(parts).encode()), existing, frozenset(libraries))
@@ -107,7 +107,7 @@ def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
             for name in ("body", "orelse", "finalbody"):
                 if isinstance(block := getattr(inner, name, None), list):
                     setattr(inner, name, _effective(block))
-        if isinstance(statement, ast.If) and ast.unparse(statement.test).endswith("TYPE_CHECKING"):
+        if isinstance(statement, ast.If) and ast.unparse(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             kept += statement.orelse
         else:
             kept.append(statement)

@@ -8,9 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, linked, read_model, write_text
+from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digests, intact, is_intact
-from mirrorcam.core.disk.written_files import discard, move_files
+from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
 from mirrorcam.core.processes.interruption import deferred
 from mirrorcam.core.values import InputError, Value
 
@@ -80,7 +80,7 @@ class FolderManifest(Value):
             raise InputError(
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
-        self._refuse_links(folder)
+        refuse_blocked(folder, planned)
         discard(folder / UNFINISHED)
         whole = intact(folder, before.files)
         for name in sorted(before.files.keys() - whole.keys()):
@@ -89,16 +89,6 @@ class FolderManifest(Value):
         before = before.replaced(files=whole)
         before._refuse_others(folder, planned)
         return before
-
-    def _refuse_links(self, folder: Path) -> None:
-        """Raise InputError for what is no file and no folder among what is there."""
-        for name in self.FOLDERS:
-            place = folder / name
-            if os.path.lexists(place) and not place.is_symlink() and not place.is_dir():
-                raise InputError(f"{place}: is a file, expected a folder of the {self.WHAT}")
-            link = place if place.is_symlink() else linked(place)
-            if link is not None:
-                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
 
     def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
         """Raise InputError for the first of the names that is there and not listed, unless with its `new` checksum."""
@@ -121,6 +111,7 @@ class FolderManifest(Value):
         try:
             write(staging)
             new = file_digests(staging)
+            refuse_blocked(folder, new)
             self._refuse_others(folder, new, new)
             # In the order of their names, not of the workers that made them.
             manifest = self.replaced(files=dict(sorted((self.files | new).items())))
