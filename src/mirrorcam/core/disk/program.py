@@ -29,7 +29,7 @@ def program_of(*modules: str) -> dict[str, str]:
     The libraries are those that this code imports, and the compiled ones that these require in turn: they can change
     the results of an unchanged library.
     """
-    return {"code": code_digest(*modules)} | {name: version(name) for name in _distributions(*modules)}
+    return {"code": code_digest(*modules)} | _versions(*modules)
 
 
 @cache
@@ -146,14 +146,14 @@ def _path_of(module: str) -> Path | None:
 
 
 @cache
-def _distributions(*modules: str) -> tuple[str, ...]:
+def _versions(*modules: str) -> dict[str, str]:
     libraries = {name for source in _closure(modules).values() for name in source.libraries}
     direct = {name for library in libraries for name in _distributions_of(library)}
     found, waiting = set(direct), list(direct)
     while waiting:
         waiting += (new := required(waiting.pop(), frozenset()) - found)
         found |= new
-    return tuple(sorted(name for name in found if name in direct or _is_compiled(name)))
+    return {name: version(name) for name in sorted(found) if name in direct or _is_compiled(name)}
 
 
 @cache

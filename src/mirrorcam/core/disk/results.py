@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -66,16 +66,6 @@ class Results:
         raw = b"\n".join([json.dumps(header, separators=(",", ":")).encode(), b"".join(contents.values())])
         if len(raw) <= LARGEST_FILE_BYTES:
             write_bytes(path, raw)
-
-    def made(
-        self, name: str, made_of: Mapping[str, str], make: Callable[[], Mapping[str, bytes]]
-    ) -> Mapping[str, bytes]:
-        """Return the contents of a result, which `make` makes where they are not kept."""
-        contents: Mapping[str, bytes] | None = self.get(name, made_of)
-        if contents is None:
-            contents = make()
-            self.put(name, made_of, contents)
-        return contents
 
     def changed(self, name: str, made_of: Mapping[str, str]) -> str:
         """State the first difference from the input that a result was made of; empty where nothing differs."""
