@@ -56,6 +56,7 @@ def cad(
         mirrorcam cad picture layout.json output/cad
     """
     from mirrorcam.cad.plan.hardware import field_of_view
+    from mirrorcam.core.disk.output_folder import results_folder
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.device.device_folder import device_folder
     from mirrorcam.optics.geometry.layout import Layout
@@ -77,7 +78,7 @@ def cad(
             device,
             folder,
             hardware,
-            previous=out,
+            results=results_folder(out),
             workers=workers or cores(),
             progress=advance,
             elastic=elastic,

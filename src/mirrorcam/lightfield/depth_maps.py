@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.core.errors import InputError
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder, results_folder
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.disk.results import Results
 from mirrorcam.core.images.pfm import write_pfm
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
@@ -21,7 +23,6 @@ from mirrorcam.optics.light_field.depth.depth_files import (
     DepthRecord,
     content_digest,
     load_depth,
-    load_record,
     save_depth,
 )
 from mirrorcam.optics.light_field.light_field import LightField
@@ -29,6 +30,9 @@ from mirrorcam.optics.light_field.light_field import LightField
 SURE = 0.5
 """Confidence above which a depth counts as known."""
 ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
+CODE = "mirrorcam.optics.light_field.depth.estimate"
+"""Module whose code decides about a depth map."""
+_SHA256, _SEARCHED = "sha256", "searched_mm"
 WIDTH_IN, TITLE_IN = 15.0, 0.5
 TICKS = 7
 
@@ -69,7 +73,7 @@ def write_depths(
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             depth = estimator.estimate(each.light_field if request.frames_apart else recording.filtered(each))
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
-                keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
+                keep_depth(output, staged, each.name, depth, each.light_field, estimator)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
             sure = depth.valid & (depth.confidence > SURE)
@@ -87,31 +91,35 @@ class KeptDepth:
     searched_mm: tuple[float, float]
 
 
-def keep_depth(path: Path, depth: DepthMap, light_field: LightField, estimator: DepthEstimator) -> None:
-    """Write a depth map with the digest of its light field and the range of depths searched."""
-    save_depth(path, depth, DepthRecord(content_digest(light_field), (estimator.near_mm, estimator.far_mm)))
+def keep_depth(
+    output: OutputFolder, staged: Path, name: str, depth: DepthMap, light_field: LightField, estimator: DepthEstimator
+) -> None:
+    """Write a depth map as NAME_depth.npz into a staged folder, and record its inputs in the store of the output."""
+    path, searched_mm = staged / f"{name}_depth.npz", (estimator.near_mm, estimator.far_mm)
+    save_depth(path, depth, DepthRecord(content_digest(light_field), searched_mm))
+    contents = {_SHA256: file_digest(path), _SEARCHED: " ".join(map(str, searched_mm))}
+    output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
 
 def kept_depth(
     folder: Path, name: str, light_field: LightField, near_mm: float | None, far_mm: float | None
 ) -> KeptDepth | None:
-    """NAME_depth.npz of a folder, where it was measured in this light field; else None.
+    """NAME_depth.npz of a folder, where this program measured it in this light field; else None.
 
     Where a nearest or farthest depth is given, it must have been searched between just those.
     """
-    path = folder / f"{name}_depth.npz"
-    if not path.is_file():
+    contents = Results(results_folder(folder)).get(f"depth-{name}", _made_of(light_field))
+    if contents is None:
         return None
-    try:
-        record = load_record(path)
-    except InputError:
-        return None  # a file of the user's with this name
-    if record is None or record.light_field_sha256 != content_digest(light_field):
-        return None  # of another light field, or of a version that did not note which
-    searched_mm = record.searched_mm
-    if any(wanted not in (None, known) for wanted, known in zip((near_mm, far_mm), searched_mm, strict=True)):
-        return None
-    return KeptDepth(path, load_depth(path, light_field), searched_mm)
+    path, (near, far) = folder / f"{name}_depth.npz", map(float, contents[_SEARCHED].split())
+    fits = near_mm in (None, near) and far_mm in (None, far)
+    if fits and path.is_file() and file_digest(path) == contents[_SHA256].decode():
+        return KeptDepth(path, load_depth(path, light_field), (near, far))
+    return None
+
+
+def _made_of(light_field: LightField) -> dict[str, str]:
+    return {"light_field": content_digest(light_field)} | program_of(CODE)
 
 
 def draw_depth(path: Path, light_field: LightField, depth: DepthMap) -> None:

@@ -110,7 +110,7 @@ def _depths(
         return used, ViewDepths.of_reference(light_field, kept.depth_mm)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
     depth = estimator.estimate(filtered)
-    keep_depth(staged / name, depth, light_field, estimator)
+    keep_depth(output, staged, each.name, depth, light_field, estimator)
     searched = (estimator.near_mm, estimator.far_mm)
     used = UsedDepth(each.name, output.path / name, searched, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)

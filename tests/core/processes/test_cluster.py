@@ -103,4 +103,4 @@ def test_a_lost_scheduler_keeps_what_is_finished(
         yield from design_here(specs, 2)
 
     sweep_into(SPECS, tmp_path, noting)
-    assert len(asked) + len([name for name in kept if name.startswith("results/")]) == len(SPECS)
+    assert len(asked) + len([name for name in kept if name.startswith("layouts/")]) == len(SPECS)

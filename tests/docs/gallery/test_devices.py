@@ -70,7 +70,7 @@ def built(monkeypatch: pytest.MonkeyPatch, default_layout: Layout) -> list[str]:
 
     def parts(layout: Layout, folder: Path, *_: object, **__: object) -> None:
         done.append("cad")
-        for name in ("index.html", "guide.md", "parts/mount.3mf", "parts/.mount.json", "assembly.glb"):
+        for name in ("index.html", "guide.md", "parts/mount.3mf", "parts/.hidden.json", "assembly.glb"):
             write_text(folder / name, name)
         write_metrics(folder / "checks.json", PASSED)
 

@@ -224,6 +224,20 @@ def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -
     return model_of(model, path, read_bytes(path, most))
 
 
+def read_record(model: type[Model], path: Path) -> Model | None:
+    """Read a record as JSON; None where there is none, or none that is whole and of this version.
+
+    Raises InputError where something else is in its place, or more than a record can be.
+    """
+    if not path.exists():
+        return None
+    raw = read_bytes(path)
+    try:
+        return model_of(model, path, raw)
+    except InputError:
+        return None
+
+
 def model_of(model: type[Model], path: Path, raw: bytes) -> Model:
     """The pydantic model in the content of a file, see `read_model`; the file itself is not read."""
     return model_from(model, path, tables_of(path, raw))
