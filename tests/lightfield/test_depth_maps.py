@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.lightfield import depth_maps
-from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depths
+from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depth, write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
@@ -74,8 +74,10 @@ def wall() -> LightField:
 
 def keep(folder: Path, wall: LightField) -> None:
     estimator = DepthEstimator(wall, near_mm=300.0, far_mm=800.0)
-    with output_folder(folder, "depth") as output, output.staged(complete=False) as staged:
-        keep_depth(output, staged, "wall", estimator.estimate(wall), wall, estimator)
+    with output_folder(folder, "depth") as output:
+        with output.staged(complete=False) as staged:
+            write_depth(staged, "wall", estimator.estimate(wall), wall, (300.0, 800.0))
+        keep_depth(output, "wall", wall, (300.0, 800.0))
 
 
 @pytest.fixture(scope="module")

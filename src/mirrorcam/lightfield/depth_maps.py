@@ -72,10 +72,12 @@ def write_depths(
                 quality: Quality = "fast" if request.fast else "best"
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             depth = estimator.estimate(each.light_field if request.frames_apart else recording.filtered(each))
+            searched_mm = estimator.near_mm, estimator.far_mm
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
-                keep_depth(output, staged, each.name, depth, each.light_field, estimator)
+                write_depth(staged, each.name, depth, each.light_field, searched_mm)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
+            keep_depth(output, each.name, each.light_field, searched_mm)
             sure = depth.valid & (depth.confidence > SURE)
             median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
             summaries.append(DepthSummary(each.name, float(depth.valid.mean()), float(sure.mean()), median))
@@ -91,13 +93,16 @@ class KeptDepth:
     searched_mm: tuple[float, float]
 
 
-def keep_depth(
-    output: OutputFolder, staged: Path, name: str, depth: DepthMap, light_field: LightField, estimator: DepthEstimator
+def write_depth(
+    folder: Path, name: str, depth: DepthMap, light_field: LightField, searched_mm: tuple[float, float]
 ) -> None:
-    """Write a depth map as NAME_depth.npz into a staged folder, and record its inputs in the store of the output."""
-    path, searched_mm = staged / f"{name}_depth.npz", (estimator.near_mm, estimator.far_mm)
-    save_depth(path, depth, DepthRecord(content_digest(light_field), searched_mm))
-    contents = {_SHA256: file_digest(path), _SEARCHED: " ".join(map(str, searched_mm))}
+    """Write a depth map as NAME_depth.npz, with the digest of its light field and the range of depths searched."""
+    save_depth(folder / f"{name}_depth.npz", depth, DepthRecord(content_digest(light_field), searched_mm))
+
+
+def keep_depth(output: OutputFolder, name: str, light_field: LightField, searched_mm: tuple[float, float]) -> None:
+    """Record in the store of a folder the light field and the search of its NAME_depth.npz, which is in its place."""
+    contents = {_SHA256: file_digest(output.path / f"{name}_depth.npz"), _SEARCHED: " ".join(map(str, searched_mm))}
     output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
 
