@@ -23,7 +23,7 @@ from matplotlib.textpath import TextPath
 
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.sheet_text import drawable, fitted
+from mirrorcam.core.names import drawable, fitted
 from mirrorcam.core.values import FloatArray, InputError
 
 MM_PER_INCH = 25.4

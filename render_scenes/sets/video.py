@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.files import atomic, read_bytes
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import InputError
-from mirrorcam.core.video.video_output import X264, file_address, require_x264
+from mirrorcam.core.video.animation import X264, file_address, require_x264
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import RenderSettings

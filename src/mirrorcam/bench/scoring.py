@@ -21,8 +21,7 @@ from mirrorcam.core.names import LONGEST
 from mirrorcam.core.values import InputError, Value
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import FormatName, read_rig
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2

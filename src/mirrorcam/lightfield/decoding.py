@@ -34,7 +34,7 @@ from mirrorcam.optics.light_field.io.bag_writer import Compression
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.stream import RecordingCheck
-from mirrorcam.optics.light_field.io.view_images import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.robot.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.robot.rerun_viewer import RerunViewer
@@ -266,7 +266,7 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path) -> LightField:
     light_field = decoder.decode(read_image(path))
     samples, views = picture_files(path)
     save_npz(folder / samples, light_field)
-    write_image(folder / views, tiles(light_field))
+    write_image(folder / views, tiled_views(light_field))
     return light_field
 
 

@@ -12,7 +12,7 @@ from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.light_field_results import result_names
 from mirrorcam.optics.light_field.filters import FilterKind, Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
-from mirrorcam.optics.light_field.io.view_images import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 
 ENDINGS = ("filtered.npz", "filtered_views.png")
 
@@ -51,6 +51,6 @@ def write_filtered(
             filtered = filter_light_field(each.light_field, passband, leave_out=leave_out)
             with output.staged(complete=False) as staged:
                 save_npz(staged / f"{each.name}_filtered.npz", filtered.light_field)
-                write_image(staged / f"{each.name}_filtered_views.png", tiles(filtered.light_field))
+                write_image(staged / f"{each.name}_filtered_views.png", tiled_views(filtered.light_field))
             summaries.append(FilterSummary(each.name, filtered.outside, filtered.left_out))
     return summaries

@@ -22,7 +22,7 @@ from mirrorcam.lightfield.kept_depths import keep_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
-from mirrorcam.optics.light_field.features.feature_set import save_csv, save_npz
+from mirrorcam.optics.light_field.features.feature_set import save_csv, save_features
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 
@@ -145,7 +145,7 @@ def write_features(
             output.refuse_others(*result_names(each.name, FEATURE_ENDINGS))
             found = finder.find(each.light_field)
             with output.staged(complete=False, result=f"{each.name}_features.csv") as staged:
-                save_npz(staged / f"{each.name}_features.npz", found)
+                save_features(staged / f"{each.name}_features.npz", found)
                 save_csv(staged / f"{each.name}_features.csv", found)
                 draw_features(staged / f"{each.name}_features.png", each.light_field, found)
             sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
