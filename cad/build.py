@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import begin_loading
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")

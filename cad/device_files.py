@@ -1,4 +1,4 @@
-"""All files of a device: first of its parts and mirrors, then of the whole, then what is read."""
+"""All files of a device: first of its parts and mirrors, then of the assembly, then the documents."""
 
 from __future__ import annotations
 

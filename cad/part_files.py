@@ -38,7 +38,7 @@ def make_part(
     """Make and check the files of a part in `out`, or take them over from `previous`, an earlier folder.
 
     `out/parts` gets NAME.step, .stl and .3mf, `out/drawings` NAME.svg and .pdf. Raises InputError where the part cannot
-    be made. `screw` says on the drawing which holes are for inserts and nuts.
+    be made. `screw` decides which holes the drawing marks for inserts and nuts.
     """
     key = _key(part, printer, screw)
     if previous and (built := _take_over(part, key, out, previous)):
@@ -62,7 +62,7 @@ def make_part(
 
 
 def mark_of(part: PartPlan) -> tuple[str, ...]:
-    """What is engraved into a part, line by line: its number, its revision, and the date of issue, if it has one."""
+    """Lines engraved into a part: its number, its revision, and the date of issue, if it has one."""
     date = issue_date()
     return (part.number, part.identity[:8], *(() if date == UNDATED else (date,)))
 

@@ -21,7 +21,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_profiles import Stations, edges_light, profiles, stations
 from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, understood

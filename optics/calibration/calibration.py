@@ -14,9 +14,10 @@ import numpy as np
 
 from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import agree_on_bits, check_size, read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
@@ -30,12 +31,11 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
 )
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, unknown_mirrors
-from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 UPSIDE_DOWN = (
@@ -51,9 +51,7 @@ def calibrate(
     layout: Layout,
     target: Target,
     *,
-    level: str | None = None,
-    extend: bool = False,
-    lens: LensName | None = None,
+    model: RequestedModel = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
     most: tuple[int | None, int | None] = (None, None),
@@ -77,13 +75,8 @@ def calibrate(
         Nominal layout: where to search for the board, and where to start.
     target
         The board.
-    level
-        Model to fit: `paper`, or `joint` with additions (`nested_models`). None selects the largest one that the
-        pictures support.
-    extend
-        Whether further additions are made to the given model where the pictures support them, instead of an alarm.
-    lens
-        Lens model of the camera; None keeps the layout's, or a larger one that the pictures support.
+    model
+        Model to fit, as `RequestedModel.parse("fisheye+bend")`. Default: the largest one that the pictures support.
     detections
         Folder that caches detected corners, so that no picture is searched twice.
     workers
@@ -105,13 +98,14 @@ def calibrate(
     Raises
     ------
     InputError
-        Where no pictures are given or the level is unknown, a picture cannot be read or has another size, or the
+        Where no pictures are given, a picture cannot be read or has another size, or the
         pictures do not determine camera and mirrors.
     """
     check_type("layout", layout, Layout)
     check_type("target", target, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
+    model.check_mirrored()
     frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
     taken = PictureReader(layout.camera)
@@ -120,8 +114,6 @@ def calibrate(
         on_frame(len(found))
         on_seen([frame.corners for frame in found])
 
-    if level is not None:
-        additions_of(level)  # refused before pictures are searched
     found = detect(taken.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
@@ -144,9 +136,7 @@ def calibrate(
             base,
             layout,
             target.corners_in_board_mm,
-            level=level,
-            extend=extend,
-            lens=lens,
+            model=model,
             extremes=taken.extremes,
             pictures=BoardPictures([taken.mirrored[number] for number in chosen[0]], target, workers),
             unknown=unknown_mirrors(layout, found),

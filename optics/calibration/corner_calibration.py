@@ -20,7 +20,8 @@ from typing import Literal
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue, Metric
 from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
@@ -37,6 +38,7 @@ from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
@@ -57,9 +59,7 @@ def calibrate_corners(
     layout: Layout,
     corners_in_board_mm: FloatArray,
     *,
-    level: str | None = None,
-    extend: bool = False,
-    lens: LensName | None = None,
+    model: RequestedModel = AUTO,
     extremes: Extremes | None = None,
     pictures: BoardPictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
@@ -75,8 +75,8 @@ def calibrate_corners(
         Nominal layout.
     corners_in_board_mm
         The board's corners (c, 3) as drawn.
-    level, extend, lens
-        Model to fit and lens of the camera, as in `calibrate`.
+    model
+        Model to fit; its surface is that of the layout's mirrors already.
     extremes
         Extremes of the frames with mirrors; where given, the mirrors' outlines are moved to where the frames show them.
     pictures
@@ -91,18 +91,18 @@ def calibrate_corners(
     InputError
         Where the corners do not determine camera and mirrors.
     """
+    model.check_mirrored()
     if not seen:
         raise InputError("no pictures given")
     notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
     try:
-        start = layout if lens is None else _with_lens(layout, lens)
+        start = layout if model.lens is None else _with_lens(layout, model.lens)
         screened = screen(seen, base, start, corners_in_board_mm)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
             seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
             notes += (*screened.notes, *_not_kept(screened.seen, pictures))
             screened = screen(seen, screened.base, start, corners_in_board_mm)
-        stated = lens is not None
-        select = partial(select_model, level=level, extend=extend, lens_stated=stated, prior=pair_prior(layout))
+        select = partial(select_model, model=model, prior=pair_prior(layout))
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
             names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]

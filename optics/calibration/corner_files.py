@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.core.disk.files import atomic, read_lines
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.layout import Layout

@@ -16,7 +16,8 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror

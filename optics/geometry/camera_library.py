@@ -15,9 +15,10 @@ from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_OR_INF_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line, Name
-from mirrorcam.core.values import InputError, Value, with_tuples
+from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 

@@ -19,7 +19,8 @@ from mirrorcam.core.bounds import (
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.core.values import FloatArray, InputError, Value, with_tuples
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera

@@ -20,7 +20,8 @@ from pydantic import Field, RootModel, model_validator
 
 from mirrorcam.core.bounds import PART_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from mirrorcam.core.arguments import check_type
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.optics.geometry.mirror import Mirror

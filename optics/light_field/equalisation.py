@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 # Views are compared at a part of their size, a quarter at least: no detail is asked for, and noise averages out.

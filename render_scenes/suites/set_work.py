@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mirrorcam.core.disk.fingerprint import source_digest, source_digests, value_digest, versions
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
@@ -35,8 +36,8 @@ def made_with() -> dict[str, str]:
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
     """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
-    asked = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
-    return f"{recipe.name}-{value_digest(asked)[:16]}"
+    inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
+    return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 
 class SetTask(Value):

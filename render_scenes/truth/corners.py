@@ -1,6 +1,6 @@
 """Ground truth of corners: the pixel of every corner of a board in a frame, and its visibility, in float64.
 
-The projection is that of the layout; renderers share no code with it.
+The projection is the layout's; renderers share no code with it.
 """
 
 from __future__ import annotations

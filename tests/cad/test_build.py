@@ -23,7 +23,8 @@ from mirrorcam.cad.plan.back_table import BACKS, DeskBack, back_of
 from mirrorcam.cad.plan.device_names import files_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.shared import no_slicer, path_without_slicer
 

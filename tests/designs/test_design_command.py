@@ -6,14 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.cli import main, pattern_from_text
+from mirrorcam.cli import main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import figure_text
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_request import request_toml
+from mirrorcam.designs.design_command import pattern_from_text
+from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
@@ -85,7 +87,8 @@ def test_nothing_is_written_where_no_layout_meets_the_spec(
 def test_a_design_is_kept_and_printed_where_no_device_can_be_built_so(
     solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["design", "--tolerance", "--tilt-deg", "40", "--out", str(tmp_path)]) == 2
+    (tmp_path / "design.toml").write_text("[tolerances]\ntilt_deg = 40.0\n")
+    assert main(["design", str(tmp_path / "design.toml"), "--tolerance", "--out", str(tmp_path)]) == 2
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1
     assert printed.err.startswith("mirrorcam: tolerances")
@@ -117,16 +120,28 @@ def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     file.write_text('name = "mine"\npositions = [[0, 0], [1, 0], [0.4, 2]]\n')
     assert pattern_from_text("hex7") == Pattern.hexagonal(1)
     assert pattern_from_text(str(file)) == Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
-    assert pattern_from_text("none") is None
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
     with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
         pattern_from_text(str(file))
 
 
-def test_a_request_in_a_file_is_designed(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    request = tmp_path / "design.toml"
-    request.write_text(request_toml(DesignSpec(rows=2)), encoding="utf-8")
-    assert main(["design", str(request), "--out", str(tmp_path / "out")]) == 0
-    assert "2 x 3 mirrors" in capsys.readouterr().out
-    assert_refused_here(["design", str(request), "--rows", "4"], capsys, "expected one of the two")
-    assert_refused_here(["design", str(tmp_path / "none.toml")], capsys, "no such file")
+def test_options_replace_fields_of_a_request_in_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    designed: list[DesignSpec] = []
+
+    def write(spec: DesignSpec, folder: Path, calls: Calls) -> None:
+        designed.append(spec)
+        raise InputError("enough")
+
+    monkeypatch.setattr("mirrorcam.designs.design_files.write_design", write)
+    monkeypatch.chdir(tmp_path)
+    request = DesignSpec(rows=2, spacing_mm=1.5)
+    Path("design.toml").write_text(request_toml(request), encoding="utf-8")
+    assert_refused_here(["design", "design.toml"], capsys, "enough")
+    options = "--cols 4 --camera d435 --scale-mm 60 --depths-mm 280 400 --tradeoff 0 --fold-deg auto"
+    assert_refused_here(["design", "design.toml", *options.split()], capsys, "enough")
+    changes = {"cols": 4, "camera": read_camera("d435"), "scale_mm": 60.0, "depths_mm": (280.0, 400.0)}
+    assert designed == [request, request.replaced(**changes, tradeoff=0.0, fold_deg="auto")]
+    assert_refused_here(["design", "design.toml", "--pattern", "hex7"], capsys, "rows or cols are given with a pattern")
+    assert_refused_here(["design", "none.toml"], capsys, "none.toml: no such file")

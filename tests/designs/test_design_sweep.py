@@ -18,11 +18,11 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
 from mirrorcam.designs import sweep_work
 from mirrorcam.designs.design_sweep import Results, table_of, write_table
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.designs.sweep_work import Answer, answer, record_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -272,7 +272,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     if kill:
         assert process.returncode == -signal.SIGKILL
     else:
-        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
+        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are complete\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
     before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8

@@ -15,7 +15,8 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from mirrorcam import cli
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.device.board_print import (
     EDGE_MM,
     FOOTER_MM,

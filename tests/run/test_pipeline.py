@@ -14,8 +14,9 @@ from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.disk.stages import Stage, perform, staleness
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.run import pipeline
 from mirrorcam.run.pipeline import full_recipe, quick_recipe, run_all, stages

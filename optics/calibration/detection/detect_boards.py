@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out

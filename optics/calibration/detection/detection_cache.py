@@ -18,7 +18,8 @@ import numpy as np
 
 from mirrorcam.core.disk.files import read_bytes, write_bytes
 from mirrorcam.core.disk.fingerprint import Fingerprint, digest, source_digest, versions
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations

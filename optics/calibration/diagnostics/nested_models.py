@@ -9,14 +9,15 @@ further numbers of the lens; `spline`: a field over the view; `fisheye`: another
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations, residuals_of
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -27,8 +28,6 @@ from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
 from mirrorcam.optics.geometry.plate import rise_mm
 
-DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
-"""What is tried where frames show their board directly and in mirrors at once."""
 PRIOR_ROUNDS = 3
 """Fits after which the width of a prior, which follows the fit, changes no more."""
 TURN_PX = 0.5
@@ -73,24 +72,6 @@ class Fitted:
 def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
     """Fit a model under the name of its level; raises UndeterminedError where the corners do not suffice."""
     return Fitted(name, model, fit(start, observations, model))
-
-
-def additions_of(level: str, known: Sequence[str] = ADDITIONS) -> tuple[str, ...]:
-    """The additions to `joint` that a level names, as in "joint+sheet+warp"; raises InputError for anything else.
-
-    "glass" is an addition for comparison alone: its fit changes mirrors from first- to second-surface, which a layout
-    states and a calibration does not change.
-    """
-    first, *additions = level.split("+")
-    if "glass" in additions:
-        raise InputError(
-            f"level {level!r} serves only to detect second-surface mirrors that the layout has as first-surface: "
-            f"state their surface, thickness and index in the layout and use {level.replace('glass', 'sheet')}"
-        )
-    fits = first in {"paper", "joint"} and all(name in known for name in additions)
-    if not fits or (first == "paper" and additions) or len(set(additions)) < len(additions):
-        raise InputError(f"level {level!r}, expected paper, or joint with any of {', '.join(known)} (joint+bow)")
-    return tuple(additions)
 
 
 def paper_model(corners_in_board_mm: FloatArray, prior: CentresPrior | None = None) -> Model:

@@ -89,7 +89,8 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
         return ["Correct the board or layout as the alarm says, and calibrate again."]
     if diagnostics.other_surface is not None:
         kind = "second" if diagnostics.other_surface.second else "first"
-        return [f"If the mirrors are {kind}-surface, calibrate again with --surface {kind}, or state it in the layout."]
+        option = f"--model {kind}_surface+auto"
+        return [f"If the mirrors are {kind}-surface, calibrate again with {option}, or state it in the layout."]
     wanted = [
         comparison
         for comparison in diagnostics.comparisons
@@ -98,7 +99,7 @@ def _cures(diagnostics: Diagnostics | None) -> list[str]:
     if not wanted:
         return ["Look for what moved or bent while the pictures were taken, and take them again."]
     best = max(wanted, key=lambda comparison: comparison.information_gain)
-    return [f"Calibrate again as {best.name}, which the pictures support."]
+    return [f"Calibrate again with --model {best.name}, which the pictures support."]
 
 
 def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:

@@ -14,7 +14,8 @@ from math import comb
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera

@@ -1,7 +1,7 @@
 """aniposelib's `calibration.toml`, also of Anipose and lightning-pose: cameras `cam_0`, `cam_1`, … of cut pictures.
 
-The file that `mirrorcam cameras` writes says in a comment how the pictures of each camera are made, which places them
-in the frame, and is in mm. aniposelib drops comments when it writes a file.
+The file that `mirrorcam camera export` writes says in a comment how the pictures of each camera are made, which places
+them in the frame, and is in mm. aniposelib drops comments when it writes a file.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import tables_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip, RigCamera, numbers_of, size_of
 from mirrorcam.optics.camera_files.read.file_text import entry, read_text, table
 from mirrorcam.optics.camera_files.read.opencv import lens_of

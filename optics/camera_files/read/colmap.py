@@ -20,7 +20,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import is_inside, read_bytes
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import UNSIZED_PX, CameraRig, Projection, RigCamera, SphereLens, camera_of
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL
 from mirrorcam.optics.geometry.transforms import rigid

@@ -16,8 +16,8 @@ import yaml
 
 from mirrorcam.core.disk.files import read_bytes
 from mirrorcam.core.disk.nested_text import PARSER_ERRORS, integer_of, reason_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 
 LARGEST_BYTES = 5_000_000
 """Of a calibration as text; that of a hundred cameras takes 0.1 MB."""

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import (
     CameraRig,
     Projection,

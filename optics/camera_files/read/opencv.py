@@ -18,7 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_json
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import (
     CameraRig,
     PictureFlip,

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from mirrorcam.core.disk.files import is_inside
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, MirrorProjection, RigCamera
 from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mrcal, opencv, ros
 from mirrorcam.optics.camera_files.read.file_text import LARGEST_BYTES, YAML_SUFFIXES, read_yaml
@@ -23,7 +23,7 @@ FORMATS: tuple[FormatName, ...] = get_args(FormatName)
 UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none": None}
 """What `--unit` may say: `none` of poses that have no scale."""
 SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
-"""Where `mirrorcam cameras` puts files of several."""
+"""Where `mirrorcam camera export` puts files of several."""
 FARTHEST = 1e12
 """No number of a pose is larger, whatever its unit."""
 MOST_FILES = 1000
@@ -40,7 +40,7 @@ UNREAD = {
         "a file of a COLMAP model, which is given as its folder",
     ),
 }
-"""What `mirrorcam cameras` and other tools write that holds no cameras to score, by the name or the ending."""
+"""What `mirrorcam camera export` and other tools write that holds no cameras to score, by the name or the ending."""
 FORMAT = "mirrorcam"
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import write_bytes, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import check_size, read_image, write_image
 from mirrorcam.core.names import word
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.camera_files.write.formats import (
     FORMATS,
     camchain_yaml,

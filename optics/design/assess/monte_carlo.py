@@ -10,7 +10,8 @@ from statistics import harmonic_mean
 import numpy as np
 import shapely
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, Polygons, built_views
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_perturbations, workmanship

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import check_type
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (

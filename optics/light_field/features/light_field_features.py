@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.keypoints import (

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.array_files import check_bytes, refusing
 from mirrorcam.core.disk.files import inside, json_of, model_from, read_bytes, refuse_pointer, stored_bytes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.bag_writer import need_rosbags
 from mirrorcam.optics.light_field.io.light_field_format import StoredFrames
 from mirrorcam.optics.light_field.io.ros_messages import VIEWS_TOPIC, WEIGHTS_TOPIC, encoding_of, view_topic

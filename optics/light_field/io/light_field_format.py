@@ -6,20 +6,27 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM, DepthOrInf
+from mirrorcam.core.disk.files import read_model
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.light_field.light_field import LightField
 
 Depth = NDArray[np.float32]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Assumed:
-    """Geometry for files that do not state their own; what a file states takes precedence.
+def views_toml(path: Path) -> Path:
+    """The file with the geometry that a light field lacks: `views.toml` in a folder, `NAME.views.toml` for a file."""
+    return path / "views.toml" if path.is_dir() else path.with_name(f"{path.stem}.views.toml")
+
+
+class Assumed(Value):
+    """Geometry for files that do not state it; what a file states takes precedence.
 
     Attributes
     ----------
@@ -33,19 +40,27 @@ class Assumed:
         Distance of the plane of zero disparity from the views.
     """
 
-    rows: int | None = None
-    cols: int | None = None
-    step_mm: float | None = None
-    focal_px: float | None = None
-    reference_depth_mm: float | None = None
+    rows: int | None = GRID.field(None)
+    cols: int | None = GRID.field(None)
+    step_mm: float | None = LENGTH_MM.field(None)
+    focal_px: float | None = FOCAL_PX.field(None)
+    reference_depth_mm: DepthOrInf | None = None
 
-    def need(self, name: str, path: Path) -> Any:
-        """The value of a name, or InputError where it is not given."""
-        value = getattr(self, name)
-        if value is None:
-            flag = "--" + name.replace("_", "-")
-            raise InputError(f"{path}: does not state its {name}, and has no views.json beside it: expected {flag}")
-        return value
+    def completed(self, path: Path) -> Assumed:
+        """The same with what is None taken from the `views_toml` of a light field, where there is one.
+
+        Raises InputError in one line for a file that is no such TOML.
+        """
+        file = views_toml(path)
+        return read_model(Assumed, file).replaced(**self.model_dump(exclude_none=True)) if file.exists() else self
+
+    def need(self, path: Path, *names: str) -> tuple[float, ...]:
+        """The values of names; raises InputError for a light field at `path` where one is not known."""
+        missing = [name for name in names if getattr(self, name) is None]
+        if missing:
+            file = views_toml(path).relative_to(path.parent)
+            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}")
+        return tuple(getattr(self, name) for name in names)
 
 
 NOTHING = Assumed()

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, views_toml
 from mirrorcam.optics.light_field.io.view_images import Bytes, light_field_of, read_rgba, rgb, weight_bytes, write_rgba
 from mirrorcam.optics.light_field.io.view_motion import texture_repeats
 from mirrorcam.optics.light_field.io.views_file import even_views, read_views, write_views
@@ -77,8 +77,8 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
         grid, stated_order = (stated[0].rows, stated[0].cols), stated[1].order
     elif assumed.rows is None or assumed.cols is None:
         raise InputError(
-            f"{path}: a picture without {path.stem}.json beside it, expected --layout of the camera whose frame it is, "
-            "or --rows and --cols of the views in it"
+            f"{path}: a picture without {path.stem}.json, expected --layout of the camera whose frame it is, or rows "
+            f"and cols of its views in {views_toml(path).name}"
         )
     else:
         grid = (assumed.rows, assumed.cols)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.array_files import check_bytes
 from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import agree_on_bits, picture_size, read_image, read_opacity
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 Bytes = NDArray[np.uint8]

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.keypoints import nearest_pairs

@@ -24,13 +24,13 @@ from mirrorcam.bench.suite_store import Store, fetch_set, is_stored
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_sweep import Results, Runner, sweep
-from mirrorcam.designs.sweep_run import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST

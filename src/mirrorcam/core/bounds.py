@@ -20,9 +20,10 @@ class Bounds:
     def __str__(self) -> str:
         return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
 
-    def field(self, default: Any = ..., description: str = "") -> Any:
-        """A field of a number in this range; without a default it is required."""
+    def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
+        """A field of a number in this range; without a default it is required; `unset` says what None stands for."""
         stated = f"{description}, {self}" if description else str(self)
+        stated += f" [default: {unset}]" if unset else ""
         return Field(default=default, ge=self.least, le=self.most, description=stated)
 
     @property

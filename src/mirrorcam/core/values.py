@@ -23,13 +23,10 @@ from pydantic import (
 from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
 FloatArray = NDArray[np.float64]
-
-
-class InputError(ValueError):
-    """Input that cannot be used; the message says in one line what, where, and what was expected."""
 
 
 class InvalidValue(InputError):

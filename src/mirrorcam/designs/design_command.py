@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import Parameter
+from pydantic import BeforeValidator, Field
 
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, print_metrics, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import in_two_processes
-from mirrorcam.core.values import InputError, Metric, Value
-from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.core.values import Metric, Value
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import read_camera
+from mirrorcam.optics.geometry.design_spec import FOLD_DEG, DesignSpec
 
 if TYPE_CHECKING:
+    from mirrorcam.designs.design_files import DesignComparison
     from mirrorcam.optics.design.assess.monte_carlo import Study
-    from mirrorcam.optics.geometry.layout import Layout
 
 GROUPS = {
     "overlap of the views": (
@@ -31,59 +35,119 @@ GROUPS = {
 FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
-class DesignOptions(Value):
-    """Optimise a layout of mirrors and compare it with the faceted parabola."""
+def pattern_from_text(text: str) -> Pattern:
+    """A pattern of views by its name, such as hex7, or read from a JSON or TOML file."""
+    from mirrorcam.core.disk.files import read_model
 
-    request: tyro.conf.Positional[
-        Annotated[Path | None, tyro.conf.arg(metavar="[design.toml]", help_behavior_hint="")]
-    ] = Field(default=None, description="what to design, as `mirrorcam studio` saves it, instead of the options below")
-    spec: Annotated[DesignSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=DesignSpec)
-    tolerance: bool = Field(
-        default=False,
-        description="also simulate devices built with the tolerances below, and write the figures to expect of them: "
-        "tolerance.json and tolerance.png",
-    )
-    tolerances: Annotated[Tolerances, tyro.conf.OmitArgPrefixes] = Field(default_factory=Tolerances.hobby)
-    out: Path = Field(
-        default=Path("output/design"),
-        description="folder for layout.json, parabola.json, before_after.png and focus.png",
-    )
-    force: bool = FORCE
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not self.tolerance and self.tolerances != Tolerances.hobby():
-            raise ValueError("tolerances are given, expected --tolerance with them")
-        if self.request is not None and self.spec != DesignSpec():
-            raise ValueError(f"{self.request} and options of the design: expected one of the two")
-        return self
+    return Pattern.named(text) or read_model(Pattern, Path(text))
 
 
-def run(options: DesignOptions) -> int:
-    """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
+def _field(name: str, unset: str = "") -> Any:
+    """A field of `DesignSpec` as an option, None where it is not given; `unset` is its default, where it has one."""
+    field = DesignSpec.model_fields[name]
+    limits = {
+        limit: getattr(bound, limit)
+        for bound in field.metadata
+        for limit in ("ge", "le", "min_length", "max_length")
+        if hasattr(bound, limit)
+    }
+    default = f" [default: {unset}]" if unset else ""
+    return Field(default=None, description=f"{field.description}{default}", **limits)
+
+
+def _read(read: Any) -> BeforeValidator:
+    return BeforeValidator(lambda value: read(value) if isinstance(value, str) else value)
+
+
+@Parameter(name="*")
+class DesignChanges(Value):
+    """Fields of a design's specification that options replace; all others are those of `design.toml`."""
+
+    camera: Annotated[
+        Camera | None, Parameter(accepts_keys=False, n_tokens=1, metavar="NAME|FILE"), _read(read_camera)
+    ] = _field("camera", "c920")
+    rows: int | None = _field("rows", "3")
+    cols: int | None = _field("cols", "3")
+    pattern: Annotated[
+        Pattern | None,
+        Parameter(accepts_keys=False, n_tokens=1, metavar="hexN|ringN|FILE"),
+        _read(pattern_from_text),
+    ] = _field("pattern")
+    scale_mm: float | None = _field("scale_mm", "80")
+    fold_deg: Annotated[float, FOLD_DEG.each] | Literal["auto"] | None = _field("fold_deg", "120")
+    depths_mm: tuple[Annotated[float, DEPTH_MM.each], ...] | None = _field("depths_mm", "300 500")
+    tradeoff: float | None = _field("tradeoff", "0.3")
+
+    def of(self, spec: DesignSpec) -> DesignSpec:
+        """The specification with these fields; raises InputError where they do not fit the others."""
+        return spec.replaced(**{name: getattr(self, name) for name in self.model_fields_set})
+
+
+def design(
+    request: Annotated[
+        Path | None,
+        Parameter(name="DESIGN", help="design.toml with all fields of the design (docs/design.md), or a layout.json"),
+    ] = None,
+    /,
+    *,
+    changes: DesignChanges = DesignChanges(),
+    tolerance: Annotated[
+        bool, Parameter(help="also simulate devices as built with the tolerances of design.toml, or made by hand")
+    ] = False,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/design"),
+    force: Force = False,
+) -> int:
+    """Optimise a layout of mirrors.
+
+    Writes layout.json, parabola.json (the faceted parabola that it is compared with), before_after.png and focus.png;
+    with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
+
+    Examples:
+        mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
+        mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
+    """
     from mirrorcam.core.disk.output_folder import output_folder
-    from mirrorcam.designs.design_request import read_request
+    from mirrorcam.designs.design_files import DesignRequest, read_request, write_design
 
-    asked = options.spec if options.request is None else read_request(options.request)
+    requested = DesignRequest() if request is None else read_request(request)
+    spec = changes.of(requested.spec)
     with (
-        output_folder(options.out, "design", force=options.force) as output,
+        output_folder(out, "design", force=force) as output,
         in_two_processes(preload=["mirrorcam.optics.design.optimise"]) as calls,
     ):
         output.refuse_others(*FILES)
-        from mirrorcam.designs.design_files import write_design
-        from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
-
         with output.staged(result="layout.json") as folder:
-            with long_work("design", f"{asked.arrangement.text} mirrors"):
-                found = write_design(asked, folder, calls)
+            with long_work("design", f"{spec.arrangement.text} mirrors"):
+                found = write_design(spec, folder, calls)
             study, no_study = None, None
-            if options.tolerance:
+            if tolerance:
+                from mirrorcam.designs.tolerance import write_tolerance
+
                 try:
-                    study = _study(found.optimised, options, folder)
+                    with long_work("tolerance", "devices as built"):
+                        study = write_tolerance(found.optimised, requested.tolerances, folder)
                 except InputError as error:  # the design stands without
                     no_study = error
+    print_design(found, best_fold=spec.fold_deg == "auto")
+    written = ", ".join(name for name in FILES[:4] if (out / name).exists())
+    say("design", f"{written} written to {out}")
+    if study is not None:
+        print_tolerance(study)
+        say("tolerance", f"{out / 'tolerance.json'} and {out / 'tolerance.png'} written")
+    if no_study is not None:
+        raise no_study
+    return 0
+
+
+def print_design(found: DesignComparison, *, best_fold: bool) -> None:
+    """Print figures of the layout beside those of the parabola, then the checks and their limits.
+
+    `best_fold`: the fold was to be chosen.
+    """
+    from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
+
     spec = found.optimised.spec
-    if asked.fold_deg == "auto" and spec is not None:
+    if best_fold and spec is not None:
         unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}
@@ -101,21 +165,6 @@ def run(options: DesignOptions) -> int:
         say("design", f"no faceted parabola to compare with: {found.no_parabola}")
     if remark := out_of_focus(found.optimised):
         say("design", remark)
-    written = ", ".join(name for name in FILES[:4] if (options.out / name).exists())
-    say("design", f"{written} written to {options.out}")
-    if study is not None:
-        print_tolerance(study)
-        say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
-    if no_study is not None:
-        raise no_study
-    return 0
-
-
-def _study(layout: Layout, options: DesignOptions, folder: Path) -> Study:
-    from mirrorcam.designs.tolerance import write_tolerance
-
-    with long_work("tolerance", "devices as built"):
-        return write_tolerance(layout, options.tolerances, folder)
 
 
 def print_tolerance(study: Study) -> None:

@@ -18,8 +18,9 @@ from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import drawable, fitted
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Target
 
 MM_PER_INCH = 25.4

@@ -46,8 +46,8 @@ class Recipe:
     small: bool
     adapter: str = "none"
     """The back that carries the device, by its kind."""
-    mirrors: Literal["glue", "screws"] = "glue"
-    """How mirrors sit."""
+    mounting: Literal["glue", "screws"] = "glue"
+    """How the mirrors are mounted."""
 
 
 def full_recipe(seed: int) -> Recipe:
@@ -79,7 +79,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE
 
-        holder = HARDWARE.holder.replaced(mirrors=recipe.mirrors)
+        holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
         hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
         build_parts(Layout.load(nominal), folder, hardware, previous=root / "cad", workers=cores(), progress=progress)
 
@@ -119,7 +119,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             part,
             doing="every part, its files and checks",
             unit="steps",
-            parameters={"adapter": recipe.adapter, "mirrors": recipe.mirrors},
+            parameters={"adapter": recipe.adapter, "mirrors": recipe.mounting},
             reads=(nominal,),
             sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.cad"),
             extras=("cad",),

@@ -14,8 +14,8 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import default_board, save_board
 from mirrorcam.optics.light_field.decoder import Decoder

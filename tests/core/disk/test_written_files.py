@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.written_files import FolderRecord
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def tree(folder: Path) -> dict[str, str]:

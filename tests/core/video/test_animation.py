@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.animation import require_x264, write_loop
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import Video

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import background_recorder
 from mirrorcam.core.video.background_recorder import (
     BackgroundRecorder,

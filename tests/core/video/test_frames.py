@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import AHEAD, MOST, Frame, Lost, SpreadFrames, WatchedSource, read_ahead
 
 

@@ -17,7 +17,7 @@ import pytest
 from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
 from benchmarks.robustness.playlists import LISTS
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.animation import write_loop
 from mirrorcam.core.video.background_recorder import FrameRecorder
 from mirrorcam.core.video.camera_addresses import camera

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.video import Video, with_missing
 from mirrorcam.core.video.video_pictures import Picture

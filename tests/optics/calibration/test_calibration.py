@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration import calibration
 from mirrorcam.optics.calibration.calibration import PictureReader, calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -283,9 +285,12 @@ def test_no_pictures_are_refused_in_one_line(small_set: Set, base: int) -> None:
         calibrate([], small_set.base[:base], small_set.nominal, BOARD)
 
 
-def test_an_unknown_level_is_refused_before_any_picture_is_searched(small_set: Set, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected paper, or joint with any of"):
-        calibrate([tmp_path / "nowhere.png"], [], small_set.nominal, BOARD, level="joint+free")
+@pytest.mark.parametrize("model", ["joint+turn", "second_surface"])
+def test_a_model_of_other_pictures_is_refused_before_any_is_searched(
+    small_set: Set, tmp_path: Path, model: str
+) -> None:
+    with pytest.raises(InputError, match="model: "):
+        calibrate([tmp_path / "nowhere.png"], [], small_set.nominal, BOARD, model=RequestedModel.parse(model))
 
 
 def test_what_does_not_suffice_is_refused_in_one_line(small_set: Set) -> None:

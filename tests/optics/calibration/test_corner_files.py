@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.corner_files import HEADER, CornerTable, load_corners, save_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import beside
 from mirrorcam.core.processes.worker_process import WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import (
     FOLD_90_VIEW_FROM_RIG,

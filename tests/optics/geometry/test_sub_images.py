@@ -8,7 +8,7 @@ import shapely
 from numpy.testing import assert_allclose
 from shapely import Polygon, contains_xy
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.array_files import refusing
 from mirrorcam.core.disk.files import inside, read_lines, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, SfmCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.depth.parallax import reference_index

@@ -22,7 +22,8 @@ from pydantic import Field
 from mirrorcam.core.disk.files import inside, write_text
 from mirrorcam.core.disk.resumable import read_record
 from mirrorcam.core.disk.written_files import ADVICE, FORCE_ADVICE, FolderRecord, WrittenFiles, refuse_blocked
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 HIDDEN = ".mirrorcam"
 RECORD, LOCK, HOLDER, UNFINISHED = "written.jsonl", "lock", "holder.json", "unfinished"

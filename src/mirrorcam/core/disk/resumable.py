@@ -21,8 +21,9 @@ from mirrorcam.core.disk.files import (
     write_text,
 )
 from mirrorcam.core.disk.fingerprint import differing, file_digest, file_digests
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
 """Hidden folder for files that are not finished, which may hold what a killed run has left."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 # Frames that lean on later ones come out differently from run to run.
 _X264 = {"crf": "18", "preset": "medium", "tune": "zerolatency", "flags": "+bitexact"}

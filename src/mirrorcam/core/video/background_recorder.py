@@ -17,7 +17,7 @@ from typing import Any
 import simplejpeg
 
 from mirrorcam.core.disk.files import atomic, write_json
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 
 SCHEMA = "mirrorcam.live_recording/1"

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import AHEAD
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened

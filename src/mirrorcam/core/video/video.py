@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.sample_bits import ALL, SampleBits
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.media_files import opened
 from mirrorcam.core.video.video_packets import packets_of

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, grid_shown, unknown_mirrors
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
@@ -85,7 +87,8 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
     frames = [detected(seen, layout) for seen in views.seen]
     unknown = unknown_mirrors(layout, frames)
     corners = [frame.corners for frame in frames]
-    found = calibrate_corners(corners, views.base, layout, BOARD.corners_in_board_mm, level="joint", unknown=unknown)
+    joint = RequestedModel()
+    found = calibrate_corners(corners, views.base, layout, BOARD.corners_in_board_mm, model=joint, unknown=unknown)
     assert found.diagnostics is not None
     (alarm,) = found.diagnostics.mismatches
     assert alarm.startswith("boards in 8 of 8 frames belong to no mirror of the layout, as in frame 0 at pixel (")

@@ -8,14 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     PLATE_INDEX,
     PLATE_MM,
     Fitted,
-    additions_of,
     as_second_surface,
     extended,
     fit_as,
@@ -28,6 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     plate_thickness,
     with_addition,
 )
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, residuals
@@ -47,22 +47,6 @@ LENSES: dict[str, tuple[LensName, list[float]]] = {
     "joint+fisheye": ("fisheye", [-0.02, 0.006, -0.004, 0.001]),
     "joint": ("brown_conrady", [0.05, -0.12, 4e-4, -6e-4, 0.01]),
 }
-
-
-@pytest.mark.parametrize("level", ["flat", "paper+bend", "joint+bend+bend", "bend", "joint+free"])
-def test_a_level_that_is_none_is_refused(level: str) -> None:
-    with pytest.raises(InputError, match="expected paper, or joint with any of sheet, bend, warp"):
-        additions_of(level)
-
-
-def test_the_level_that_only_detects_plates_is_refused_with_what_to_do_instead() -> None:
-    with pytest.raises(InputError, match=r"surface, thickness and index in the layout and use joint\+sheet\+bend$"):
-        additions_of("joint+glass+bend")
-
-
-def test_a_level_names_its_additions() -> None:
-    assert additions_of("paper") == additions_of("joint") == ()
-    assert additions_of("joint+warp+sheet") == ("warp", "sheet")
 
 
 def test_every_model_is_nested_in_the_next() -> None:
@@ -202,17 +186,19 @@ def test_a_stated_lens_is_kept() -> None:
     taken = scene(layout, frames=5, base_frames=3, target=TARGET, seed=1)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
-    found = calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, level="joint", lens=model)
+    requested = RequestedModel(lens=model)
+    found = calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=requested)
     assert found.layout.camera.lens_model == model
     assert found.diagnostics is not None
     assert not found.diagnostics.alarms
 
 
-def test_a_level_names_lenses_that_the_camera_can_become() -> None:
+def test_a_model_adds_what_the_lens_can_become() -> None:
     nominal = nominal_layout()
     nominal = nominal.replaced(camera=with_addition(nominal.camera, "fisheye"))
     taken = scene(nominal, frames=5, base_frames=3, target=TARGET, seed=2)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
-    with pytest.raises(InputError, match=r"level joint\+rational: the camera already has a fisheye lens"):
-        calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, level="joint+rational")
+    model = RequestedModel(additions=("prism",))
+    with pytest.raises(InputError, match=r"level joint\+prism: the camera already has a fisheye lens"):
+        calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=model)

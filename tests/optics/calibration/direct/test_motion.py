@@ -14,6 +14,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, select_direct_model
 from mirrorcam.optics.calibration.direct.motion import (
     at_middle_row,
@@ -103,7 +104,7 @@ def moving() -> tuple[Estimate, Observations, FloatArray]:
 
 def selected(truth: Estimate, seen: Observations) -> ModelSelection:
     model = Model(INTRINSICS, thickness=False, curvature=False, board=DRAWN)
-    return select_direct_model(fit_as("joint", truth, seen, model), seen, level="joint")[0]
+    return select_direct_model(fit_as("joint", truth, seen, model), seen, model=RequestedModel())[0]
 
 
 def seen_by(readout: float, moving: tuple[Estimate, Observations, FloatArray]) -> tuple[Estimate, Observations]:

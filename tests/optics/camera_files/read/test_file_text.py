@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.robustness.damage import damaged_bytes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.file_text import (
     LARGEST_BYTES,
     MOST_VALUES,

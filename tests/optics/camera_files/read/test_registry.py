@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.registry import FORMATS, READERS, is_layout, read_rig, rig_of
 from mirrorcam.optics.camera_files.write.write_exports import export_names
 from mirrorcam.optics.geometry.transforms import transform

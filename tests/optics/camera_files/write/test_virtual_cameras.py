@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from shapely import Polygon, box
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.camera_files.write import virtual_cameras
 from mirrorcam.optics.camera_files.write.virtual_cameras import Flip, flipped_camera, flipped_pixels
 from mirrorcam.optics.camera_files.write.write_exports import readme

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.monte_carlo import ACCURACIES, design_reference, study

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth, estimate_depth
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.conftest import CARD, WALL, inner

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import FeatureFinder
 from mirrorcam.optics.light_field.features.keypoints import (
     BORDER_PX,

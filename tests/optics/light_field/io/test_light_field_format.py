@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import (
     NOTHING,
     Assumed,
     Format,
     StoredFrames,
     single,
+    views_toml,
     without_depth,
 )
 from mirrorcam.optics.light_field.light_field import LightField
@@ -25,14 +26,22 @@ PATH = Path("a.npy")
 COUNT = 5
 
 
-def test_geometry_that_is_needed_is_given_or_its_option_is_named() -> None:
-    assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.0)
-    assert assumed.need("rows", PATH) == 3
-    assert assumed.need("reference_depth_mm", PATH) == np.inf
-    assert assumed.need("step_mm", PATH) == 0.0
+def test_geometry_that_is_needed_is_given_or_its_key_and_file_are_named(tmp_path: Path) -> None:
+    assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.5)
+    assert assumed.need(PATH, "rows", "reference_depth_mm", "step_mm") == (3, np.inf, 0.5)
     for name in ("rows", "cols", "step_mm", "focal_px", "reference_depth_mm"):
-        with pytest.raises(InputError, match=rf"a\.npy: does not state its {name}, .* --{name.replace('_', '-')}$"):
-            NOTHING.need(name, PATH)
+        with pytest.raises(InputError, match=rf"^a\.npy: does not state its {name}: expected in a\.views\.toml$"):
+            NOTHING.need(PATH, name)
+    (tmp_path / "set").mkdir()
+    with pytest.raises(InputError, match=r"set: does not state its cols, focal_px: expected in set/views\.toml$"):
+        assumed.need(tmp_path / "set", "rows", "cols", "focal_px")
+
+
+def test_what_is_not_given_is_taken_from_views_toml(tmp_path: Path) -> None:
+    given = Assumed(rows=3, step_mm=0.5)
+    assert given.completed(tmp_path) == given
+    views_toml(tmp_path).write_text("cols = 4\nstep_mm = 2.0\nreference_depth_mm = inf\n", encoding="utf-8")
+    assert given.completed(tmp_path) == Assumed(rows=3, cols=4, step_mm=0.5, reference_depth_mm=np.inf)
 
 
 def test_formats_whose_ending_has_no_point_are_folders() -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.io.mosaic import AXES, Order, check_division, read_mosaic, write_mosaic
 from mirrorcam.optics.light_field.io.view_images import write_rgba
@@ -49,7 +48,7 @@ def test_a_file_beside_the_picture_goes_before_its_pixels(tmp_path: Path) -> Non
     write_mosaic(tmp_path / "a.png", scene(2, 3), "eslf")
     assert np.array_equal(read_mosaic(tmp_path / "a.png", "tiles").samples, scene(2, 3).samples)
     (tmp_path / "a.json").unlink()
-    given = replace(GIVEN, rows=2, cols=3)
+    given = GIVEN.replaced(rows=2, cols=3)
     with pytest.raises(InputError, match=r"^tiles of 2 rows and 3 columns .* shows lenslets of 3x2 px"):
         read_mosaic(tmp_path / "a.png", "tiles", given)
     assert np.array_equal(read_mosaic(tmp_path / "a.png", "eslf", given).samples, scene(2, 3).samples)

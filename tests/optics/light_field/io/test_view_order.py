@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.view_order import has_named_views, in_order, named_views
 from tests.optics.light_field.io.orders import scene, with_samples
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.motion import LightFieldTracker, TrackedPose, save_json, save_tum

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.render.perspective import all_in_focus
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, filled, landed, without_nearer
 from tests.optics.light_field.depth.surfaces import grid_views, photograph
