@@ -33,7 +33,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     spatial_rms_mm,
     uncertainty,
 )
-from mirrorcam.optics.calibration.diagnostics.consistency import check_solution, unseen_rows
+from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unseen_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
@@ -230,7 +230,7 @@ def _concluded(
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution
-    notes += (*fitted.notes, *doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
+    notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")

@@ -39,7 +39,7 @@ class Source(Value):
     )
 
 
-class Published(Value):
+class PublishedFigures(Value):
     """Figures of a camera as its maker states them; those that are not published are left out."""
 
     focal_mm: float | None = Bounds(0.01, 1e4).field(None, "focal length")
@@ -87,7 +87,7 @@ class CameraProfile(Value):
     optics: Camera | None = None
     body: CameraBody
     sources: tuple[Source, ...] = ()
-    published: Published = Published()
+    published: PublishedFigures = PublishedFigures()
     set_aside: dict[str, Line] = Field(default_factory=dict)
     guessed: tuple[Name, ...] = ()
     notes: Line = ""

@@ -27,7 +27,7 @@ WORLD_FROM_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
-class RigCamera:
+class SfmCamera:
     """A camera of a rig, as COLMAP has it.
 
     Attributes
@@ -58,7 +58,7 @@ def _pose(camera_from: FloatArray) -> list[float]:
     return [*quaternion.tolist(), *(camera_from[:3, 3] / 1000.0).tolist()]
 
 
-def rig_config(cameras: Sequence[RigCamera], reference: int) -> str:
+def rig_config(cameras: Sequence[SfmCamera], reference: int) -> str:
     """`rig_config.json` for `colmap rig_configurator`: pictures by their camera's folder; `reference` comes first."""
     world_from_reference = inverse(cameras[reference].camera_from_world)
     entries: list[dict[str, object]] = []
@@ -72,7 +72,7 @@ def rig_config(cameras: Sequence[RigCamera], reference: int) -> str:
     return json.dumps([{"cameras": entries}], indent=1, allow_nan=False) + "\n"
 
 
-def sparse_model(cameras: Sequence[RigCamera], reference: int, picture: str) -> dict[str, str]:
+def sparse_model(cameras: Sequence[SfmCamera], reference: int, picture: str) -> dict[str, str]:
     """`cameras.txt`, `rigs.txt`, `frames.txt`, `images.txt` and an empty `points3D.txt`.
 
     `picture` is the file's name in the folder of each camera. Cameras and images are numbered as COLMAP's database has

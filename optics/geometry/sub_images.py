@@ -91,7 +91,7 @@ def sensor_polygon(camera: Camera) -> Polygon:
     return Polygon(normalized)
 
 
-def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
+def sub_image_polygons(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
     shown = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
@@ -114,7 +114,7 @@ class FieldsOfView:
     origins_mm : points (m, 3) where the rays leave their mirrors, one sub-image after the other.
     directions : of the rays (m, 3), of any length.
     corners_of : the rays of each mirror that sees something of the scene.
-    sub_images : the part of each sub-image that shows the scene, see `sub_images`.
+    sub_images : the part of each sub-image that shows the scene, see `sub_image_polygons`.
     """
 
     layout: Layout
@@ -168,7 +168,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
     """
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
-    shown = tuple(sub_images(layout, pupil))
+    shown = tuple(sub_image_polygons(layout, pupil))
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
         apparent = mirror.apparent
         forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])

@@ -106,7 +106,7 @@ class Decoder:
                 footprint(layout, index, regular_grid_at_mm)  # refuses a plane that a mirror does not look at
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
-        pixels, self.weights = sources(layout, self.views, margin_px, regular_grid_at_mm)
+        pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
         self._partial = np.flatnonzero((self.weights > 0.0) & (self.weights < WHOLE))
         self._gain = self._brightening(LINEAR)
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
@@ -296,7 +296,7 @@ def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_
     return views
 
 
-def sources(
+def sensor_sources(
     layout: Layout, views: Views, margin_px: float, regular_grid_at_mm: float | None = None
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Sensor positions (t, s, v, u, 2) that decoded pixels come from, and their weights (t, s, v, u).

@@ -14,7 +14,7 @@ from mirrorcam.optics.light_field.decoder import WHOLE, Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.equalisation import Equalisation
-from mirrorcam.optics.light_field.io.view_images import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, Subject, preview_frame
@@ -57,7 +57,7 @@ class SeenBy:
 
     def views_picture(self) -> NDArray[np.uint8]:
         """All views side by side (h, w, 3), as they lie in space."""
-        return tiles(self.light_field)
+        return tiled_views(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
         """The picture (v, u, 3) of all views in focus on a plane at a depth.

@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.detection.board_growing import (
     grow_board,
     same_board,
 )
-from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners, smooth_parts
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
@@ -40,7 +40,7 @@ SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to
 MIN_RATIO = 0.5  # of the logarithm of a tag's side by a gap, in the picture by on the print
 
 
-def find_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
+def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
     Grids of saddle points are numbered by the markers between them. Where that shows fewer than half as many, as on
@@ -124,7 +124,7 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
     """Mask of the markers (n, 4, 2) with places (n, 4, 2) on the print that lie where a detected board has them."""
-    warp = Warp.through(corner_places(target)[board.ids], board.pixels)
+    warp = BoardWarp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)
     middles = places.mean(axis=1)

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArray, connected, grow_grid
-from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
@@ -54,7 +54,7 @@ def cell_px(pixels: FloatArray) -> FloatArray:
     return np.asarray(distances[:, 1])
 
 
-def refine(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
+def refine_saddles(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
     """Refine corners (n, 2) by their gradients, each in a half-window of `window` times its own cell (n,) px."""
     half = np.clip((window * cells_px).astype(np.int64), 2, 20)
     refined = np.empty_like(pixels)
@@ -99,7 +99,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     if not found and (whole := whole_board(grey, target)):
         places, pixels = whole
         cells = cell_px(pixels)
-        refined = refine(grey, pixels, cells, WHOLE_WINDOW)
+        refined = refine_saddles(grey, pixels, cells, WHOLE_WINDOW)
         stays = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINED * cells
         pixels = np.where(stays[:, None], refined, pixels)
         found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
@@ -148,7 +148,7 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, ste
     """The corners (n) connected with the first ones, on the smooth surface that goes through them and is grown."""
     part = first
     for _ in range(ROUNDS):
-        warp = Warp.through(places[part], pixels[part])
+        warp = BoardWarp.through(places[part], pixels[part])
         if warp is None:
             return np.zeros(len(places), dtype=bool)
         off = np.linalg.norm(warp.at(places) - pixels, axis=1)
@@ -193,7 +193,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     if inside.sum() < MIN_CORNERS:
         return Corners.none()
     ids = np.flatnonzero(inside)
-    refined = refine(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
+    refined = refine_saddles(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
     near = np.linalg.norm(refined - predicted[inside], axis=1) < max_shift * cells[inside]
 
     grid = predicted.reshape(rows, cols, 2)
@@ -220,7 +220,7 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
     places, pixels
         The corners on their grid (n, 2), as of `corner_grids`, and in the picture (n, 2).
     """
-    warp = Warp.through(places.astype(np.float64), pixels)
+    warp = BoardWarp.through(places.astype(np.float64), pixels)
     limits = NO_LIMITS.copy()
     if warp is None:
         return limits
@@ -234,7 +234,7 @@ def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArr
     return limits
 
 
-def _ends(picture: Image, warp: Warp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
+def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
     """Whether squares with middles (n,) along a side of the grid are the last ones."""
 
     def values(beyond: tuple[float, ...]) -> FloatArray:

@@ -30,7 +30,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
         found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
         found = [board for board in found if len(board) <= 1 + target.looks_same_upside_down]
     else:
-        found = [(board,) for board in charuco.find_boards(grey, target, mirrored=mirrored, most=most)]
+        found = [(board,) for board in charuco.find_marked_boards(grey, target, mirrored=mirrored, most=most)]
     return [board for board in found if board and len(spread_out(board[0]))][:most]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, covers, sample
-from mirrorcam.optics.calibration.detection.board_warp import Warp
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp
 from mirrorcam.optics.calibration.detection.charuco import (
     PREDICTION_ERROR,
     find_markers,
@@ -141,7 +141,7 @@ def _between_markers(
     for (one, ids, quads), some in zip(seen, parts, strict=True):
         middles, centres = marker_places(target).mean(axis=1)[ids], quads.mean(axis=1)
         for part in some:
-            warp = Warp.through(middles[part], centres[part])
+            warp = BoardWarp.through(middles[part], centres[part])
             if warp is not None:
                 first = part[:MOST_SQUARES]
                 corners = warp.at((middles[first, None] + AROUND).reshape(-1, 2)).reshape(-1, 4, 2)

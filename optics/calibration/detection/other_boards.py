@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mirrorcam.optics.calibration.detection.charuco import families_seen, find_boards
+from mirrorcam.optics.calibration.detection.charuco import families_seen, find_marked_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
 from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.detection.marker_layout import (
@@ -188,7 +188,7 @@ def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mir
     more = []
     for picture, way in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
         own, others = (
-            max(map(len, find_boards(picture, one, mirrored=way, most=1)), default=0) for one in (target, other)
+            max(map(len, find_marked_boards(picture, one, mirrored=way, most=1)), default=0) for one in (target, other)
         )
         if own and others:
             more.append(others - own)

@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    Projection,
+    ProjectedPoints,
     grid_px,
     outline_px,
     points_at_pixels,
-    project,
+    project_points,
     propagated,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
@@ -169,7 +169,7 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     kept = _shown(b, points.view, transform(b_from_a, points.in_a))
     points, weights = points.where(kept), weights[kept]
     moved = transform(b_from_a, points.in_a)
-    shown_a, shown_b = project(a, points.view, points.in_a), project(b, points.view, moved)
+    shown_a, shown_b = project_points(a, points.view, points.in_a), project_points(b, points.view, moved)
     motion_columns = by_motion(shown_b.by_point, moved, range_mm)
     covariance = sum(
         (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
@@ -189,7 +189,7 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     )
 
 
-def _predicted(layout: Layout, shown: Projection, columns: FloatArray, weights: FloatArray) -> FloatArray:
+def _predicted(layout: Layout, shown: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Covariances (n, 2, 2) of differences due to one layout's, where the motion follows; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
@@ -207,7 +207,7 @@ def _of_view(
     return ViewDifference(view, pixels, difference, shifts, covariance, np.sqrt(np.maximum(variances, 0.0)))
 
 
-def view_name(layout: Layout, view: int) -> str:
+def view_label(layout: Layout, view: int) -> str:
     """What people call a view."""
     return "direct view" if view == DIRECT else f"mirror {layout.mirror_names[view]}"
 
@@ -241,7 +241,7 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
         if (np.abs(found - middle) > (high - low) / 2.0).any():
             places = [f"({x:.0f}, {y:.0f})" for x, y in (middle, found)]
             raise InputError(
-                f"{view_name(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
+                f"{view_label(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
                 "expected two calibrations of one device"
             )
 
@@ -275,7 +275,7 @@ class _Points:
         points = points.where(_shown(a, points.view, points.in_a) & _shown(b, points.view, points.in_b))
         for view in _views(a):
             if not (points.on_map & (points.view == view)).any():
-                raise InputError(f"{view_name(a, view)} shows nothing {range_mm:g} mm away in both layouts")
+                raise InputError(f"{view_label(a, view)} shows nothing {range_mm:g} mm away in both layouts")
         return points
 
     def where(self, mask: NDArray[np.bool_]) -> _Points:
@@ -285,7 +285,7 @@ class _Points:
 
 def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
     """Which of points (n, 3) their views (n,) show: in front of the mirror and of the camera, and within the lens."""
-    seen = np.array(np.isfinite(project(layout, view, points_in_rig).pixels).all(axis=1))
+    seen = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
     for each in np.unique(view):
         at = view == each
         pixels = layout.camera.project(points_in_rig[at]) if each == DIRECT else layout.project(points_in_rig[at], each)
@@ -300,10 +300,10 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
     """
 
     def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = project(b, points.view, points_in_b)
+        found = project_points(b, points.view, points_in_b)
         return found.pixels, found.by_point
 
-    shown = project(a, points.view, points.in_a).pixels
+    shown = project_points(a, points.view, points.in_a).pixels
     return best_motion(shown, points.view, points.in_a, project_in_b, _nearest_motion(points))
 
 

@@ -71,7 +71,7 @@ def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray)
     )
 
 
-def repeats(frames: Sequence[Observations]) -> dict[int, int]:
+def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
     """Map each frame that repeats an earlier one to the first frame with the same corners at the same pixels.
 
     Two pictures never agree to the last digit: such a frame is one picture given twice, and counting it twice would
@@ -131,7 +131,7 @@ def board_fits(
     return tuple(notes)
 
 
-def agreeing_views(
+def consistent_views(
     observations: Observations, residuals_px: FloatArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[BoolArray, tuple[str, ...]]:
     """Keep the views that show the board where the other views of their frame do.
@@ -305,7 +305,7 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
             )
 
 
-def check_solution(solution: Solution, layout: Layout, *, mirrored_frames: int) -> tuple[str, ...]:
+def check_plausible(solution: Solution, layout: Layout, *, mirrored_frames: int) -> tuple[str, ...]:
     """Check a finished fit against its layout.
 
     Parameters

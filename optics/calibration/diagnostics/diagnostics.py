@@ -20,9 +20,9 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     DepthUncertainty,
     ProjectionMap,
     depth_uncertainty,
+    median_distance_mm,
     projection_map,
     uncertainty_of,
-    working_range_mm,
 )
 from mirrorcam.optics.calibration.diagnostics.split_half import Split, splits
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -147,7 +147,7 @@ def diagnose(
     solution = selection.solution
     mirrored = observations.view != DIRECT
     _, in_rig, _ = points_at_camera(solution.estimate, observations, selection.model.board)
-    range_mm = working_range_mm(layout, in_rig[mirrored], observations.view[mirrored])
+    range_mm = median_distance_mm(layout, in_rig[mirrored], observations.view[mirrored])
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})

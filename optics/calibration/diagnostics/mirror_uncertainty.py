@@ -11,7 +11,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     grid_px,
     points_at_pixels,
-    project,
+    project_points,
     uncertainty_of,
     worst_sigmas,
 )
@@ -51,7 +51,7 @@ class MirrorUncertainty:
     relative_distance_mm: FloatArray
 
 
-def rigid_motions(layout: Layout) -> FloatArray:
+def rigid_motion_derivatives(layout: Layout) -> FloatArray:
     """Derivatives (3 m, 6) of the virtual centres by a motion of all mirrors as one body, mm per rad and mm per mm.
 
     The rotation (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along
@@ -104,7 +104,9 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
         weights[rows, rows] = lever_mm * (np.eye(3) - along) / (2.0 * mirror.distance_mm) + along / 2.0
     # In units of mm at the lever the six columns are of one size, so that the cut-off of pinv means something.
     scale = np.array([lever_mm] * 3 + [1.0] * 3)
-    return np.asarray(np.linalg.pinv(weights @ rigid_motions(layout) / scale, rcond=1e-6) @ weights / scale[:, None])
+    return np.asarray(
+        np.linalg.pinv(weights @ rigid_motion_derivatives(layout) / scale, rcond=1e-6) @ weights / scale[:, None]
+    )
 
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
@@ -114,7 +116,7 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)
     of_common = np.sqrt(np.maximum(np.diag(common @ covariance @ common.T), 0.0))
-    rest = np.eye(len(covariance)) - rigid_motions(layout) @ common
+    rest = np.eye(len(covariance)) - rigid_motion_derivatives(layout) @ common
     relative_normal, relative_distance = normal_and_distance_sigmas(centres, rest @ covariance @ rest.T)
     return MirrorUncertainty(
         normal_deg=np.degrees(normal),
@@ -127,7 +129,7 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
 
 
 @dataclass(frozen=True)
-class Motion:
+class NamedMotion:
     """A change of parameters that has a name: `name` in words, `change` (g,) of the parameters by one `unit`."""
 
     name: str
@@ -160,14 +162,14 @@ class WeakDirection:
     together_px: float
 
 
-def motions_of(layout: Layout) -> list[Motion]:
+def motions_of(layout: Layout) -> list[NamedMotion]:
     """The motions with a name that the layout's parameters can make, the simplest first."""
     parameters = _Parameters(uncertainty_of(layout).parameters)
     has_mirrors = "mirror 0 x_mm" in parameters.names
     found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
     found += _camera_motions(layout.camera, parameters)
     if "sheet_mm" in parameters.names:
-        found.append(Motion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
+        found.append(NamedMotion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
     for m in range(len(layout.mirrors) if has_mirrors else 0):
         found += _mirror_motions(layout, m, parameters)
     return found
@@ -191,22 +193,22 @@ class _Parameters:
         return self.change({f"mirror {m} {axis}_mm": row[k] for m, row in rows for k, axis in enumerate("xyz")})
 
 
-def _common_motions(layout: Layout, parameters: _Parameters) -> list[Motion]:
+def _common_motions(layout: Layout, parameters: _Parameters) -> list[NamedMotion]:
     """Motions of all mirrors as one body, and away from the camera."""
-    body = rigid_motions(layout)
+    body = rigid_motion_derivatives(layout)
     turns = [
-        Motion(f"all mirrors together about {axis}", "deg", parameters.centres(np.radians(1.0) * body[:, k]))
+        NamedMotion(f"all mirrors together about {axis}", "deg", parameters.centres(np.radians(1.0) * body[:, k]))
         for k, axis in enumerate("xyz")
     ]
     shifts = [
-        Motion(f"all mirrors together along {axis}", "mm", parameters.centres(body[:, 3 + k]))
+        NamedMotion(f"all mirrors together along {axis}", "mm", parameters.centres(body[:, 3 + k]))
         for k, axis in enumerate("xyz")
     ]
     away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
-    return [*turns, *shifts, Motion("all mirrors away from the camera", "mm", parameters.centres(away))]
+    return [*turns, *shifts, NamedMotion("all mirrors away from the camera", "mm", parameters.centres(away))]
 
 
-def _camera_motions(camera: Camera, parameters: _Parameters) -> list[Motion]:
+def _camera_motions(camera: Camera, parameters: _Parameters) -> list[NamedMotion]:
     numbers = sorted(name for name in camera.lens.names if not name.startswith("field "))
     named = [
         ("focal length", "px", {"fx_px": 1.0, "fy_px": 1.0}),
@@ -216,10 +218,10 @@ def _camera_motions(camera: Camera, parameters: _Parameters) -> list[Motion]:
         *((f"lens distortion {name}", "", {name: 1.0}) for name in numbers),
     ]
     free = set(parameters.names)
-    return [Motion(words, unit, parameters.change(parts)) for words, unit, parts in named if parts.keys() <= free]
+    return [NamedMotion(words, unit, parameters.change(parts)) for words, unit, parts in named if parts.keys() <= free]
 
 
-def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Motion]:
+def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[NamedMotion]:
     """Rotations of one mirror about the middle of its outline, its shift along the normal, and its bends."""
     mirror, name, found = layout.mirrors[m], layout.mirror_names[m], []
     x, y, n = mirror.rig_from_plane[:3, :3].T
@@ -229,13 +231,13 @@ def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Mot
         o = mirror.outline_in_rig_mm.mean(axis=0)
         turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
         moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
-        found.append(Motion(f"mirror {name} {words}", "deg", parameters.centres(moved)))
+        found.append(NamedMotion(f"mirror {name} {words}", "deg", parameters.centres(moved)))
     moved = np.zeros(3 * len(layout.mirrors))
     moved[3 * m : 3 * m + 3] = -2.0 * n
-    found.append(Motion(f"mirror {name} along its normal", "mm", parameters.centres(moved)))
+    found.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(moved)))
     for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
         if (parameter := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
-            found.append(Motion(f"bend of mirror {name} {words}", "1/m", parameters.change({parameter: 1.0})))
+            found.append(NamedMotion(f"bend of mirror {name} {words}", "1/m", parameters.change({parameter: 1.0})))
     return found
 
 
@@ -248,7 +250,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     """
     derivatives = np.concatenate(
         [
-            project(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).by_parameter
+            project_points(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).by_parameter
             for view in range(len(layout.mirrors))
         ]
     )

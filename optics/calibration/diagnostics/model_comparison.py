@@ -74,7 +74,7 @@ class ModelComparison:
     supported: bool
 
 
-def smallest(fitted: Fitted) -> ModelComparison:
+def smallest_model(fitted: Fitted) -> ModelComparison:
     """The entry of the smallest model, which is compared with none."""
     solution = fitted.solution
     return ModelComparison(
@@ -123,7 +123,7 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     spare = 2 * len(seen) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / spare)
     return replace(
-        smallest(larger),
+        smallest_model(larger),
         against=smaller.name,
         drop=drop,
         chance=float(f_distribution.sf(drop / added, added, spare)),

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     compare,
     compare_likelihood,
     cross_validated,
-    smallest,
+    smallest_model,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
@@ -152,7 +152,7 @@ def select_model(
         Where plates are requested that the layout does not have.
     """
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
-    comparisons = [smallest(paper)]
+    comparisons = [smallest_model(paper)]
     try:
         start = paper.solution.estimate
         current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm, prior))

@@ -28,7 +28,7 @@ GRID = 9
 
 
 @dataclass(frozen=True)
-class Projection:
+class ProjectedPoints:
     """Projections of points by one view, with derivatives.
 
     Attributes
@@ -93,7 +93,7 @@ def uncertainty_of(layout: Layout) -> Uncertainty:
     return layout.uncertainty
 
 
-def project(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> Projection:
+def project_points(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> ProjectedPoints:
     """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT) or one view (n,) each.
 
     The model is the one that the solver fits. A layout without covariance has no parameters.
@@ -106,7 +106,7 @@ def project(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatA
     pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
     names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     place = {name: k for k, name in enumerate(names)}
-    return Projection(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
+    return ProjectedPoints(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:
@@ -148,7 +148,7 @@ def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArra
 
     Their pixels in the reference view and their distance from its virtual centre are held.
     """
-    seen = project(layout, reference, points_in_rig)
+    seen = project_points(layout, reference, points_in_rig)
     along = points_in_rig - virtual_centre(layout, reference)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     by_centre = centre_derivatives(layout, reference)
@@ -177,7 +177,7 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
     at = grid_px(layout, view)
     points = points_at_pixels(layout, view, at, range_mm)
     covariance = uncertainty_of(layout).covariance
-    shown = project(layout, view, points)
+    shown = project_points(layout, view, points)
     relative = shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
     return ProjectionMap(
         view=view,
@@ -193,7 +193,7 @@ def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 
 
-def working_range_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
+def median_distance_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
     """Median distance of observed points (n, 3) mm from the virtual centre of the view (n,) that shows each."""
     centres = np.array([virtual_centre(layout, view) for view in (*range(len(layout.mirrors)), DIRECT)])
     return float(np.median(np.linalg.norm(points_in_rig - centres[views], axis=1)))
@@ -257,7 +257,7 @@ def depth_uncertainty(
     which = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in which]
     points = np.concatenate([points_at_pixels(layout, reference, at_px[None], float(r)) for r in ranges_mm])
-    shown = [project(layout, view, points) for view in which]
+    shown = [project_points(layout, view, points) for view in which]
     centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
     covariance = uncertainty_of(layout).covariance
     matching, calibration, views = [], [], []

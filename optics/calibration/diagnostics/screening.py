@@ -78,7 +78,7 @@ def screen(
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
     notes = []
-    for again, first in consistency.repeats(frames).items():
+    for again, first in consistency.repeated_frames(frames).items():
         frames[again] = Observations.none()
         notes.append(f"{names[again]}: the same picture as {names[first]}, not used")
 
@@ -117,7 +117,7 @@ def _agreeing(
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
     left = residuals(estimate, packed, free.board)
-    kept, notes = consistency.agreeing_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
+    kept, notes = consistency.consistent_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
     mirrored = with_noise_of_views(mirrored.where(kept), left[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes

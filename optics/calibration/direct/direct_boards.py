@@ -9,11 +9,11 @@ import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.optics.calibration.detection.charuco import find_boards as find_with_markers
+from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
 from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_direct_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
@@ -132,7 +132,7 @@ def start_of(
         if not any(found):
             continue
         try:
-            start = first_estimate(
+            start = first_direct_estimate(
                 found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
             )
             starts.append((start, inverted))

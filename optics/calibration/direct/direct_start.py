@@ -84,7 +84,7 @@ class _PosedBoard:
         return (self.direct or self.image)[0].points
 
 
-def first_estimate(
+def first_direct_estimate(
     found: Sequence[Sequence[FoundBoard]],
     corners_in_board_mm: FloatArray,
     *,

@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest_model
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     Fitted,
@@ -263,7 +263,7 @@ def select_direct_model(
     drawn
         The fit of the same mirrors and camera with the board as drawn, in all frames.
     """
-    comparisons, current = [smallest(flat)], flat
+    comparisons, current = [smallest_model(flat)], flat
     for name in model.additions:
         larger = fit_with("plates" if name == "sheet" else name, current, observations)
         comparisons.append(compare(larger, current, observations))

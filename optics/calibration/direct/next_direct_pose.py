@@ -22,9 +22,9 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     NextPose,
     NextPosePlanner,
     Placement,
-    joint_model,
     moved_in_words,
     place_in_words,
+    planning_model,
     shown_in,
     tilt_in_words,
 )
@@ -87,7 +87,7 @@ def next_direct_pose(
         return None
     planner = NextPosePlanner(
         plain,
-        joint_model(intrinsics, target),
+        planning_model(intrinsics, target),
         [*lens, *np.repeat(CENTRE * np.linalg.norm(centres, axis=1), 3)],
         [_name(camera, observations, mirror) for mirror in range(len(centres))],
         placements,

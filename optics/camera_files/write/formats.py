@@ -26,7 +26,7 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens
-from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, WORLD_FROM_VIEW, RigCamera, frame
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, WORLD_FROM_VIEW, SfmCamera, frame
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 ROS_MODELS = {"brown_conrady": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
@@ -211,7 +211,7 @@ def camchain_yaml(views: tuple[VirtualCamera, ...]) -> str:
     return text
 
 
-def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[RigCamera, ...]:
+def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[SfmCamera, ...]:
     """The views as cameras of a rig; the world is the rig frame.
 
     FULL_OPENCV has fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, the last three zero of a Brown-Conrady lens;
@@ -224,7 +224,7 @@ def rig_cameras(views: tuple[VirtualCamera, ...]) -> tuple[RigCamera, ...]:
         model = "OPENCV_FISHEYE" if camera.lens_model == "fisheye" else "FULL_OPENCV"
         unused = (0.0,) * (3 if camera.lens_model == "brown_conrady" else 0)
         parameters = (fx, fy, cx + HALF_PIXEL, cy + HALF_PIXEL, *distortion, *unused)
-        cameras.append(RigCamera(view.name, model, camera.width_px, camera.height_px, parameters, view.camera_from_rig))
+        cameras.append(SfmCamera(view.name, model, camera.width_px, camera.height_px, parameters, view.camera_from_rig))
     return tuple(cameras)
 
 

@@ -127,7 +127,7 @@ def view_name(row: int, column: int) -> str:
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
-    """All mirrors of a layout as cameras, row by row; those that are no pinholes as the nearest (`exports.nearest`).
+    """All mirrors of a layout as cameras, row by row; those that are no pinholes as the nearest (`nearest_pinhole`).
 
     Raises InputError where a mirror shows nothing, or more than the lens model describes.
     """
@@ -203,7 +203,7 @@ def flipped_pixels(pixels: FloatArray, camera: Camera, flip: Flip) -> FloatArray
 
 
 @dataclass(frozen=True)
-class Pinhole:
+class NearestPinhole:
     """A camera that looks at the apparent mirror's images X' of points, from camera = `turn` X' + `shift_mm`.
 
     `error_px` is the largest distance between where a point appears and where this camera puts it, over the sub-image
@@ -217,7 +217,7 @@ class Pinhole:
 
 
 @np.errstate(all="ignore")  # of numbers that grow past all bounds, which ends the fit
-def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinhole:
+def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> NearestPinhole:
     """The camera nearest to what a mirror shows within its sub-image (n, 2), in the layout's working range.
 
     Of a flat first-surface mirror it is the base camera itself. Else pose, focal lengths and distortion are fitted by
@@ -233,7 +233,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
     seen = layout.camera.project(mirror.image_of(apparent.reflect(images)))
     camera, turn, shift = layout.camera, np.eye(3), np.zeros(3)
-    best = Pinhole(camera, turn, shift, _worst(camera, images, seen))
+    best = NearestPinhole(camera, turn, shift, _worst(camera, images, seen))
     if best.error_px < EXACT_PX:
         return best
     free = [place for place, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
@@ -256,7 +256,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Pinh
             break
         error_px = _worst(camera, images @ turn.T + shift, seen)
         if error_px < best.error_px:
-            best = Pinhole(camera, turn, shift, error_px)
+            best = NearestPinhole(camera, turn, shift, error_px)
     if not np.isfinite(best.error_px):
         raise InputError("shows points where the lens model or the plate of the mirror is not defined, expected others")
     return best

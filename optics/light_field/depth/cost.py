@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
-from mirrorcam.optics.light_field.depth.sweep import DIRECTIONS, TILE_PX, Motion, Ranges, Sweep, Volume, whole_range
+from mirrorcam.optics.light_field.depth.sweep import (
+    DIRECTIONS,
+    TILE_PX,
+    PlaneMotion,
+    Ranges,
+    Sweep,
+    Volume,
+    whole_range,
+)
 
 UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
@@ -216,7 +224,7 @@ def _compare_row(
     first: int,
     last: int,
     pictures: ComparedViews,
-    motion: Motion,
+    motion: PlaneMotion,
     line: Float32,
     cost: Float32,
     sight: Float32,
@@ -262,7 +270,7 @@ def _compare_row(
 
 @compiled
 def _block(
-    top: int, bottom: int, plane: int, first: int, last: int, pictures: ComparedViews, motion: Motion, work: Work
+    top: int, bottom: int, plane: int, first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, work: Work
 ) -> None:
     """Costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row after row."""
     count, known = last - first, len(pictures.nearest) > 0
@@ -284,7 +292,9 @@ def _block(
 
 
 @compiled
-def fill_costs(first: int, last: int, pictures: ComparedViews, motion: Motion, ranges: Ranges, costs: UInt16) -> None:
+def fill_costs(
+    first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, ranges: Ranges, costs: UInt16
+) -> None:
     """Costs of rows `first` to `last` of the reference view at the planes of their ranges; `first` begins a tile."""
     width, sectors = pictures.contrast.shape[1], motion.rings[-1]
     most = TILE_PX * LONGEST_PX

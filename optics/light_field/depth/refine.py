@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import (
     HIDING_PX,
-    Pinhole,
+    SweepPinhole,
     Terms,
     View,
     add_terms,
@@ -125,7 +125,7 @@ def _solved(
     return x
 
 
-def slopes_of(picture: Float32) -> Float32:
+def brightness_slopes(picture: Float32) -> Float32:
     """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
 
@@ -158,12 +158,12 @@ class SlopePicture:
 
     @classmethod
     def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePicture:
-        return cls(np.ascontiguousarray(np.moveaxis(slopes_of(grey), 0, -1)), seen)
+        return cls(np.ascontiguousarray(np.moveaxis(brightness_slopes(grey), 0, -1)), seen)
 
     @cached_property
     def derivatives(self) -> Float32:
         """Slopes (2, 2, v, u) of each slope, across and down."""
-        return np.stack([slopes_of(self.slopes[..., axis]) for axis in range(2)])
+        return np.stack([brightness_slopes(self.slopes[..., axis]) for axis in range(2)])
 
     @cached_property
     def variance(self) -> Float32:
@@ -177,7 +177,7 @@ class Refiner:
 
     def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: Map = map):
         self.sweep, self.run = sweep, run
-        self.pinholes = [Pinhole.of(view, sweep) for view in parallaxes]
+        self.pinholes = [SweepPinhole.of(view, sweep) for view in parallaxes]
 
     def match(self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture]) -> tuple[Match, Float32]:
         """The match at a map (v, u), and the gradient that goes with its information."""

@@ -19,7 +19,7 @@ HIDING_PX = 1.0
 """Motion of the farthest view by which a surface must be nearer to hide another."""
 
 
-class Pinhole(NamedTuple):
+class SweepPinhole(NamedTuple):
     """A `Parallax` for planes of a sweep."""
 
     focal: np.float32
@@ -34,7 +34,7 @@ class Pinhole(NamedTuple):
     step: np.float32
 
     @classmethod
-    def of(cls, view: Parallax, sweep: Sweep) -> Pinhole:
+    def of(cls, view: Parallax, sweep: Sweep) -> SweepPinhole:
         x, y, z = view.position_mm
         numbers = (view.focal_px, *view.centre_px, x, y, z, 1.0 - z / view.reference_distance_mm)
         further = (1.0 / view.reference_distance_mm, float(sweep.inverse_distances[0]), sweep.step)
@@ -85,7 +85,14 @@ def _cubic(t: float, out: Float32) -> None:
 
 @compiled
 def _compared(
-    y: int, planes: Float32, own: Float32, derivatives: Float32, hole: Pinhole, view: View, hiding: float, out: Float32
+    y: int,
+    planes: Float32,
+    own: Float32,
+    derivatives: Float32,
+    hole: SweepPinhole,
+    view: View,
+    hiding: float,
+    out: Float32,
 ) -> None:
     """Residuals of two slopes, their rise with the plane, and sight: rows of `out` (6, u), of row `y`."""
     height, width = planes.shape
@@ -145,7 +152,7 @@ def add_terms(
     own: Float32,
     derivatives: Float32,
     variance: Float32,
-    hole: Pinhole,
+    hole: SweepPinhole,
     view: View,
     hiding: float,
     terms: Terms,

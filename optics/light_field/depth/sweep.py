@@ -34,7 +34,7 @@ MARGIN_PLANES = 6
 FEWEST_PLANES = 3
 
 
-class Motion(NamedTuple):
+class PlaneMotion(NamedTuple):
     """Where K views show the planes of a sweep, and which of them compete.
 
     Plane i shows pixel (u, v) of the reference view at (scale u + across, scale v + down) of view k.
@@ -71,7 +71,7 @@ class Sweep:
     """
 
     inverse_distances: FloatArray
-    motion: Motion
+    motion: PlaneMotion
     reach_px: float
 
     @property
@@ -105,7 +105,7 @@ def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
     scale, across, down = (
         np.ascontiguousarray(matrices[:, :, row, column], np.float32) for row, column in ((0, 0), (0, 2), (1, 2))
     )
-    motion = Motion(
+    motion = PlaneMotion(
         scale,
         across,
         down,

@@ -53,7 +53,7 @@ LEAST_VARIANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Warp:
+class PatchWarp:
     """How views show patches of another light field: turned, grown and sheared, and bent as their surfaces are.
 
     Attributes
@@ -70,11 +70,11 @@ class Warp:
     shapes: FloatArray
 
     @classmethod
-    def none(cls, count: int) -> Warp:
+    def none(cls, count: int) -> PatchWarp:
         return cls(np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2)), np.zeros((count, len(SHAPES))))
 
-    def of(self, index: NDArray[np.int64]) -> Warp:
-        return Warp(self.linear[index], self.bend[index], self.shapes[index])
+    def of(self, index: NDArray[np.int64]) -> PatchWarp:
+        return PatchWarp(self.linear[index], self.bend[index], self.shapes[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def align(
     across_mm: FloatArray,
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
-    warp: Warp | None = None,
+    warp: PatchWarp | None = None,
 ) -> AlignedPatches:
     """Move and shape the patches of keypoints until views look like them.
 
@@ -145,7 +145,7 @@ def align(
     precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
     precision[:] = np.eye(2)
     shapes = np.zeros((count, len(SHAPES)))
-    shown = Warp.none(count) if warp is None else warp
+    shown = PatchWarp.none(count) if warp is None else warp
     parts = [part for each in given for part in _parts(each)]
 
     def one(part: Templates) -> None:
@@ -179,7 +179,7 @@ def _align_level(
     start_px: FloatArray,
     across_mm: Floats,
     distance_mm: FloatArray,
-    warp: Warp,
+    warp: PatchWarp,
 ) -> AlignedPatches:
     """Align the keypoints of one level, as `align` does."""
     linear = warp.linear.astype(np.float32)

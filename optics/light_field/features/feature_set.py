@@ -93,7 +93,7 @@ class Features:
         return len(self.pixels)
 
 
-def save_npz(path: Path, features: Features) -> None:
+def save_features(path: Path, features: Features) -> None:
     """Write the fields of features to an .npz file, atomically; the same features give the same bytes."""
     write_npz(path, {field.name: getattr(features, field.name) for field in fields(features)})
 

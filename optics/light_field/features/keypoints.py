@@ -179,7 +179,7 @@ def all_distances(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.float32]
     return bits
 
 
-def slopes_of(geometry: Geometry, inverse_range_mm: tuple[float, float]) -> FloatArray:
+def stack_slopes(geometry: Geometry, inverse_range_mm: tuple[float, float]) -> FloatArray:
     """Inverse distances (n,) of the slices of a focal stack, from far to near."""
     far, near = min(inverse_range_mm), max(inverse_range_mm)
     farthest = np.hypot(*geometry.across_mm.T).max() * geometry.focal_px[geometry.reference]
@@ -234,7 +234,7 @@ def stack_keypoints(
     run
         `map`, or that of a pool of threads.
     """
-    slopes = slopes_of(geometry, inverse_range_mm)
+    slopes = stack_slopes(geometry, inverse_range_mm)
     reference = images[geometry.reference]
     shown = reference[seen[geometry.reference] > 0]
     low, high = np.percentile(shown, [DARKEST, BRIGHTEST]) if len(shown) else (0.0, 255.0)

@@ -35,7 +35,7 @@ from mirrorcam.optics.light_field.features.slope import (
     SlopeFit,
     TwoSlopes,
     agreeing_views,
-    fit,
+    fit_slope,
     fit_two_slopes,
     moderated_variance,
 )
@@ -198,7 +198,7 @@ class FeatureFinder:
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
         used = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
-        solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
+        solved = fit_slope(self.geometry, seen_px, used, inverse_mm, precision)
         reference = self.geometry.reference
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
         keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
@@ -213,7 +213,7 @@ class FeatureFinder:
         # In the order of keypoints, whichever of their slopes it is.
         keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
         kept = (self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep], precision[keep])
-        solved, apart = fit(*kept), fit_two_slopes(*kept)
+        solved, apart = fit_slope(*kept), fit_two_slopes(*kept)
         covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
         return self._features(
             at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, variance[keep], covariance

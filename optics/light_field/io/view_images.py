@@ -94,7 +94,7 @@ def check_size(path: Path, picture: NDArray[Any], size: tuple[int, int]) -> None
         raise InputError(f"{path}: {picture.shape[1]}x{picture.shape[0]} px, expected {size[0]}x{size[1]}")
 
 
-def tiles(light_field: LightField) -> NDArray[np.uint8]:
+def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
     """The views beside each other (h, w, 3) in RGB, as they lie in space; dark grey where a view has no sample.
 
     A grid has row t below row t - 1.

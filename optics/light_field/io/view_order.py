@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.io.view_motion import Motion, measured_motion, repeats
+from mirrorcam.optics.light_field.io.view_motion import ViewMotion, measured_motion, repeats
 from mirrorcam.optics.light_field.light_field import LightField
 
 _FITS, _MISFITS = 0.35, 0.6
@@ -69,7 +69,7 @@ class _Fit:
     errors: FloatArray
 
     @classmethod
-    def of(cls, motion: Motion, places: FloatArray) -> _Fit:
+    def of(cls, motion: ViewMotion, places: FloatArray) -> _Fit:
         """The fit of places (n, 2) of x and y of all views."""
         moved = places[motion.pairs[:, 1]] - places[motion.pairs[:, 0]]
         steps = np.full(2, np.nan)
@@ -201,7 +201,7 @@ def _places(number: NDArray[np.int_], length: int, *, snake: bool = False) -> Fl
     return np.stack([np.where(snake & (line % 2 == 1), length - 1 - place, place), line], axis=1).astype(np.float64)
 
 
-def _sorted(motion: Motion, grid: tuple[int, int]) -> FloatArray | None:
+def _sorted(motion: ViewMotion, grid: tuple[int, int]) -> FloatArray | None:
     """Column and row (n, 2) of each view by where the motion puts it; None where views are not connected."""
     count = grid[0] * grid[1]
     graph = np.zeros((len(motion.pairs), count))

@@ -23,11 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.optics.light_field.features.align import Warp, align
+from mirrorcam.optics.light_field.features.align import PatchWarp, align
 from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
 from mirrorcam.optics.light_field.features.light_field_features import shown_by_views
 from mirrorcam.optics.light_field.features.patches import ImagePyramid, Templates, templates
-from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit, moderated_variance
+from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit_slope, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
 
 LEAST_ALIKE = 0.8
@@ -114,7 +114,7 @@ def landmarks_of(
     """Landmarks at directions (n, 2) and inverse distances (n,) of a light field that it sees there in most views."""
     pixels = geometry.focal_px[geometry.reference] * directions + geometry.centre_px[geometry.reference]
     given = templates(frame.pyramid, geometry.reference, pixels, scale_px)
-    seen = see(geometry, frame, given, directions, inverse_mm, Warp.none(len(directions)), run)
+    seen = see(geometry, frame, given, directions, inverse_mm, PatchWarp.none(len(directions)), run)
     kept = np.flatnonzero(seen.valid)
     return Landmarks(
         directions=directions[kept],
@@ -132,7 +132,7 @@ def see(
     given: list[Templates],
     directions: FloatArray,
     inverse_mm: FloatArray,
-    warp: Warp,
+    warp: PatchWarp,
     run: Callable[..., Any],
     max_distance_px: float = 0.5,
 ) -> Seen:
@@ -150,7 +150,7 @@ def see(
     mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
     precision = aligned.precision / mean[:, None, None]
     used = agreeing_views(geometry, seen_px, inverse_mm, precision, max_distance_px)
-    solved = fit(geometry, seen_px, used, inverse_mm, precision)
+    solved = fit_slope(geometry, seen_px, used, inverse_mm, precision)
     usual = moderated_variance(solved.squares_px2, solved.freedom, PRIOR_FREEDOM)
     noise = np.maximum(usual, aligned.variance / mean)
     focal = geometry.focal_px[geometry.reference]
@@ -194,7 +194,7 @@ class PoseFit:
     used: NDArray[np.bool_]
 
 
-def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, Warp]:
+def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, PatchWarp]:
     """Directions (n, 2) and inverse distances (n,) in which a frame sees landmarks, and how it shows their patches."""
     turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(landmarks.directions), 1))], axis=1)
@@ -205,7 +205,7 @@ def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatAr
     linear = (by_direction[:, :2] - directions[:, :, None] * by_direction[:, 2:]) / ahead[:, None, None]
     bent = landmarks.shapes.copy()
     bent[:, :2] = 0.0
-    return directions, landmarks.inverse_mm / ahead, Warp(linear, moved_mm(directions, ahead, shift), bent)
+    return directions, landmarks.inverse_mm / ahead, PatchWarp(linear, moved_mm(directions, ahead, shift), bent)
 
 
 def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,
     ViewDifference,
     calibration_difference,
-    view_name,
+    view_label,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -165,7 +165,7 @@ def draw_map(
         rms = float(np.sqrt(np.mean(value**2)))
         x, y = _label_place(outline)
         axes.annotate(
-            f"{view_name(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
+            f"{view_label(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
             (x, y),
             (0, -3),
             textcoords="offset points",

@@ -34,7 +34,7 @@ from mirrorcam.optics.light_field.frame_checks import check_frames
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.stream import RecordingCheck
-from mirrorcam.optics.light_field.io.view_images import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.robot.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.robot.rerun_viewer import RerunViewer
@@ -253,7 +253,7 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = Fa
     """
     light_field = decoder.decode(read_image(path))
     save_npz(folder / f"{path.stem}.npz", light_field)
-    write_image(folder / f"{path.stem}_views.png", tiles(light_field))
+    write_image(folder / f"{path.stem}_views.png", tiled_views(light_field))
     if epi:
         write_epi(folder, path.stem, light_field)
     return light_field

@@ -20,7 +20,7 @@ from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import Decoded, RecordingCheck, record
-from mirrorcam.optics.light_field.io.view_images import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -111,7 +111,7 @@ class StreamRecorder:
                 nonlocal shown
                 if not isinstance(item, Lost) and not shown:
                     with self.output.staged(complete=False) as folder:
-                        write_image(folder / picture, tiles(item[1]))
+                        write_image(folder / picture, tiled_views(item[1]))
                     shown = True
                 if not isinstance(item, Lost) and show is not None:
                     show(item[0].time_s, item[1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.geometry.sfm_rigs import WORLD_FROM_VIEW, RigCamera, frame, rig_config, sparse_model
+from mirrorcam.optics.geometry.sfm_rigs import WORLD_FROM_VIEW, SfmCamera, frame, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
 
 TURNS = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.1, 0.0, 0.2], [0.0, -0.3, 0.0]]).as_matrix()
@@ -16,9 +16,9 @@ SHIFTS_MM = np.array([[0.0, 0.0, 0.0], [10.0, -20.0, 5.0], [-7.0, 0.0, 1.0]])
 
 
 @pytest.fixture
-def cameras() -> list[RigCamera]:
+def cameras() -> list[SfmCamera]:
     return [
-        RigCamera(f"view_{number}", "PINHOLE", 640, 480, (500.0, 501.0, 320.0, 240.5), rigid(turn, shift))
+        SfmCamera(f"view_{number}", "PINHOLE", 640, 480, (500.0, 501.0, 320.0, 240.5), rigid(turn, shift))
         for number, (turn, shift) in enumerate(zip(TURNS, SHIFTS_MM, strict=True))
     ]
 
@@ -28,7 +28,7 @@ def transform_of(values: list[float]) -> np.ndarray:
     return rigid(Rotation.from_quat(values[:4], scalar_first=True).as_matrix(), np.array(values[4:]) * 1000.0)
 
 
-def test_poses_in_the_rig_are_from_the_reference_which_comes_first(cameras: list[RigCamera]) -> None:
+def test_poses_in_the_rig_are_from_the_reference_which_comes_first(cameras: list[SfmCamera]) -> None:
     entries = json.loads(rig_config(cameras, 1))[0]["cameras"]
     assert [entry["image_prefix"] for entry in entries] == ["view_1/", "view_0/", "view_2/"]
     assert entries[0]["ref_sensor"] is True
@@ -39,7 +39,7 @@ def test_poses_in_the_rig_are_from_the_reference_which_comes_first(cameras: list
         assert entry["camera_params"] == [500.0, 501.0, 320.0, 240.5]
 
 
-def test_the_sparse_model_numbers_cameras_from_one_and_the_joint_rig_next(cameras: list[RigCamera]) -> None:
+def test_the_sparse_model_numbers_cameras_from_one_and_the_joint_rig_next(cameras: list[SfmCamera]) -> None:
     texts = sparse_model(cameras, 1, "0000.png")
     lines = {name: [line for line in text.splitlines() if line and line[0] != "#"] for name, text in texts.items()}
     assert lines["cameras.txt"][2] == "3 PINHOLE 640 480 500.0 501.0 320.0 240.5"

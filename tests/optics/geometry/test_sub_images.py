@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.sub_images import (
     pixel_efficiency,
     seen_px,
     sensor_polygon,
-    sub_images,
+    sub_image_polygons,
     unvignetted_outline,
     unvignetted_outlines,
     vertices,
@@ -86,7 +86,7 @@ def test_the_sensor_reaches_to_the_edges_of_its_outermost_pixels() -> None:
 
 def test_a_mirror_beside_the_sensor_has_an_empty_sub_image() -> None:
     beside = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((900, 950, 60, 120), 80.0),))
-    assert sub_images(beside)[0].is_empty
+    assert sub_image_polygons(beside)[0].is_empty
     views = fields_of_view(beside)
     region, footprints = views.common_region(DEPTH_MM)
     assert region.is_empty

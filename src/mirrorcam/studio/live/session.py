@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
 from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
-from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.studio.live.streams import LiveRecording, open_source
@@ -52,13 +52,13 @@ class ViewsPicture:
         self._tile = np.array([height, width]) + SEPARATOR_PX
         self.size_px = (self._picture.shape[1], self._picture.shape[0])
         if not self._grid:
-            shown = tiles(light_field)
+            shown = tiled_views(light_field)
             self.size_px = (shown.shape[1], shown.shape[0])
 
     def of(self, light_field: LightField) -> NDArray[np.uint8]:
         """The picture (h, w, 3); it is used again for the next one."""
         if not self._grid:
-            return tiles(light_field)
+            return tiled_views(light_field)
         samples: Any = light_field.samples
         samples = samples.copy()
         samples.reshape(-1, 3)[self._invalid] = INVALID_RGB

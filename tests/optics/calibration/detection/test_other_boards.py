@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection import other_boards as module
-from mirrorcam.optics.calibration.detection.charuco import find_boards
+from mirrorcam.optics.calibration.detection.charuco import find_marked_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_layout import MarkerPairs
 from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers
@@ -236,7 +236,7 @@ def test_boards_are_found_as_they_are_stated(board: Charuco, *, mirrored: bool) 
     place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
     pose = posed(board, place, np.array(TURNS[0]), direct=not mirrored)
     shown = marked_pictures(board, mirrored=mirrored)
-    (corners,) = find_boards(shown[0], board, mirrored=mirrored, most=2)
+    (corners,) = find_marked_boards(shown[0], board, mirrored=mirrored, most=2)
     assert len(corners) > 0.8 * len(board.corners_in_board_mm)
     truth = seen(board.corners_in_board_mm, pose, one_mirror() if mirrored else None)[corners.ids]
     assert np.abs(corners.pixels - truth).max() < 0.1

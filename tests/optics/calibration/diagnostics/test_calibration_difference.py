@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     best_motion,
     by_motion,
     calibration_difference,
-    view_name,
+    view_label,
     view_weights,
     without_motion,
 )
@@ -153,7 +153,7 @@ def test_views_along_the_camera_s_axis_are_compared_with_the_direct_view(small_p
     longer = direct.camera.replaced(fx_px=909.0, fy_px=909.0)
     found = calibration_difference(direct, direct.replaced(camera=longer), range_mm=RANGE_MM)
     assert [view.view for view in found.views] == [0, 1, DIRECT]
-    assert [view_name(direct, view.view) for view in found.views] == ["mirror 0-0", "mirror 0-1", "direct view"]
+    assert [view_label(direct, view.view) for view in found.views] == ["mirror 0-0", "mirror 0-1", "direct view"]
 
 
 @pytest.fixture

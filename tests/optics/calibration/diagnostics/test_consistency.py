@@ -13,7 +13,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.consistency import (
     camera_note,
-    check_solution,
+    check_plausible,
     pose_notes,
     refuse_implausible,
 )
@@ -77,12 +77,12 @@ def test_rows_of_the_board_that_no_picture_shows_are_noted(scene: Scene) -> None
 
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
     a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.none()
-    assert consistency.repeats([a, none, b, a, none, a]) == {3: 0, 5: 0}
+    assert consistency.repeated_frames([a, none, b, a, none, a]) == {3: 0, 5: 0}
 
 
 def test_views_that_agree_are_kept(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
-    kept, notes = consistency.agreeing_views(seen, seen.pixels - scene.clean.pixels, [""] * 15, device.mirror_names)
+    kept, notes = consistency.consistent_views(seen, seen.pixels - scene.clean.pixels, [""] * 15, device.mirror_names)
     assert kept.all()
     assert notes == ()
 
@@ -91,12 +91,12 @@ def test_a_view_elsewhere_is_left_out_by_name(scene: Scene, device: Layout) -> N
     seen = scene.clean
     away = (seen.frame == 2) & (seen.view == 1)
     left = np.where(away[:, None], 100.0, 0.0) * np.ones((len(seen), 2))
-    kept, notes = consistency.agreeing_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
+    kept, notes = consistency.consistent_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
     np.testing.assert_array_equal(kept, ~away)
     assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 0-1"]
     with pytest.raises(InputError, match="mirror 0-1 shows the board elsewhere"):
         often = (seen.frame < 7) & (seen.view == 1)
-        consistency.agreeing_views(
+        consistency.consistent_views(
             seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15, device.mirror_names
         )
 
@@ -149,7 +149,7 @@ def test_another_focal_length_is_noted(device: Layout) -> None:
 
 
 def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_refused(solution: Solution, device: Layout) -> None:
-    assert check_solution(solution, device, mirrored_frames=10) == ()
+    assert check_plausible(solution, device, mirrored_frames=10) == ()
     open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 2 ")]
     covariance = solution.covariance.copy()
     covariance[np.ix_(open_rows, open_rows)] += np.diag([10.0, 10.0, 10.0]) ** 2

@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
     mirror_uncertainty,
     motions_of,
     normal_and_distance_sigmas,
-    rigid_motions,
+    rigid_motion_derivatives,
     weak_directions,
 )
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
@@ -54,12 +54,12 @@ def test_motions_of_one_body_are_the_derivatives_of_moving_it(device: Layout, k:
     h = 1e-5
     step = h * np.eye(6)[k]
     ahead, back = (moved_as_one_body(device, sign * step[:3], sign * step[3:]) for sign in (1.0, -1.0))
-    found = rigid_motions(device)[:, k]
+    found = rigid_motion_derivatives(device)[:, k]
     np.testing.assert_allclose(found, (ahead - back) / (2 * h), atol=1e-6 * np.abs(found).max())
 
 
 def test_a_motion_of_one_body_is_all_common(device: Layout) -> None:
-    motions = rigid_motions(device)
+    motions = rigid_motion_derivatives(device)
     np.testing.assert_allclose(common_motion(device, lever_mm=LEVER_MM) @ motions, np.eye(6), atol=1e-8)
     turn = np.radians(0.01) * motions[:, 0]
     found = mirror_uncertainty(with_covariance(device, np.outer(turn, turn)), lever_mm=LEVER_MM)

@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     held_out_residuals,
     is_mirrored,
     near_and_far,
-    smallest,
+    smallest_model,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, joint_model, paper_model
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
@@ -41,7 +41,7 @@ def models_of(scene: Scene, seen: Observations) -> tuple[Fitted, Fitted]:
 
 def test_the_smallest_model_is_compared_with_none(scene: Scene) -> None:
     _, paper = models_of(scene, scene.noisy(0))
-    entry = smallest(paper)
+    entry = smallest_model(paper)
     assert entry.against is None
     assert entry.supported
     assert entry.parameters == 12

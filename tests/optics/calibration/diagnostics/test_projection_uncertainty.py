@@ -11,13 +11,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     depth_uncertainty,
     derivatives_held_in,
+    median_distance_mm,
     outline_px,
     points_at_pixels,
-    project,
+    project_points,
     projection_map,
     uncertainty_of,
     virtual_centre,
-    working_range_mm,
     worst_sigmas,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import minimise
@@ -124,7 +124,7 @@ def test_the_reference_view_is_sure_of_itself(calibrated: Layout) -> None:
 def test_points_held_in_the_reference_view_stay_there(calibrated: Layout) -> None:
     points = points_at_pixels(calibrated, 1, np.array([[300.0, 200.0], [500.0, 300.0]]), RANGE_MM)
     moved = derivatives_held_in(calibrated, 3, points)
-    shown = project(calibrated, 3, points)
+    shown = project_points(calibrated, 3, points)
     np.testing.assert_allclose(shown.by_parameter + shown.by_point @ moved, 0.0, atol=1e-8)
 
 
@@ -142,7 +142,7 @@ def test_the_working_range_is_where_the_board_was(scene: Scene, calibrated: Layo
             for frame, corner in zip(rows.frame, rows.corner, strict=True)
         ]
     )
-    assert 350.0 < working_range_mm(calibrated, points, rows.view) < 500.0
+    assert 350.0 < median_distance_mm(calibrated, points, rows.view) < 500.0
 
 
 def test_a_layout_without_covariance_is_refused(device: Layout) -> None:

@@ -56,7 +56,7 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *consistency.check_solution(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *consistency.check_plausible(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:

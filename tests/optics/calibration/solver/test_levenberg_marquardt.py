@@ -19,10 +19,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
     shared_covariance,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.calibration.solver.residuals import (
-    Estimate,
-    residuals,
-)
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from tests.optics.calibration.solver.four_mirrors import SIGMA_PX, FourMirrors, four_mirrors
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import Scene, disturbed, small_scene, start_from

@@ -43,7 +43,7 @@ def layout(request: pytest.FixtureRequest) -> Layout:
 
 
 @pytest.fixture(scope="module")
-def folder(layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def lens_folder(layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("lenses")
     write_exports(layout, out)
     return out
@@ -72,15 +72,15 @@ def largest(found: FloatArray, expected: FloatArray) -> float:
     return float(np.linalg.norm(found - expected, axis=1).max())
 
 
-def test_opencv_and_ros(layout: Layout, folder: Path) -> None:
+def test_opencv_and_ros(layout: Layout, lens_folder: Path) -> None:
     model = layout.camera.lens_model
-    storage = cv2.FileStorage(str(folder / "opencv.yaml"), cv2.FILE_STORAGE_READ)
+    storage = cv2.FileStorage(str(lens_folder / "opencv.yaml"), cv2.FILE_STORAGE_READ)
     for number, view in enumerate(virtual_cameras(layout)):
         points, pixels = in_camera(layout, view, number)
         node = storage.getNode("views").at(number)
         matrix, distortion = node.getNode("camera_matrix").mat(), node.getNode("distortion_coefficients").mat()
         assert largest(by_opencv(points, model, matrix, distortion), pixels) <= OPENCV.of(view).error_px + 1e-6
-        info = yaml.safe_load((folder / "ros" / f"{view.name}.yaml").read_text(encoding="utf-8"))
+        info = yaml.safe_load((lens_folder / "ros" / f"{view.name}.yaml").read_text(encoding="utf-8"))
         assert info["distortion_model"] == ("equidistant" if model == "fisheye" else "rational_polynomial")
         matrix = np.reshape(info["camera_matrix"]["data"], (3, 3))
         distortion = np.array(info["distortion_coefficients"]["data"])
@@ -88,8 +88,8 @@ def test_opencv_and_ros(layout: Layout, folder: Path) -> None:
         assert largest(by_opencv(points, model, matrix, distortion), pixels) <= ROS.of(view).error_px + 1e-6
 
 
-def test_colmap(layout: Layout, folder: Path) -> None:
-    reconstruction = pycolmap.Reconstruction(folder / "colmap" / "sparse")
+def test_colmap(layout: Layout, lens_folder: Path) -> None:
+    reconstruction = pycolmap.Reconstruction(lens_folder / "colmap" / "sparse")
     images = {image.name.split("/")[0]: image for image in reconstruction.images.values()}
     for number, view in enumerate(virtual_cameras(layout)):
         points, pixels = in_camera(layout, view, number)
@@ -100,12 +100,12 @@ def test_colmap(layout: Layout, folder: Path) -> None:
         assert largest(found, pixels) <= FORMATS["COLMAP"].of(view).error_px + 1e-6
 
 
-def test_nerfstudio_and_kalibr(layout: Layout, folder: Path) -> None:
+def test_nerfstudio_and_kalibr(layout: Layout, lens_folder: Path) -> None:
     fisheye = layout.camera.lens_model == "fisheye"
     model = "fisheye" if fisheye else "brown_conrady"
-    transforms = json.loads((folder / "nerfstudio" / "transforms.json").read_text(encoding="utf-8"))
+    transforms = json.loads((lens_folder / "nerfstudio" / "transforms.json").read_text(encoding="utf-8"))
     assert transforms["camera_model"] == ("OPENCV_FISHEYE" if fisheye else "OPENCV")
-    chain = yaml.safe_load((folder / "kalibr_camchain.yaml").read_text(encoding="utf-8"))
+    chain = yaml.safe_load((lens_folder / "kalibr_camchain.yaml").read_text(encoding="utf-8"))
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     for number, view in enumerate(virtual_cameras(layout)):
         points, pixels = in_camera(layout, view, number)
@@ -119,9 +119,9 @@ def test_nerfstudio_and_kalibr(layout: Layout, folder: Path) -> None:
         assert largest(found, pixels) <= KALIBR.of(view).error_px + 1e-6
 
 
-def test_the_readme_says_how_far_each_format_is_off(layout: Layout, folder: Path) -> None:
+def test_the_readme_says_how_far_each_format_is_off(layout: Layout, lens_folder: Path) -> None:
     view = virtual_cameras(layout)[0]
-    text = (folder / "README.md").read_text(encoding="utf-8")
+    text = (lens_folder / "README.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith(f"| {view.name}"))
     stated = [float(cell) for cell in row.strip("| ").split("|")[3:]]
     errors = [held.of(view).error_px for held in FORMATS.values()]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.features.feature_set import COLUMNS, Features, save_csv, save_npz
+from mirrorcam.optics.light_field.features.feature_set import COLUMNS, Features, save_csv, save_features
 
 
 def made(count: int, **changes: Any) -> Features:
@@ -79,7 +79,7 @@ def some_features(count: int) -> Features:
 def test_arrays_come_back_to_the_bit_and_the_same_features_give_the_same_bytes(tmp_path: Path) -> None:
     features = some_features(5)
     for name in ("a.npz", "b.npz"):
-        save_npz(tmp_path / name, features)
+        save_features(tmp_path / name, features)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
         assert set(archive.files) == {field.name for field in fields(Features)}
@@ -111,6 +111,6 @@ def test_every_number_stands_in_the_column_of_its_name(tmp_path: Path) -> None:
 def test_no_features_are_a_file_as_well(tmp_path: Path) -> None:
     save_csv(tmp_path / "a.csv", some_features(0))
     assert (tmp_path / "a.csv").read_text(encoding="utf-8") == ",".join(COLUMNS) + "\n"
-    save_npz(tmp_path / "a.npz", some_features(0))
+    save_features(tmp_path / "a.npz", some_features(0))
     with np.load(tmp_path / "a.npz") as archive:
         assert archive["pixels"].shape == (0, 2)

@@ -22,8 +22,8 @@ from mirrorcam.optics.light_field.features.keypoints import (
     grey_views,
     inner_masks,
     slice_of,
-    slopes_of,
     stack_keypoints,
+    stack_slopes,
 )
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import LightField
@@ -143,7 +143,7 @@ def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:
 
 def test_slopes_are_a_pixel_apart_in_the_farthest_view() -> None:
     geometry = Geometry.of(uneven_views())
-    slopes = slopes_of(geometry, RANGE)
+    slopes = stack_slopes(geometry, RANGE)
     assert slopes[0] == RANGE[0] and slopes[-1] == pytest.approx(RANGE[1])
     step_px = np.diff(slopes) * 800.0 * np.hypot(*geometry.across_mm.T).max()
     assert (step_px > 0.8).all() and (step_px <= 1.0 + 1e-9).all()

@@ -15,7 +15,7 @@ from mirrorcam.optics.light_field.io.view_images import (
     as_bytes,
     read_rgba,
     rgb,
-    tiles,
+    tiled_views,
     weight_bytes,
     weights_of,
     write_rgba,
@@ -61,7 +61,7 @@ def test_tiles_put_views_in_order_between_separators() -> None:
         samples[t, s] = [10 + 40 * t, 10 + 40 * s, 5]
     weights = np.ones((ROWS, COLS, HEIGHT, WIDTH), np.float32)
     weights[1, 2, :10] = 0
-    picture = tiles(light_field(samples, weights))
+    picture = tiled_views(light_field(samples, weights))
     assert picture.dtype == np.uint8
     assert picture.shape == (2 * HEIGHT + SEPARATOR_PX, 3 * WIDTH + 2 * SEPARATOR_PX, 3)
     for t, s in np.ndindex(ROWS, COLS):
@@ -75,9 +75,9 @@ def test_tiles_put_views_in_order_between_separators() -> None:
 
 def test_tiles_of_grey_and_of_float_samples() -> None:
     grey = np.full((ROWS, COLS, HEIGHT, WIDTH, 1), 90, np.uint8)
-    assert (tiles(light_field(grey))[0, 0] == [90, 90, 90]).all()
+    assert (tiled_views(light_field(grey))[0, 0] == [90, 90, 90]).all()
     bright = np.full((ROWS, COLS, HEIGHT, WIDTH, 3), [0.5, 1.7, -0.2], np.float32)
-    assert (tiles(light_field(bright))[0, 0] == [128, 255, 0]).all()
+    assert (tiled_views(light_field(bright))[0, 0] == [128, 255, 0]).all()
 
 
 def test_views_in_a_pattern_lie_as_in_space_and_apart() -> None:
@@ -86,7 +86,7 @@ def test_views_in_a_pattern_lie_as_in_space_and_apart() -> None:
         1, 7, width_px=WIDTH, height_px=HEIGHT, positions_mm=np.column_stack([places, np.zeros(7)])[None]
     )
     samples = np.broadcast_to(np.arange(1, 8, dtype=np.uint8)[None, :, None, None, None], (1, 7, HEIGHT, WIDTH, 3))
-    picture = tiles(LightField.of(views, samples, np.ones((1, 7, HEIGHT, WIDTH), np.float32)))
+    picture = tiled_views(LightField.of(views, samples, np.ones((1, 7, HEIGHT, WIDTH), np.float32)))
     middles = []
     for number in range(1, 8):
         v, u = np.nonzero((picture == number).all(axis=-1))
