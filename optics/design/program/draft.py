@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mirrorcam.core.bounds import FOLD_DEG
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.mirror_variables import Kind, expressible

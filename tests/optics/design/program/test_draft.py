@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from mirrorcam.core.bounds import FOLD_DEG
 from mirrorcam.optics.design.program.draft import Draft
 from mirrorcam.optics.design.program.seeds import seed_of
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import FOLD_DEG, DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 
 def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
