@@ -32,7 +32,7 @@ def test_without_a_layout_it_is_refused_in_one_line(
         ("--body nikon.toml", "nikon.toml: no such file"),
         ("--hardware mine.toml", "mine.toml: no such file"),
         ("--mounting nut", "--mounting 'nut': Input should be 'glue' or 'screws'"),
-        ("--workers 0", "Must be >= 1"),
+        ("--workers 0", "--workers '0': expected 1 to 1024"),
     ],
 )
 def test_bad_options_are_refused_in_one_line(
