@@ -15,7 +15,7 @@ from mirrorcam.optics.design.program.mirror_variables import Kind, expressible
 from mirrorcam.optics.design.program.nonlinear_program import Program
 from mirrorcam.optics.design.program.seeds import Seed, sensor_bounds
 from mirrorcam.optics.design.program.terms import Indices, Term
-from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, FOLD_DEG, DesignSpec
+from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, DesignSpec
 
 TIE_BREAK = 1e-3
 """Weight that decides where the objective leaves a choice: corners that no constraint holds move outward."""
