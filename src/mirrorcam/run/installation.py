@@ -22,7 +22,7 @@ BASE = "base"
 PURPOSES = {
     BASE: "design, board, calibrate, decode, live, depth, and all that reads light fields",
     "cad": "the parts of a device: mirrorcam cad, camera new, run",
-    "render": "synthetic sets and scenes: mirrorcam render, scene, picture, validate, run",
+    "render": "synthetic sets and scenes: mirrorcam render, scene, cad picture, validate, run",
     "fe": "mirrorcam cad --elastic (with the program gmsh)",
     "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
     "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
