@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.lightfield import kept_depths
-from mirrorcam.lightfield.kept_depths import keep_depth, kept_depth
+from mirrorcam.lightfield.kept_depths import keep_depth, kept_depth, write_depth
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -23,8 +23,10 @@ def wall() -> LightField:
 
 def keep(folder: Path, wall: LightField) -> None:
     estimator = DepthEstimator(wall, near_mm=300.0, far_mm=800.0)
-    with output_folder(folder, "depth") as output, output.staged(complete=False) as staged:
-        keep_depth(output, staged, "wall", estimator.estimate(wall), wall, estimator)
+    with output_folder(folder, "depth") as output:
+        with output.staged(complete=False) as staged:
+            write_depth(staged, "wall", estimator.estimate(wall), wall, (300.0, 800.0))
+        keep_depth(output, "wall", wall, (300.0, 800.0))
 
 
 @pytest.fixture(scope="module")

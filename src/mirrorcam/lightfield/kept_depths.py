@@ -13,7 +13,6 @@ from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, results_folder
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.results import Results
-from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.depth.depth_files import DepthRecord, content_digest, load_depth, save_depth
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
@@ -31,13 +30,16 @@ class KeptDepth:
     searched_mm: tuple[float, float]
 
 
-def keep_depth(
-    output: OutputFolder, staged: Path, name: str, depth: DepthMap, light_field: LightField, estimator: DepthEstimator
+def write_depth(
+    folder: Path, name: str, depth: DepthMap, light_field: LightField, searched_mm: tuple[float, float]
 ) -> None:
-    """Write a depth map as NAME_depth.npz into a staged folder, and note in the store of the output what it is of."""
-    path, searched_mm = staged / f"{name}_depth.npz", (estimator.near_mm, estimator.far_mm)
-    save_depth(path, depth, DepthRecord(content_digest(light_field), searched_mm))
-    contents = {_SHA256: file_digest(path), _SEARCHED: " ".join(map(str, searched_mm))}
+    """Write a depth map as NAME_depth.npz, with what it was measured in."""
+    save_depth(folder / f"{name}_depth.npz", depth, DepthRecord(content_digest(light_field), searched_mm))
+
+
+def keep_depth(output: OutputFolder, name: str, light_field: LightField, searched_mm: tuple[float, float]) -> None:
+    """Note in the store of a folder what its NAME_depth.npz was measured in, and between which depths."""
+    contents = {_SHA256: file_digest(output.path / f"{name}_depth.npz"), _SEARCHED: " ".join(map(str, searched_mm))}
     output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
 

@@ -18,7 +18,7 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.depth_figure import draw_depth
 from mirrorcam.lightfield.epi_figure import draw_epi
 from mirrorcam.lightfield.features_figure import draw_features
-from mirrorcam.lightfield.kept_depths import keep_depth
+from mirrorcam.lightfield.kept_depths import keep_depth, write_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder
@@ -78,10 +78,12 @@ def write_depths(
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             output.refuse_others(*result_names(each.name, DEPTH_ENDINGS))
             depth = estimator.estimate(each.light_field if frames_apart else recording.filtered(each))
+            searched_mm = estimator.near_mm, estimator.far_mm
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
-                keep_depth(output, staged, each.name, depth, each.light_field, estimator)
+                write_depth(staged, each.name, depth, each.light_field, searched_mm)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
+            keep_depth(output, each.name, each.light_field, searched_mm)
             sure = depth.valid & (depth.confidence > SURE)
             median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
             summaries.append(DepthSummary(each.name, float(depth.valid.mean()), float(sure.mean()), median))

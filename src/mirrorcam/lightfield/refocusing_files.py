@@ -16,7 +16,7 @@ from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.video.animation import write_loop
-from mirrorcam.lightfield.kept_depths import keep_depth, kept_depth
+from mirrorcam.lightfield.kept_depths import keep_depth, kept_depth, write_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
@@ -147,6 +147,8 @@ def write_refocused(
                     depth, depths = _depths(each, recording.filtered(each), output, staged, request)
                     used.append(depth)
                 grey += _write(each, depths, staged, request)
+            if depths is not None and used[-1].measured:
+                keep_depth(output, each.name, each.light_field, used[-1].searched_mm)
     return Refocused(tuple(grey), tuple(used))
 
 
@@ -165,8 +167,8 @@ def _depths(
         return used, ViewDepths.of_reference(light_field, kept.depth_mm)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
     depth = estimator.estimate(filtered)
-    keep_depth(output, staged, each.name, depth, light_field, estimator)
     searched = (estimator.near_mm, estimator.far_mm)
+    write_depth(staged, each.name, depth, light_field, searched)
     used = UsedDepth(each.name, output.path / name, searched, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)
 

@@ -34,9 +34,13 @@ GRID = {
 def test_the_name_follows_pixels_shape_and_board() -> None:
     name = detection_cache.name_of(GREY, BOARD, 0)
     assert name == detection_cache.name_of(GREY.copy(), BOARD, 0)
-    others = (GREY + np.uint8(1), BOARD, 0), (GREY.reshape(6, 4), BOARD, 0), (GREY, BOARD, 18)
-    others = (*others, (GREY, BOARD.replaced(square_mm=21.0), 0))
-    assert len({name, *(detection_cache.name_of(*other) for other in others)}) == 5
+    others = (
+        detection_cache.name_of(GREY + np.uint8(1), BOARD, 0),
+        detection_cache.name_of(GREY.reshape(6, 4), BOARD, 0),
+        detection_cache.name_of(GREY, BOARD, 18),
+        detection_cache.name_of(GREY, BOARD.replaced(square_mm=21.0), 0),
+    )
+    assert len({name, *others}) == 5
 
 
 def loaded(folder: Path) -> DetectedFrame | None:
