@@ -4,7 +4,7 @@ A set is a folder with `frames/`, `base/`, `board.toml`, the nominal `layout.jso
 (fx, fy, cx, cy) and D (k1, k2, p1, p2, k3), virtual centres C in the rig frame, mm, and the thickness `sheet` of
 plates, mm, 0 of first-surface mirrors. Each is calibrated from its pictures, layout and board alone before its truth is
 read. One with second-surface mirrors is calibrated once more from a layout that says first-surface, as
-`--surface second` does it.
+`--model second_surface+auto` does it.
 
 Prints, for each: corners dropped; errors of normals and distances; NEES per parameter (squared errors by the
 covariance: 1 where it is right) of all, of the mirrors, of the intrinsics; the thickness; the verdict.
@@ -23,8 +23,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.calibration.calibration_files import calibrate_files
+from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.geometry.layout import Layout
@@ -157,24 +159,23 @@ def main(folders: list[Path], record_to: Path | None) -> None:
     reports: dict[str, Report] = {}
     for folder in folders:
         request = CalibrationRequest(
-            pictures=(folder / "frames",),
-            board=folder / "board.toml",
-            layout=folder / "layout.json",
-            base_pictures=(folder / "base",),
+            board=folder / "board.toml", layout=folder / "layout.json", base=(folder / "base",)
         )
         layout = Layout.load(folder / "layout.json")
         print(folder.name)
         with tempfile.TemporaryDirectory() as kept:
-            request = replace(request, detections=Path(kept) / "corners")
-            found = calibrate_files(request)
+            pictures, corners = [folder / "frames"], Path(kept) / "corners"
+            found = calibrate_files(pictures, request, detections=corners)
             as_first = None
             if layout.mirrors[0].is_second_surface:
                 layout.with_surface("first").save(Path(kept) / "layout.json")
-                as_first = calibrate_files(replace(request, layout=Path(kept) / "layout.json", surface="second"))
+                model = RequestedModel.parse("second_surface+auto")
+                request = request.replaced(layout=Path(kept) / "layout.json", model=model)
+                as_first = calibrate_files(pictures, request, detections=corners)
         truth = json.loads((folder / "truth" / "truth.json").read_text())
         reports[folder.name] = report("as the layout says", found, truth)
         if as_first is not None:
-            first = report("from a first-surface layout, --surface second", as_first, truth)
+            first = report("from a first-surface layout, --model second_surface+auto", as_first, truth)
             both = f"{reports[folder.name].nees}, with the thickness {first.nees}"
             reports[folder.name] = replace(reports[folder.name], nees=both, thickness=first.thickness)
     write_record(record_to, "calibration_foreign", table=tabled(reports))

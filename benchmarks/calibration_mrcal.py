@@ -27,8 +27,10 @@ import numpy as np
 
 from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.calibration.calibration_files import calibrate_files
+from mirrorcam.calibration.calibration_request import CalibrationRequest
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_files import load_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -119,9 +121,8 @@ def compare(corners: Path, folder: Path, judge: str, rows: Rows) -> None:
     if isinstance(target, AprilGrid):
         raise InputError(f"{folder / 'board.toml'}: an AprilGrid, expected a board of even squares, as mrcal has them")
     started = time.perf_counter()
-    found = calibrate_files(
-        CalibrationRequest(board=folder / "board.toml", corners=(corners,), layout=folder / "layout.json")
-    )
+    request = CalibrationRequest(board=folder / "board.toml", corners=(corners,), layout=folder / "layout.json")
+    found = calibrate_files((), request)
     ours, camera = figures_of(found, time.perf_counter() - started), found.layout.camera
     if camera.lens_model not in LENSES:
         raise InputError(f"{folder}: a {camera.lens_model} lens, expected one of {', '.join(LENSES)}")

@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks.direct_prediction import predicted_mirrored, prediction_floor, refitted
 from benchmarks.records import Rows, add_json_option, write_record
-from mirrorcam.calibration.calibration_pictures import calibration_pictures
+from mirrorcam.calibration.calibration_files import calibration_pictures
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
+from mirrorcam.optics.calibration.diagnostics.model_comparison import held_out
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -42,7 +42,7 @@ def rms(errors: FloatArray) -> str:
 
 
 def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
-    taken = calibration_pictures([clip], 30, tell=print)
+    taken = calibration_pictures([clip], 30, on_note=print)
     pictures = taken.read()
     started = time.perf_counter()
     found = calibrate_with_direct_view(

@@ -1,8 +1,8 @@
 """Calibrators on rendered suites, and the leaderboard: `python -m benchmarks.leaderboard SUITE... --out FOLDER`.
 
 SUITE is a `NAME.suite.json` that `mirrorcam suite` wrote. Each calibrator of `CALIBRATORS` is run on each suite by
-`mirrorcam evaluate`, as anyone's is; an evaluation that is in FOLDER already is not made again. Then
-`mirrorcam leaderboard` makes `FOLDER/index.html`, and `leaderboard.md` and `leaderboard.json`, of all of them.
+`mirrorcam score suite`, as anyone's is; an evaluation that is in FOLDER already is not made again. Then
+`mirrorcam score leaderboard` makes `leaderboard.html`, `.md` and `.json` in FOLDER of all of them.
 docs/leaderboard.md has what came of the suites `smoke` and `standard`, by `--json FILE`.
 """
 
@@ -18,8 +18,7 @@ from pathlib import Path
 
 from benchmarks.records import add_json_option, table, write_record
 from benchmarks.referees.mrcal_runner import python_with_mrcal
-from mirrorcam.bench.scores.leaderboard import Leaderboard
-from mirrorcam.bench.scores.leaderboard_texts import board_rows, set_rows
+from mirrorcam.bench.scores.leaderboard import Leaderboard, board_rows, set_rows
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.names import markdown_text
 
@@ -69,7 +68,7 @@ def evaluated(calibrator: Calibrator, suite: Path, folder: Path, timeout_s: floa
     path = folder / EVALUATION
     if path.exists():
         return path
-    line = [sys.executable, "-m", "mirrorcam", "evaluate", str(suite), "--command", calibrator.command]
+    line = [sys.executable, "-m", "mirrorcam", "score", "suite", str(suite), "--command", calibrator.command]
     done = subprocess.run(
         [*line, "--out", str(folder), "--timeout-s", f"{timeout_s:g}"],
         check=False,
@@ -116,13 +115,12 @@ def main() -> int:
 
     with ThreadPoolExecutor(options.at_once) as pool:
         evaluations = list(pool.map(done, jobs))
-    page, tables = options.out / "index.html", options.out / "leaderboard"
-    line = [sys.executable, "-m", "mirrorcam", "leaderboard", *evaluations]
+    line = [sys.executable, "-m", "mirrorcam", "score", "leaderboard", *evaluations]
     line += ["--not-run", *(f"{name}={why}" for name, why in not_run.items())]
-    line += ["--out", str(page), "--markdown", f"{tables}.md", "--json", f"{tables}.json"]
+    line += ["--out", str(options.out)]
     code = subprocess.run(line, check=False).returncode
     if not code:
-        write_board(options.json, read_model(Leaderboard, tables.with_suffix(".json")))
+        write_board(options.json, read_model(Leaderboard, options.out / "leaderboard.json"))
     return code
 
 

@@ -26,8 +26,7 @@ from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
-from mirrorcam.render_scenes.preview.arranged import arranged_tabletop
-from mirrorcam.render_scenes.preview.preview_frame import REFLECTANCE, PreviewFrame, preview_frame
+from mirrorcam.render_scenes.preview.preview_frame import REFLECTANCE, PreviewFrame, arranged_tabletop, preview_frame
 from mirrorcam.render_scenes.preview.seen_by import seen_in
 
 ROUNDS = 20

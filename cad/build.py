@@ -1,4 +1,4 @@
-"""Building of a layout's device: files of every part and of the whole, and their checks."""
+"""The builder of a layout's device: what it refuses before any file is written."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.disk.results import Results
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import begin_loading
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
@@ -29,7 +30,7 @@ def build_parts(
     progress: Progress = no_progress,
     elastic: bool = False,
 ) -> dict[str, Metric]:
-    """Write every file of a layout's device: parts to print, mirrors to cut, drawings, guide, page and checks.
+    """Write all files of a layout's device (`files_of`): parts, mirrors to cut, drawings, guide, page and checks.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def build_parts(
     progress
         Called with the numbers of steps done and of all.
     elastic
-        Whether finite elements tell how gravity, warmth and creep move the mirrors, which takes a minute or two; it
+        Whether finite elements predict how gravity, warmth and creep move the mirrors, which takes a minute or two; it
         needs the extra `fe`.
 
     Returns
@@ -77,7 +78,7 @@ def build_parts(
         require_solvable(hardware)
     device = plan_device(layout, hardware)
     with _extra_installed():
-        from mirrorcam.cad.device_files import write_device
+        from mirrorcam.cad.device_files import write_files
         from mirrorcam.cad.holder.holder_solid import check_gaps
     check_gaps(layout, hardware)
     try:
@@ -85,7 +86,7 @@ def build_parts(
     except OSError as error:
         reason = "is a file" if out.exists() else f"cannot be written: {error.strerror}"
         raise InputError(f"{out}: {reason}, expected a new or empty folder") from None
-    return write_device(device, out, kept, workers, progress, elastic=elastic)
+    return write_files(device, out, kept, workers, progress, elastic=elastic)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""All files of a device: first of its parts and mirrors, then of the whole, then what is read."""
+"""All files of a device: first of its parts and mirrors, then of the assembly, then the documents."""
 
 from __future__ import annotations
 
@@ -6,27 +6,24 @@ from pathlib import Path
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import COUPON, pieces_of
+from mirrorcam.cad.assembly.pieces import pieces_of
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
-from mirrorcam.cad.guide.device_pictures import PICTURES, pictures_of
+from mirrorcam.cad.guide.device_pictures import pictures_of
 from mirrorcam.cad.guide.live_view import write_live_view
 from mirrorcam.cad.guide.picture_views import write_picture
-from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
-from mirrorcam.cad.mirrors.mirror_svg import write_svg
-from mirrorcam.cad.mirrors.stock_sheets import StockSheet, plan_sheets, sheet_metrics
+from mirrorcam.cad.mirrors.sheet_files import write_sheets
+from mirrorcam.cad.mirrors.stock_sheets import sheet_metrics
 from mirrorcam.cad.part_files import make_part
-from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.write.bill_files import write_bom
-from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics
-from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.plan.device_names import COUPON, PICTURES
+from mirrorcam.cad.write.assembly_files import write_assembly, write_glb
+from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics, write_bom
 from mirrorcam.cad.write.licence import write_source
-from mirrorcam.cad.write.plates import write_plates
 from mirrorcam.cad.write.robot_link import write_robot
-from mirrorcam.cad.write.step_assembly import write_assembly
+from mirrorcam.cad.write.threemf import write_plates
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.disk.results import Results
@@ -34,10 +31,9 @@ from mirrorcam.core.processes.calls import Call
 from mirrorcam.core.processes.worker_pool import call_all
 from mirrorcam.core.progress import Progress
 from mirrorcam.core.values import Metric
-from mirrorcam.optics.geometry.layout import Layout
 
 
-def write_device(
+def write_files(
     device: Device, out: Path, results: Results | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
     """Write all files into `out`, and keep each part in `results`.
@@ -48,7 +44,7 @@ def write_device(
     made: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
-    done, total = 0, len(made) + 6 + PICTURES + elastic
+    done, total = 0, len(made) + 6 + len(PICTURES) + elastic
 
     def step() -> None:
         nonlocal done
@@ -98,12 +94,3 @@ def write_device(
     write_guide(out, device, parts, pieces, bill.estimate)
     write_page(out, device, parts, plates, pictures, checks)
     return checks
-
-
-def write_sheets(folder: Path, layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
-    """Nest the mirrors on sheets and write each as DXF and SVG."""
-    sheets = plan_sheets(layout, cutting)
-    for sheet in sheets:
-        write_dxf(folder / f"{sheet.stem}.dxf", sheet)
-        write_svg(folder / f"{sheet.stem}.svg", sheet)
-    return sheets

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mirrorcam.cad.checks import check_part
 from mirrorcam.cad.guide import write_drawing
-from mirrorcam.cad.guide.title_block import UNDATED, issue_date
+from mirrorcam.cad.guide.drawing_sheet import UNDATED, issue_date
 from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
@@ -30,7 +30,7 @@ def make_part(
     """Make and check the files of a part in `out`, or write those that `results` keeps of the same part.
 
     `out/parts` gets NAME.step, .stl and .3mf, `out/drawings` NAME.svg and .pdf. Raises InputError where the part cannot
-    be made. `screw` says on the drawing which holes are for inserts and nuts.
+    be made. `screw` decides which holes the drawing marks for inserts and nuts.
     """
     if results is None:
         return _make(part, printer, out, screw)
@@ -63,7 +63,7 @@ def _make(part: PartPlan, printer: Printer, out: Path, screw: Fastening) -> Buil
 
 
 def mark_of(part: PartPlan) -> tuple[str, ...]:
-    """What is engraved into a part, line by line: its number, its revision, and the date of issue, if it has one."""
+    """Lines engraved into a part: its number, its revision, and the date of issue, if it has one."""
     date = issue_date()
     return (part.number, part.identity[:8], *(() if date == UNDATED else (date,)))
 

@@ -10,12 +10,12 @@
 #   SUITES    folder for the rendered sets, kept between runs (mirrorcam-suites)
 #   WORKERS   sets rendered at the same time (all cores)
 #   OUT       folder for what is found: evaluation.json, summary.md, junit.xml, pictures, results (mirrorcam-evaluation)
-#   FORMAT    format of the calibrations (auto)
+#   FORMAT    format of the calibrations (as their content states)
 #   LIMITS    TOML file of limits; BASELINE  evaluation.json of an earlier run; WORSE_BY  factor of RMS that is allowed
 #   TIMEOUT_S seconds that the command may take on one set (600)
 #   SUMMARY   file to which the summary is appended; on GitHub, that of the job
 #   MIRRORCAM the program (mirrorcam)
-#   SETTINGS  further options of mirrorcam evaluate
+#   SETTINGS  further options of mirrorcam score suite
 # Exit code: 0 passed, 1 past a limit or a set without a result, 2 a setting or file is wrong.
 set -euo pipefail
 
@@ -33,8 +33,8 @@ manifest=$(ls -t "$suites"/*.suite.json 2>/dev/null | head -n 1 || true)
 
 code=0
 # shellcheck disable=SC2086 # SETTINGS holds several options
-"$mirrorcam" evaluate "${manifest:-$suites}" --command "$COMMAND" --out "$out" --format "${FORMAT:-auto}" \
-    --timeout-s "${TIMEOUT_S:-600}" --force \
+"$mirrorcam" score suite "${manifest:-$suites}" --command "$COMMAND" --out "$out" \
+    --timeout-s "${TIMEOUT_S:-600}" --force ${FORMAT:+--format "$FORMAT"} \
     ${LIMITS:+--limits "$LIMITS"} ${BASELINE:+--baseline "$BASELINE"} ${WORSE_BY:+--worse-by "$WORSE_BY"} \
     ${SETTINGS:-} || code=$?
 if [ -n "$summary" ] && [ "$code" -lt 2 ]; then

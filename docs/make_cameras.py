@@ -11,13 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.cad.assembly.bought_solids import camera_solid, item_solid
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, tessellated
+from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, camera_solid, item_solid, tessellated
 from mirrorcam.cad.guide.shading import Pixels, Screen, ShadedBody, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
+from mirrorcam.cad.plan.fasteners import along
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray

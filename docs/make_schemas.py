@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from mirrorcam.bench.blind_sets import DescribedViews
+from mirrorcam.bench.calibrator_run import DescribedViews
 from mirrorcam.bench.evaluation import Evaluation
 from mirrorcam.bench.scores.leaderboard import Leaderboard
 from mirrorcam.bench.scores.score_report import ScoreReport
@@ -21,19 +21,20 @@ from mirrorcam.bench.suite_folder import SuiteManifest
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import Metric
+from mirrorcam.designs.design_files import DesignRequest
+from mirrorcam.designs.sweep_files import SweepRequest
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
-from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
 from mirrorcam.render_scenes.sets.dataset import Dataset
-from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
+from mirrorcam.render_scenes.settings import RenderSettings, SensorModel
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.simulation.poses_file import PosesFile
+from mirrorcam.simulation.render_request import PosesFile
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {
@@ -41,11 +42,10 @@ FILES: dict[str, Any] = {
     "camera": Camera,
     "camera_profile": CameraProfile,
     "dataset": Dataset,
-    "design": DesignSpec,
+    "design": DesignRequest,
     "device_views": DescribedViews,
     "equalisation": Equalisation,
     "evaluation": Evaluation,
-    "finish": SurfaceFinish,
     "gravity": GravityTable,
     "hardware": Hardware,
     "layout": Layout,
@@ -55,8 +55,10 @@ FILES: dict[str, Any] = {
     "poses": PosesFile,
     "scene": TabletopSet,
     "score": ScoreReport,
+    "render_settings": RenderSettings,
     "sensor": SensorModel,
     "suite": SuiteManifest,
+    "sweep": SweepRequest,
     "views": ViewsFile,
 }
 """What reads a file, by the name of its schema."""

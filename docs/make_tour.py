@@ -41,6 +41,11 @@ def commands(text: str) -> list[str]:
     return [line for block in blocks for line in block.splitlines() if line.strip()]
 
 
+def files(text: str) -> dict[str, str]:
+    """The TOML files that commands of a tour read, by the name in their first line."""
+    return dict(re.findall(r"^```toml\n# (\S+)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL))
+
+
 def illustrations(text: str) -> list[Illustration]:
     """The pictures of a tour, with what they are made of."""
     found = re.findall(r"^(?:<!-- from (.+) -->\n)?!\[[^]]+\]\((.+)\)$", text, flags=re.MULTILINE)
@@ -72,6 +77,8 @@ def main() -> None:
     work: Path = parser.parse_args().work
     work.mkdir(parents=True, exist_ok=True)
     text = TOUR.read_text(encoding="utf-8")
+    for name, content in files(text).items():
+        (work / name).write_text(content, encoding="utf-8")
     for line in commands(text):
         print(f"$ {line}", flush=True)
         program, *arguments = shlex.split(line)

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import mirrorcam
-from mirrorcam.lightfield.decoding import DecodeRequest, decode_files
+from mirrorcam.lightfield.decoding import decode_files
 
 
 def rendered_video(out: Path) -> tuple[Path, Path]:
@@ -31,7 +31,7 @@ def main(out: Path, *given: Path) -> None:
     video, layout = given or rendered_video(out / "set")
 
     # Every frame becomes a light field in one Zarr group; an interrupted run is continued.
-    decode_files(DecodeRequest(layout=layout, frames=(video,)), out)
+    decode_files((video,), out, layout=layout)
 
     # The first four. Samples are [t, s, v, u, c]: rows and columns of views, rows and columns of pixels, colour.
     for number in range(4):

@@ -11,8 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import mirrorcam
-from mirrorcam.designs.sweep_files import write_sweep
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here, write_sweep
 from mirrorcam.optics.design.spec_grid import grid
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirrorcam.bench.suite_run import Rendered, Workers, planned, render_suite
 from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.set_work import SetAnswer, render_on_one_core
 from mirrorcam.render_scenes.suites.suite import Suite

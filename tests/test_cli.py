@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
@@ -15,18 +20,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.website.command_pages import commands
 from mirrorcam import cli
-from mirrorcam.core.console.progress import long_work
+from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
-from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.simulation.camera_options import tolerances_from_text
-from mirrorcam.simulation.render_command import RenderOptions
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
 
-HEAVY = ("casadi", "scipy", "cv2", "shapely", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit")
+HEAVY = ("casadi", "scipy", "cv2", "matplotlib", "build123d", "trimesh", "ezdxf", "mitsuba", "drjit", "numba", "dask")
 
 
 @pytest.fixture
@@ -40,25 +43,40 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("", "Expected one of {"),
-        ("desing", "Unrecognized options: desing"),
-        ("design --tradeof 0.3", "--tradeof"),
-        ("design --tradeoff 2", "--tradeoff 2.0: Input should be less than or equal to 1"),
-        ("design --rows 0", "--rows 0: Input should be greater than or equal to 1"),
-        ("design --rows three", "--rows: invalid literal"),
+        ("", "expected a command, one of run, doctor, design"),
+        ("desing", "unknown command 'desing', did you mean design? (see mirrorcam --help)"),
+        ("design --tradeof 0.3", "Unknown option: --tradeof. Did you mean --tradeoff? (see mirrorcam design --help)"),
+        ("design --tradeoff 2", "--tradeoff '2': expected 0 to 1 (see mirrorcam design"),
+        ("design --rows 0", "--rows '0': expected 1 to 12"),
+        ("design --rows three", "--rows 'three': expected INT"),
+        ("design --rows 2.5", "--rows '2.5': expected INT"),
+        ("design --rows 3 4 5", "unknown argument 5"),
         ("design --rows 1 --cols 1", "rows x cols is 1, expected at least two mirrors"),
-        ("design --scale-mm nan", "--scale-mm nan"),
+        ("design --scale-mm nan", "--scale-mm 'nan'"),
+        ("design --scale-mm 1e308", "--scale-mm '1e308': expected 0.001 to 100000"),
+        ("design --fold-deg 300", "--fold-deg '300': expected 60 to 150"),
+        ("design --fold-deg x", "--fold-deg 'x': expected FLOAT or auto"),
         ("design --pattern hex8", "pattern hex8: expected hex with one of 7, 19, 37, 61, 91, 127 views"),
         ("design --pattern mine.toml", "mine.toml: no such file"),
         ("design --pattern ring8 --rows 2", "rows or cols are given with a pattern, expected one of the two"),
-        ("design --depths-mm", "--depths-mm: expected at least one value"),
-        ("design --surface third", "invalid choice 'third' for argument '--surface'"),
+        ("design --depths-mm", "--depths-mm '': expected at least one value"),
+        (f"design --depths-mm{' 3' * 11}", "depths_mm: Tuple should have at most 10 items"),
         ("design --camera nikon.json", "nikon.json: no such file"),
-        ("decode --layout layout.json", "expected frames, videos, or --device NUMBER"),
-        ("decode frame.png", "--layout"),
+        (f"design --camera {'y' * 900}.toml", "File name too long"),
+        (f"design --camera {'y' * 900}", "expected one of arducam_b0196, board_38"),
+        ("design --out", "--out: expected a value"),
+        ("design --out x\x00y", "an argument contains a null character"),
+        ("sweep --table xls --quiet", "--table 'xls': expected one of csv, parquet, json (see mirrorcam sweep --help)"),
+        ("sweep --workers x -q", "--workers 'x': expected INT"),
+        ("--json sweep --workers 0", "--workers '0': expected 1 to 1024"),
+        ("live", "expected --layout (see mirrorcam live --help)"),
+        ("decode --layout layout.json", "expected frames, videos, or --live NUMBER"),
         ("decode frame.png --layout nowhere.json", "nowhere.json: no such file"),
+        ("depth", "expected LIGHTFIELD... (see mirrorcam depth --help)"),
+        ("depth a.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
         ("render nowhere.json", "nowhere.json: no such file"),
-        ("render layout.json --frames 0", "--frames 0: Input should be greater than or equal to 1"),
+        ("camera sho", "(see mirrorcam camera --help)"),
+        ("camera show", "(see mirrorcam camera show --help)"),
     ],
 )
 def test_a_bad_command_line_is_refused_in_one_line(
@@ -69,40 +87,118 @@ def test_a_bad_command_line_is_refused_in_one_line(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert_refused_here(arguments.split(), capfd, expected)
+    assert_refused_here(arguments.split(" ") if arguments else [], capfd, expected)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "page"),
-    [
-        ("render --frames x", "mirrorcam render --help"),
-        ("--debug board --pag a4", "mirrorcam board --help"),
-        ("render", "mirrorcam render --help"),
-        ("desing --rows 2", "mirrorcam --help"),
-        ("", "mirrorcam --help"),
-    ],
-)
-def test_a_bad_command_line_is_referred_to_the_help_of_its_command(arguments: str, page: str) -> None:
-    with pytest.raises(InputError) as caught:
-        cli.parse(arguments.split())
-    assert str(caught.value).endswith(f"(see {page})")
+@pytest.mark.parametrize("name", cli.NAMES)
+def test_the_help_of_a_command_is_its_docstring(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    summary = next(group[name][1] for group in cli.COMMANDS.values() if name in group)
+    for words, command in commands(cli.application(), [name]).items():
+        assert cli.main([*words.split(), "--help"]) == 0
+        printed = " ".join(capsys.readouterr().out.split())
+        assert printed.startswith(f"Usage: mirrorcam {words} ")
+        if words == name:
+            assert summary in printed
+        if command.default_command is not None:
+            first, _, _ = (inspect.getdoc(command.default_command) or "").partition("\n\n")
+            assert first.replace("\n", " ") in (summary if words == name else printed)
+            if command.assemble_argument_collection():
+                assert re.search(rf"Examples: mirrorcam {words}( |$)", printed)
+
+
+def test_help_names_the_groups_and_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
+    for group, members in cli.COMMANDS.items():
+        assert f" {group} " in printed
+        for name, (_, summary) in members.items():
+            assert f" {name} {summary} " in printed
+
+
+def test_no_help_needs_a_heavy_import(tmp_path: Path) -> None:
+    lines = [["--help"], ["--version"], *([name, "--help"] for name in cli.NAMES)]
+    program = (
+        f"import sys; from mirrorcam.cli import main; codes = [main(line) for line in {lines!r}]\n"
+        f"print(codes, sorted(set(sys.modules) & {set(HEAVY)!r}), file=sys.stderr)"
+    )
+    result = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert result.stderr == f"{[0] * len(lines)} []\n"
 
 
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("text", "expected"),
     [
-        ("board", "[BOARD]"),
-        ("render", "[LAYOUT]"),
-        ("decode", "[FRAME|VIDEO...]"),
-        ("scene", "LAYOUT"),
-        ("render", "--no-maps leave out the maps"),
+        ("[design]\nrow = 3", 'Unknown option: "[row]" from mirrorcam.toml'),
+        ("[desing]\nrows = 3", "mirrorcam.toml: 'desing' is no command, did you mean design?"),
+        ("[design]\nrows = 'three'", "--rows 'three' of mirrorcam.toml: expected INT"),
+        ("[design]\nforce = 'perhaps'", "--force 'perhaps' of mirrorcam.toml: expected BOOL"),
+        ("[design.rows]\na = 3", 'Unknown option: "[rows][a]" from mirrorcam.toml'),
+        ("design = 3", "must be a mapping"),
+        ("[design", "mirrorcam.toml: not valid TOML"),
+        ("\n".join(f"design.x{number}.y = 1" for number in range(10_000)), "mirrorcam.toml: is larger than"),
+        (f"design{'.a' * 1000} = 1", "a key of more than 32 parts"),
+        (f"[design]\ndepths-mm = [{'1,' * 1900}]", "depths_mm: Tuple should have at most 10 items"),
     ],
 )
-def test_help_shows_what_may_be_left_out(command: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        cli.parse([command, "--help"])
-    assert f" {words} " in " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
+def test_a_bad_configuration_file_is_refused_in_one_line_and_soon(
+    text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / cli.CONFIG).write_text(text)
+    began = time.process_time()
+    assert_refused_here(["design"], capfd, expected)
+    assert time.process_time() - began < 1.0
+
+
+def test_defaults_come_from_the_configuration_and_the_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / cli.CONFIG).write_text('json = true\n[sweep]\nworkers = 0\n[decode]\nout = "elsewhere"\n')
+    assert_refused_here(["sweep"], capfd, "--workers '0' of mirrorcam.toml: expected")
+    monkeypatch.setenv("MIRRORCAM_SWEEP_WORKERS", "-1")
+    assert_refused_here(["sweep"], capfd, "--workers '-1' of the environment: expected")
+    assert cli.main(["sweep", "--workers", "-2"]) == 2
+    printed = capfd.readouterr()
+    assert "--workers '-2': expected" in printed.err
+    assert json.loads(printed.out)["exit_code"] == 2
+
+
+def test_quiet_and_json_print_errors_or_results_alone(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> int:
+        say("doctor", "hello")
+        return 1
+
+    stand_in(monkeypatch, run)
+    assert cli.main(["doctor", "--quiet"]) == 1
+    assert capfd.readouterr() == ("", "")
+    assert cli.main(["--json", "doctor"]) == 1
+    expected = {"exit_code": 1, "messages": [{"title": "doctor", "text": "hello"}]}
+    assert json.loads(capfd.readouterr().out) == expected
+    stand_in(monkeypatch, raising(InputError("a.png: no such file")))
+    assert cli.main(["doctor", "--json"]) == 2
+    printed = capfd.readouterr()
+    assert json.loads(printed.out) == {"exit_code": 2, "error": "a.png: no such file"}
+    assert printed.err == "mirrorcam: a.png: no such file\n"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_the_completion_of_bash_names_commands_and_options(tmp_path: Path) -> None:
+    environment = os.environ | {"HOME": str(tmp_path), "SHELL": "/bin/bash"}
+    install = [sys.executable, "-m", "mirrorcam", "--install-completion"]
+    subprocess.run(install, env=environment, capture_output=True, check=True)
+    script = next(tmp_path.rglob("*mirrorcam*"))
+    for words, expected in (("mirrorcam des", "design"), ("mirrorcam design --sc", "--scale-mm")):
+        count = len(words.split()) - 1
+        program = (
+            f"source {script}; COMP_WORDS=({words}); COMP_CWORD={count}; COMP_LINE='{words}'; COMP_POINT={len(words)}; "
+            "_mirrorcam; echo ${COMPREPLY[@]}"
+        )
+        done = subprocess.run(["bash", "-c", program], env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == [expected]
 
 
 def not_a_number(data: dict[str, Any]) -> None:
@@ -215,30 +311,24 @@ def test_a_board_too_large_to_be_seen_is_refused(tmp_path: Path, default_layout:
     assert_refused(tmp_path, "render layout.json --board board.toml --out set", "board: too large")
 
 
-def test_debug_shows_the_traceback(tmp_path: Path) -> None:
-    result = mirrorcam(tmp_path, "cad nowhere.json --debug")
-    assert result.returncode == 2
-    assert "Traceback" in result.stderr
-    assert result.stderr.splitlines()[-1] == "mirrorcam: nowhere.json: no such file"
-
-
-def test_help_names_the_commands_and_needs_no_heavy_import(tmp_path: Path) -> None:
-    program = (
-        "import sys; from mirrorcam.cli import main\n"
-        "try: main(['--help'])\n"
-        f"finally: print(sorted(set(sys.modules) & {set(HEAVY)!r}), file=sys.stderr)"
-    )
-    result = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert result.stderr == "[]\n"
-    for options in cli.RUNNERS:
-        assert (options.__doc__ or "").split(":")[0].split(";")[0][:40] in result.stdout
-
-
-def raising(error: BaseException) -> Callable[[object], int]:
-    def run(options: object) -> int:
+def raising(error: BaseException) -> Callable[[], int]:
+    def run() -> int:
         raise error
 
     return run
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch, run: Callable[[], int | None]) -> None:
+    """Let another function stand in for a command."""
+    monkeypatch.setattr("mirrorcam.run.doctor_command.doctor", run)
+
+
+def test_verbose_shows_the_traceback(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    stand_in(monkeypatch, raising(InputError("nowhere.json: no such file")))
+    assert cli.main(["doctor", "-v"]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[0].startswith("Traceback")
+    assert lines[-1] == "mirrorcam: nowhere.json: no such file"
 
 
 @pytest.mark.parametrize(
@@ -246,15 +336,14 @@ def raising(error: BaseException) -> Callable[[object], int]:
     [
         (InputError("two\nlines"), 2, "mirrorcam: two lines"),
         (PermissionError(13, "Permission denied", "out/x"), 2, "mirrorcam: out/x: Permission denied"),
-        (KeyboardInterrupt(), 130, "mirrorcam: interrupted; finished files are whole"),
+        (KeyboardInterrupt(), 130, "mirrorcam: interrupted; finished files are complete"),
     ],
 )
 def test_what_ends_a_command_is_told_in_one_line(
     error: BaseException, code: int, line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
-    monkeypatch.setitem(cli.RUNNERS, options, raising(error))
-    assert cli.main(["cad", "layout.json"]) == code
+    stand_in(monkeypatch, raising(error))
+    assert cli.main(["doctor"]) == code
     assert capfd.readouterr().err == line + "\n"
 
 
@@ -263,49 +352,46 @@ def test_an_interruption_that_a_library_swallows_still_ends_the_command(
 ) -> None:
     reached = []
 
-    def run(options: object) -> int:
-        with long_work("design", "deaf work"), suppress(KeyboardInterrupt):
+    def run() -> int:
+        with long_work("doctor", "deaf work"), suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         reached.append("next work")
         return 0
 
-    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
-    monkeypatch.setitem(cli.RUNNERS, options, run)
+    stand_in(monkeypatch, run)
     before = signal.getsignal(signal.SIGINT)
-    assert cli.main(["cad", "layout.json"]) == 130
+    assert cli.main(["doctor"]) == 130
     assert reached == []
     assert "done" not in capfd.readouterr().out
     assert signal.getsignal(signal.SIGINT) is before
-    monkeypatch.setitem(cli.RUNNERS, options, lambda options: 0)
-    assert cli.main(["cad", "layout.json"]) == 0
+    stand_in(monkeypatch, lambda: 0)
+    assert cli.main(["doctor"]) == 0
 
 
 def test_sigterm_ends_a_command_as_ctrl_c_does(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
-    monkeypatch.setitem(cli.RUNNERS, options, lambda options: signal.raise_signal(signal.SIGTERM))
-    assert cli.main(["cad", "layout.json"]) == 143
-    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
+    stand_in(monkeypatch, lambda: signal.raise_signal(signal.SIGTERM))
+    assert cli.main(["doctor"]) == 143
+    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are complete\n"
 
 
 def test_what_a_library_makes_of_a_signal_is_one(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    def load(options: object) -> int:
+    def load() -> int:
         try:
             signal.raise_signal(signal.SIGTERM)
         except KeyboardInterrupt as error:
             raise ImportError("initialization failed") from error
         return 0
 
-    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
-    monkeypatch.setitem(cli.RUNNERS, options, load)
-    assert cli.main(["cad", "layout.json"]) == 143
-    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are whole\n"
-    monkeypatch.setitem(cli.RUNNERS, options, raising(ImportError("of ours")))
+    stand_in(monkeypatch, load)
+    assert cli.main(["doctor"]) == 143
+    assert capfd.readouterr().err == "mirrorcam: terminated; finished files are complete\n"
+    stand_in(monkeypatch, raising(ImportError("of ours")))
     with pytest.raises(ImportError, match="of ours"):
-        cli.main(["cad", "layout.json"])
+        cli.main(["doctor"])
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
@@ -318,13 +404,6 @@ def test_a_full_standard_output_is_told_in_one_line(arguments: list[str], tmp_pa
 
 
 def test_a_programming_error_is_not_disguised(monkeypatch: pytest.MonkeyPatch) -> None:
-    options = next(options for options in cli.RUNNERS if options.__name__ == "CadOptions")
-    monkeypatch.setitem(cli.RUNNERS, options, raising(KeyError("bug")))
+    stand_in(monkeypatch, raising(KeyError("bug")))
     with pytest.raises(KeyError):
-        cli.main(["cad", "layout.json"])
-
-
-def test_render_offers_the_tolerances_of_a_set_with_their_own_defaults() -> None:
-    options = cli.parse(["render", "layout.json"]).command
-    assert isinstance(options, RenderOptions)
-    assert tolerances_from_text(options.as_built) == Tolerances()
+        cli.main(["doctor"])

@@ -52,34 +52,31 @@ class Case:
 
 CASES = {
     "design": Case("design --rows 1 --cols 2 --out out", "mirrorcam.designs.design_files:write_design"),
-    "sweep": Case(
-        "sweep --counts 1x2 --scales-mm 60 --tradeoffs 0.3 --workers 1 --out out",
-        "mirrorcam.designs.sweep_run:run_local",
-    ),
+    "sweep": Case("sweep sweep.toml --workers 1 --out out", "mirrorcam.designs.sweep_files:run_local"),
     "board": Case("board --out out/board.svg", "mirrorcam.device.board_files:write_board"),
     "cameras": Case(
-        "cameras layout.json --pictures frame.png --out out",
+        "camera export layout.json --pictures frame.png --out out",
         "mirrorcam.optics.camera_files.write.write_exports:write_exports",
     ),
     "compare": Case(
         "compare layout.json layout.json --distance-mm 400 --out out", "mirrorcam.calibration.comparison:compare_files"
     ),
     "drift": Case(
-        "drift frame.png --layout calibrated.json --out out", "mirrorcam.calibration.drift_files:find_drift_files"
+        "drift frame.png --layout calibrated.json --out out", "mirrorcam.calibration.drift_check:find_drift_files"
     ),
     "render": Case(
-        "render layout.json --board board.toml --frames 2 --base-frames 1 --renderer fast --workers 1 --rate-hz 10 "
-        "--video avi --out out",
+        "render layout.json --board board.toml --frames 2 --base-frames 1 --settings avi.toml --workers 1 "
+        "--rate-hz 10 --out out",
         "mirrorcam.render_scenes.sets.render_set:write_truth",
         forced=False,
     ),
     "scene": Case(
-        "scene layout.json --spp 4 --out out",
+        "scene layout.json --out out",
         "mirrorcam.render_scenes.tabletop.tabletop_set:TabletopScene",
         forced=False,
     ),
     "decode pictures": Case(
-        "decode frame.png --layout layout.json --width-px 32 --equalise white.png --out out",
+        "decode frame.png --layout layout.json --width-px 32 --equalise white.png --epi --out out",
         "mirrorcam.lightfield.decoding:measure",
     ),
     "decode a video": Case(
@@ -89,24 +86,27 @@ CASES = {
     ),
     "refocus": Case(
         "refocus picture.npz --depth-mm 400 --all-in-focus --sweep gif --out out",
-        "mirrorcam.lightfield.refocusing_files:_write",
+        "mirrorcam.lightfield.refocusing:_write",
     ),
-    "epi": Case("epi picture.npz --out out", "mirrorcam.lightfield.light_field_results:epi"),
-    "depth": Case("depth picture.npz --out out", "mirrorcam.lightfield.light_field_results:DepthEstimator"),
-    "features": Case("features picture.npz --out out", "mirrorcam.lightfield.light_field_results:FeatureFinder"),
+    "depth": Case("depth picture.npz --out out", "mirrorcam.lightfield.depth_maps:DepthEstimator"),
+    "features": Case("features picture.npz --out out", "mirrorcam.optics.light_field.features:FeatureFinder"),
     "filter": Case(
-        "filter picture.npz --near-mm 300 --far-mm 500 --out out", "mirrorcam.lightfield.filtering:filter_light_field"
+        "filter picture.npz --near-mm 300 --far-mm 500 --out out",
+        "mirrorcam.optics.light_field.filters:filter_light_field",
     ),
-    "track": Case("track picture.npz second.npz --out out", "mirrorcam.lightfield.tracking:LightFieldTracker"),
-    "export": Case("export picture.npz --to hci --out out", "mirrorcam.lightfield.exporting:open_light_fields"),
+    "track": Case("track picture.npz second.npz --out out", "mirrorcam.optics.light_field.motion:LightFieldTracker"),
+    "export": Case(
+        "export picture.npz --to hci --out out",
+        "mirrorcam.optics.light_field.io.formats.registry:open_light_fields",
+    ),
 }
 RENDERED = ("render", "scene")
 SLOW = {
     "run": Case("run --quick --out out", "mirrorcam.run.pipeline:finish"),
     "cad": Case("cad quick/design/layout.json --out out", "mirrorcam.cad.build:build_parts"),
     "picture": Case(
-        "picture quick/design/layout.json --parts quick/cad --spp 1 --out out/product.jpg",
-        "mirrorcam.simulation.rendering:write_product_picture",
+        "cad picture quick/design/layout.json quick/cad --out out/product.jpg",
+        "mirrorcam.render_scenes.reference.product_picture:product_picture",
     ),
     "calibrate": Case(
         "calibrate quick/set/frames --base quick/set/base --board quick/set/board.toml "
@@ -128,6 +128,8 @@ def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     layout.save(folder / "layout.json")
     layout.replaced(kind="calibrated").save(folder / "calibrated.json")
     save_board(folder / "board.toml", request.target)
+    (folder / "sweep.toml").write_text("counts = [[1, 2]]\nscales_mm = [60]\ntradeoffs = [0.3]\n")
+    (folder / "avi.toml").write_text('renderer = "fast"\nvideo = "avi"\n')
     random = np.random.default_rng(0)
     coarse = random.integers(60, 200, (5, 8, 3), dtype=np.uint8)
     size = (layout.camera.width_px, layout.camera.height_px)

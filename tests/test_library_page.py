@@ -7,16 +7,13 @@ import re
 import shutil
 import subprocess
 import sys
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 import mirrorcam
-from mirrorcam import cli
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
@@ -38,16 +35,6 @@ def test_the_tables_name_the_public_names() -> None:
     cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
     named = {name for cell in cells for name in re.findall(r"`([A-Za-z_]+)", cell)}
     assert sorted(named) == mirrorcam.__all__
-
-
-def test_every_command_has_its_call() -> None:
-    rows = re.findall(r"^\| `mirrorcam (\w+)` \| `([\w.]+)\.(\w+)` \|$", PAGE, flags=re.MULTILINE)
-    for _, module, name in rows:
-        assert callable(getattr(import_module(f"mirrorcam.{module}"), name))
-    commands = get_args(get_type_hints(cli.Command, include_extras=True)["command"])[0]
-    names = {each.name for option in get_args(commands) for each in get_args(option)[1:]}
-    assert {command for command, _, _ in rows} == names
-    assert len(names) > 15
 
 
 def test_the_examples_are_listed() -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cyclopts import CycloptsError
 
 from docs.make_tour import TOUR, Illustration, commands, illustrate, illustrations
-from mirrorcam.cli import parse
+from mirrorcam.cli import application
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 
 LARGEST_BYTES = 1_500_000
 
@@ -25,12 +25,12 @@ def tour() -> str:
 def test_every_command_of_the_tour_can_be_run(line: str) -> None:
     program, *arguments = shlex.split(line)
     assert program == "mirrorcam"
-    parse(arguments)
+    application().parse_args(arguments, exit_on_error=False, print_error=False)
 
 
 def test_an_option_that_does_not_exist_is_seen() -> None:
-    with pytest.raises(InputError, match="--focus-mm"):
-        parse(["refocus", "a.npz", "--focus-mm", "400"])
+    with pytest.raises(CycloptsError, match="--focus-mm"):
+        application().parse_args(["refocus", "a.npz", "--focus-mm", "400"], exit_on_error=False, print_error=False)
 
 
 def test_every_picture_is_there_and_made_of_what_a_command_writes() -> None:

@@ -11,20 +11,19 @@ import sys
 from pathlib import Path
 
 from benchmarks.calibrators.command_line import run
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files
+from mirrorcam.calibration.calibration_files import calibrate_files
+from mirrorcam.calibration.calibration_request import CalibrationRequest
 
 
 def calibrate_set(folder: Path, out: Path, *, without_base: bool = False) -> tuple[str, ...]:
     """Calibrate a set, write the layout, and return the alarms."""
     base = folder / "base"
-    found = calibrate_files(
-        CalibrationRequest(
-            board=folder / "board.toml",
-            pictures=(folder / "frames",),
-            layout=folder / "layout.json",
-            base_pictures=(base,) if base.is_dir() and not without_base else (),
-        )
+    request = CalibrationRequest(
+        board=folder / "board.toml",
+        layout=folder / "layout.json",
+        base=(base,) if base.is_dir() and not without_base else (),
     )
+    found = calibrate_files([folder / "frames"], request)
     found.layout.save(out)
     return () if found.diagnostics is None else found.diagnostics.alarms
 

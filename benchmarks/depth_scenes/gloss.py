@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
 from benchmarks.depth_scenes.surfaces import ball, block, sheet, tube, turned
-from mirrorcam.render_scenes.tabletop.textures import texture
+from mirrorcam.render_scenes.tabletop.objects import texture
 
 # Radii and heights of what is turned.
 # fmt: off

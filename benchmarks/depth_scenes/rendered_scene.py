@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from benchmarks.depth_scenes.patterns import Pattern
 from benchmarks.depth_scenes.surfaces import Surface
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
-from mirrorcam.render_scenes.tabletop.lit_integrator import RayThrough, render_lit
-from mirrorcam.render_scenes.tabletop.tabletop_scene import pinhole, pinhole_rays
+from mirrorcam.render_scenes.tabletop.tabletop_scene import RayThrough, pinhole, pinhole_rays, render_lit
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 Colour = tuple[float, float, float]

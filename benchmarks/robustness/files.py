@@ -14,24 +14,24 @@ import numpy as np
 
 from benchmarks.robustness.damage import damaged_bytes, damaged_text, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.scores.calibration_score import score_calibration
-from mirrorcam.bench.scores.figure_limits import Limits
+from mirrorcam.bench.scores.consistency import CovarianceFile
 from mirrorcam.bench.scores.matched_views import ViewsFile
-from mirrorcam.bench.scores.stated_covariance import CovarianceFile
+from mirrorcam.bench.scores.score_report import Limits
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import hardware_toml
-from mirrorcam.cli import camera_from_text
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError, Value
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.device.board_print import page_for
-from mirrorcam.device.device_folder import read_hardware
+from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.write_exports import write_exports
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_library import CAMERAS
+from mirrorcam.optics.geometry.camera_library import CAMERAS, read_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
 from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
@@ -41,9 +41,8 @@ from mirrorcam.render_scenes.sets.set_request import SetRequest, planned_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
 from mirrorcam.render_scenes.suites.suite import SUITES, read_suite, suite_names
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
-from mirrorcam.simulation.camera_options import sensor_from_text
-from mirrorcam.simulation.poses_file import PosesFile
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.render_request import PosesFile, sensor_of
+from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 LAYOUT = Path(__file__).parents[2] / "tests" / "data" / "default_layout.json"
@@ -108,7 +107,7 @@ def _score(path: Path) -> None:
 
 
 def _camera(path: Path) -> None:
-    camera = camera_from_text(str(path))
+    camera = read_camera(str(path))
     sensor_polygon(camera)
     assert np.isfinite(camera.unproject(np.array([camera.cx_px, camera.cy_px]))).all()
 
@@ -144,10 +143,10 @@ KINDS = {
         Kind("design.toml", lambda: "rows = 3\nscale_mm = 80.0\ndepths_mm = [300.0, 500.0]\n", read_request),
         Kind("suite.toml", (SUITES / f"{suite_names()[0]}.toml").read_text, lambda path: read_suite(str(path))),
         Kind("camera.toml", (CAMERAS / "c920.toml").read_text, _camera),
-        Kind("body.toml", (CAMERAS / "c920.toml").read_text, lambda path: read_hardware(camera=str(path))),
-        Kind("hardware.toml", lambda: hardware_toml(HARDWARE), read_hardware),
+        Kind("body.toml", (CAMERAS / "c920.toml").read_text, lambda path: HardwareChoice(body=str(path)).read()),
+        Kind("hardware.toml", lambda: hardware_toml(HARDWARE), lambda path: HardwareChoice(hardware=path).read()),
         Kind("limits.toml", lambda: "rms_px = 0.5\nview_0_0_max_px = 2\n[over_sets]\nnees = 2.0\n", Limits.load),
-        Kind("sensor.toml", _sensor, lambda path: sensor_from_text(str(path))),
+        Kind("sensor.toml", _sensor, lambda path: sensor_of(str(path))),
         Kind("views.toml", lambda: '[cameras]\ncam0 = "view_0_0"\ncam1 = {view = "view_0_1", x = 3}', ViewsFile.load),
     ),
     "JSON": (

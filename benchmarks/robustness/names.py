@@ -22,9 +22,9 @@ from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.output_folder import output_folder, results_folder
 from mirrorcam.core.disk.results import Results
 from mirrorcam.core.disk.stages import Stage, made_of, staleness
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
-from mirrorcam.simulation.set_check import check_set
+from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 SECRET, SECRET_TEXT = "secret", "nobody's business"

@@ -24,11 +24,11 @@ from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.studio.live.source import open_source
+from mirrorcam.studio.live.streams import open_source
 
 CAMERA = Camera(width_px=media.WIDTH, height_px=media.HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
 ANSWER_S = 0.2
@@ -179,7 +179,7 @@ def _live(name: str) -> None:
 
 
 def _device(name: str) -> None:
-    """Open a camera as `decode --device` does; one that gives nothing, such as a stream that nobody sends, is left."""
+    """Open a camera as `decode --live` does; one that gives nothing, such as a stream that nobody sends, is left."""
     source = camera_addresses.camera(name, media.WIDTH, media.HEIGHT)
     given_up = Timer(GIVEN_UP_S, source.stop)
     given_up.start()

@@ -1,7 +1,11 @@
-"""The catalogue of a device: printed parts with their names, numbers and places on the bed, and bought items."""
+"""The catalogue of a device: printed parts with names, numbers, named faces and places on the bed, and bought items.
+
+A bought insert or nut has the moves by which it would leave its seat, which follow from the plans of the pockets.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -9,27 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import carrier_name, named_faces
-from mirrorcam.cad.assembly.ways_out import (
-    foot_nut_ways_mm,
-    holder_nut_ways_mm,
-    insert_way_mm,
-    slide_nut_ways_mm,
-)
-from mirrorcam.cad.backs.back import BackJoint, BackPart
-from mirrorcam.cad.backs.back_solids import MAKERS
+from mirrorcam.cad.assembly.device_plan import Device, connections
+from mirrorcam.cad.backs.back import BackJoint
+from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.parts.bed_placement import turn
+from mirrorcam.cad.parts.mount import turn
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
-from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.item_frames import ACROSS, along, beyond
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, PartPlan, Rgb
+from mirrorcam.cad.parts.truss import foot_plate_mm
+from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
+from mirrorcam.cad.plan.fasteners import ACROSS, COUNTERSUNK, Stack, along, beyond
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, NamedFace, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
-from mirrorcam.cad.plan.threads import COUNTERSUNK
-from mirrorcam.cad.splitting.split import Pieces, split
+from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.splitting import Pieces, split
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -45,11 +43,11 @@ SCENE = np.array([0.0, 1.0, 0.0])
 CARRIER_OUT_MM = 25.0
 
 EXPLODE = {
-    "mirror_holder": (0.0, 30.0, 60.0),
-    "mount": (0.0, -60.0, 0.0),
-    "camera_clip": (0.0, 20.0, -20.0),
-    "fit_coupon": (0.0, 0.0, 0.0),
-    "dust_cover": (0.0, 0.0, 0.0),
+    HOLDER: (0.0, 30.0, 60.0),
+    MOUNT: (0.0, -60.0, 0.0),
+    CLIP: (0.0, 20.0, -20.0),
+    COUPON: (0.0, 0.0, 0.0),
+    COVER: (0.0, 0.0, 0.0),
 }
 
 
@@ -62,17 +60,17 @@ def parts_of(device: Device) -> tuple[PartPlan, ...]:
 def _on_bed(device: Device) -> Pieces:
     """Printed parts, and the pins between pieces; cached per device, since splitting a part makes its solid."""
     corners = {
-        "mirror_holder": device.holder.corners_in_rig,
-        "mount": corners_of(device.mount.pieces),
-        "camera_clip": corners_of(device.clip.pieces),
+        HOLDER: device.holder.corners_in_rig,
+        MOUNT: corners_of(device.mount.pieces),
+        CLIP: corners_of(device.clip.pieces),
         **{part.name: part.plan.corners for part in device.back.parts},
-        "fit_coupon": corners_of(device.coupon.pieces),
-        **({"dust_cover": corners_of((device.cover.outer,))} if device.cover else {}),
+        COUPON: corners_of(device.coupon.pieces),
+        **({COVER: corners_of((device.cover.outer,))} if device.cover else {}),
         **{carrier_name(each.name): corners_of((each.body,)) for each in device.mirror_carriers},
     }
-    cuts = {"mirror_holder": device.holder.cuts_on_bed_mm}
+    cuts = {HOLDER: device.holder.cuts_on_bed_mm}
     if device.mount.bed_cuts_mm:
-        cuts["mount"] = ((), device.mount.bed_cuts_mm)
+        cuts[MOUNT] = ((), device.mount.bed_cuts_mm)
     pieces = [split(part, corners[part.name], device.hardware, cuts.get(part.name)) for part in _whole(device)]
     parts = (part for piece in pieces for part in piece.parts)
     return Pieces(
@@ -81,91 +79,31 @@ def _on_bed(device: Device) -> Pieces:
     )
 
 
-def _whole(device: Device) -> tuple[PartPlan, ...]:
-    mount, clip, coupon = device.mount, device.clip, device.coupon
-    return (
-        _part(
-            "mirror_holder",
-            "Mirror holder",
-            1,
-            device.holder,
-            make_screwed_holder if device.mirror_carriers else make_holder,
-            lying_on(device.holder.rig_from_mount),
-            (0.36, 0.39, 0.44),
-        ),
-        _part(
-            "mount",
-            "Mount",
-            2,
-            mount,
-            make_mount,
-            turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
-            (0.16, 0.46, 0.62),
-        ),
-        _part("camera_clip", "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
-        *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
-        _part("fit_coupon", "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
-        *_cover(device),
-        *_carriers(device),
-    )
-
-
-def _cover(device: Device) -> tuple[PartPlan, ...]:
-    if device.cover is None:
-        return ()
-    bed_from_rig = lying_on(device.cover.rig_from_front)
-    return (_part("dust_cover", "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
-
-
-def _carriers(device: Device) -> Iterator[PartPlan]:
+def _whole(device: Device) -> Iterator[PartPlan]:
+    """The parts to print before any is split, in the order of their numbers."""
     moves = explode_of(device)
+
+    def part(
+        number: int, name: str, title: str, plan: Any, make: Any, print_from_rig: FloatArray, rgb: Rgb
+    ) -> PartPlan:
+        return PartPlan(name, title, f"MC-{number:02d}", plan, make, print_from_rig, moves[name], rgb)
+
+    holder, mount, clip, coupon, cover = device.holder, device.mount, device.clip, device.coupon, device.cover
+    make = make_screwed_holder if device.mirror_carriers else make_holder
+    yield part(1, HOLDER, "Mirror holder", holder, make, lying_on(holder.rig_from_mount), (0.36, 0.39, 0.44))
+    on_end = turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg)
+    yield part(2, MOUNT, "Mount", mount, make_mount, on_end, (0.16, 0.46, 0.62))
+    yield part(3, CLIP, "Camera clip", clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20))
+    for number, back in enumerate(device.back.parts, start=4):
+        low = float((back.plan.corners @ back.bed_from_rig[2]).min())
+        upright = standing(back.bed_from_rig, low)
+        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], upright, back.rgb)
+    yield part(6, COUPON, "Fit coupon", coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
+    if cover:
+        yield part(7, COVER, "Dust cover", cover, make_cover, lying_on(cover.rig_from_front), (0.80, 0.76, 0.62))
     for number, carrier in enumerate(device.mirror_carriers, start=8):
-        name = carrier_name(carrier.name)
-        yield PartPlan(
-            name=name,
-            title=f"Mirror carrier {carrier.name}",
-            number=f"MC-{number:02d}",
-            plan=carrier,
-            make=make_carrier,
-            print_from_rig=lying_on(carrier.rig_from_back),
-            explode_mm=moves[name],
-            rgb=(0.46, 0.49, 0.54),
-        )
-
-
-def _of_back(part: BackPart, number: int) -> PartPlan:
-    low = float((part.plan.corners @ part.bed_from_rig[2]).min())
-    return PartPlan(
-        name=part.name,
-        title=part.title,
-        number=f"MC-{number:02d}",
-        plan=part.plan,
-        make=MAKERS[type(part.plan)],
-        print_from_rig=standing(part.bed_from_rig, low),
-        explode_mm=part.explode_mm,
-        rgb=part.rgb,
-    )
-
-
-def _part(
-    name: str,
-    title: str,
-    number: int,
-    plan: Any,
-    make: Any,
-    print_from_rig: FloatArray,
-    rgb: Rgb,
-) -> PartPlan:
-    return PartPlan(
-        name=name,
-        title=title,
-        number=f"MC-{number:02d}",
-        plan=plan,
-        make=make,
-        print_from_rig=print_from_rig,
-        explode_mm=np.array(EXPLODE[name]),
-        rgb=rgb,
-    )
+        title, on_back = f"Mirror carrier {carrier.name}", lying_on(carrier.rig_from_back)
+        yield part(number, carrier_name(carrier.name), title, carrier, make_carrier, on_back, (0.46, 0.49, 0.54))
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
@@ -176,7 +114,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     slots = device.holder.slot_ways if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
     slide = clip.slide_at - clip.slide.grip_mm * scene
-    head, foot = ("mount", "mirror_holder"), (back.parts[0].name, "mount")
+    head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
         *_screws(
             device,
@@ -187,7 +125,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             holder_nut_ways_mm,
             slots,
         ),
-        *_screws(device, slide, -scene, clip.slide, ("mount", "camera_clip"), slide_nut_ways_mm),
+        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_ways_mm),
         *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_ways_mm, size=back.foot_size),
         *(item for joint in back.joints for item in _of_joint(device, joint)),
         *back.items,
@@ -207,7 +145,7 @@ def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
 def explode_of(device: Device) -> dict[str, FloatArray]:
     """How far each printed part is moved (3,) in an exploded view, by its name."""
     own = {name: np.array(move) for name, move in EXPLODE.items()}
-    off = EXPLODE["mirror_holder"] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
+    off = EXPLODE[HOLDER] - CARRIER_OUT_MM * device.holder.rig_from_mount[:3, 2]
     carriers = {carrier_name(each.name): off for each in device.mirror_carriers}
     return own | {part.name: part.explode_mm for part in device.back.parts} | carriers
 
@@ -259,22 +197,20 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     """The fasteners of the camera in its clip: sprung screws that press a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     above = np.array([0.0, 0.0, 1.0])
-    apart = np.array(EXPLODE["camera_clip"])
+    apart = np.array(EXPLODE[CLIP])
     held_by = hardware.camera.held_by
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem(
-                "screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, ("camera_clip",)
-            )
+            yield BoughtItem("screw", size, held_by.screw_length_mm, along(head, above), apart + 20.0 * above, (CLIP,))
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, ("camera_clip",))
+        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), apart + 25.0 * out, (CLIP,))
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         way = insert_way_mm(out) if insert else sprung.nut_way_mm
         across = ACROSS if insert else SCENE - (SCENE @ out) * out
-        yield _thread(device, along(seat, out, across), apart, ("camera_clip",), way)
+        yield _thread(device, along(seat, out, across), apart, (CLIP,), way)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
@@ -284,10 +220,10 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
         return
     adjuster, away, across = holder.adjuster, holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 0]
     moves = explode_of(device)
-    base = moves["mirror_holder"]
+    base = moves[HOLDER]
     for carrier, heads in zip(holder.carriers, holder.heads.reshape(-1, 3, 3), strict=True):
         name = carrier_name(carrier.name)
-        joins, apart = ("mirror_holder", name), moves[name]
+        joins, apart = (HOLDER, name), moves[name]
         for head in heads:
             top = head - SUNK_MM * away
             yield BoughtItem(
@@ -324,3 +260,61 @@ def lying_on(rig_from_face: FloatArray) -> FloatArray:
     bed_from_face = np.diag([1.0, -1.0, -1.0, 1.0])
     face_from_rig = np.linalg.inv(rig_from_face)
     return np.asarray(bed_from_face @ face_from_rig)
+
+
+def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
+    """The faces of a printed part, by its name or the name of a piece of it, such as "mount_1".
+
+    "seat_ROW-COLUMN" and "pad_ROW-COLUMN" behind each mirror, "joint_NAME" at each connection to another part.
+    """
+    whole = re.sub(r"_\d+$", "", part)
+    faces = []
+    for joint in connections(device):
+        if joint.parent == whole:
+            frame = joint.rig_from_parent_joint
+            faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], frame[:3, 2]))
+        if joint.child == whole:
+            frame = joint.rig_from_child_joint
+            faces.append(NamedFace(f"joint_{joint.name}", frame[:3, 3], -frame[:3, 2]))
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        if (part != carrier_name(name)) if device.mirror_carriers else (whole != HOLDER):
+            continue
+        normal = mirror.rig_from_plane[:3, 2]
+        for kind, height in (("seat", seat_height_mm(mirror, device.hardware)), ("pad", mirror.back_mm)):
+            outline = mirror.outline_in_rig_mm + height * normal
+            faces.append(NamedFace(f"{kind}_{name}", outline.mean(axis=0), normal, outline))
+    return tuple(faces)
+
+
+SIDE = np.array([1.0, 0.0, 0.0])
+ABOVE = np.array([0.0, 0.0, 1.0])
+# An insert is drawn so far from its hole.
+INSERT_OUT_MM = 17.0
+
+
+def insert_way_mm(out: FloatArray) -> FloatArray:
+    """The move (1, 3) of inserts that enter a part by the face that the screw enters; `out` (3,) has length 1."""
+    return INSERT_OUT_MM * out[None]
+
+
+def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
+    corners, ways = device.holder.corners_in_rig, device.holder.slot_ways
+    unit = ways / np.linalg.norm(ways, axis=1)[:, None]
+    return np.array([[beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
+
+
+def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
+    corners = corners_of(device.clip.pieces)
+    return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
+
+
+def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+    """Moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, out by the nearer side."""
+    corners, screw = corners_of(device.mount.pieces), device.hardware.screw
+    plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
+    # The origin of a nut is at its face towards the screw.
+    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * ABOVE for seat in seats]
+    sides = [beyond(corners, seat, np.sign(seat[0]) * SIDE) for seat in seats]
+    return np.stack([off_plate, sides], axis=1)

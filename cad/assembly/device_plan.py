@@ -18,12 +18,13 @@ from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
-from mirrorcam.cad.plan.connection import Connection
+from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.fasteners import THREADS
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
+from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.cad.plan.threads import THREADS
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -120,7 +121,7 @@ def _require_known_screws(hardware: Hardware) -> None:
 def _cover(
     layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
 ) -> CoverPlan | None:
-    """The dust cover, if one is asked for, fits the bed, and comes off past the camera in its clip (`camera`)."""
+    """The dust cover, if it is requested, fits the bed, and comes off past the camera in its clip (`camera`)."""
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None
@@ -172,10 +173,8 @@ def connections(device: Device) -> tuple[Connection, ...]:
     slide = rigid(along_slide, mount.slide)
     clip_slide = rigid(along_slide, clip.slide_middle)
     return (
-        Connection(
-            "back", "mirror_holder", "mount", out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])
-        ),
-        Connection("slide", "mount", "camera_clip", slide, clip_slide, clip.travel_mm),
-        Connection("foot", "mount", back.parts[0].name, foot, back_foot),
+        Connection("back", HOLDER, MOUNT, out_of_back, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])),
+        Connection("slide", MOUNT, CLIP, slide, clip_slide, clip.travel_mm),
+        Connection("foot", MOUNT, back.parts[0].name, foot, back_foot),
         *back.connections,
     )

@@ -1,4 +1,7 @@
-"""A back as the rest of the device sees it: its parts, joints and bought items, what it stands on or is fastened to."""
+"""A back as the rest of the device sees it: its parts, joints, bought items, what it stands on, and what it carries.
+
+The load, mass and centre of all that stands on the back, follows from the plans, before anything is made.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mirrorcam.cad.plan.connection import Connection
+from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import Stack
-from mirrorcam.cad.plan.part_plan import BoughtItem, Rgb
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection, Rgb
+from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 
-# Of the part under the mount's foot, and of what is fastened to that.
+# Colours of the part under the mount's foot, and of the part fastened to it.
 RGB: Rgb = (0.35, 0.60, 0.42)
 SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
 # Which way a part of a back stands when printed: rows are the bed's x, y and z in rig.
@@ -63,7 +70,7 @@ class BackJoint:
 
 @dataclass(frozen=True)
 class Carrier:
-    """What a back is fastened to, as convex solids in rig, mm, for clearances and light; no piece of the device."""
+    """The support of a back as convex solids in rig, mm, for clearances and light; no piece of the device."""
 
     name: str
     solids: tuple[Frustum, ...]
@@ -109,7 +116,7 @@ class RobotLink:
     """Where the device hangs on an arm: the parent link, and the pose of the device's link in it.
 
     The device's link has x to the scene, y left and z up; its origin is at `origin_in_rig` (3,), mm. Its pose in the
-    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` says which arms that is for.
+    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` names the arms that it is for.
     """
 
     parent: str
@@ -121,7 +128,7 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Stand:
-    """What a device stands on by itself: corners (n, 2; x and y) of its support, convex, at `z_mm` in rig."""
+    """The support of a device that stands by itself: convex corners (n, 2; x and y), at `z_mm` in rig."""
 
     corners: FloatArray
     z_mm: float
@@ -154,3 +161,37 @@ class Back:
     def kind(self) -> str:
         """The kind, as a hardware file and the command name it."""
         return str(self.table.kind)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A mass in g about a point (3,) in rig, mm."""
+
+    mass_g: float
+    at: FloatArray
+
+
+def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
+    """All but the back: the holder as if it were solid, its mirrors, the mount, the clip and the camera.
+
+    Pieces of a part count in full where they overlap: an estimate from above, by which backs are laid out. Checks weigh
+    the parts as made.
+    """
+    body = body_box(hardware.camera)
+    masses = [
+        (mount.load_g, mount.load_at),
+        _weighed(mount.pieces, hardware),
+        _weighed(clip.pieces, hardware),
+        (hardware.camera.mass_g, (body.low + body.high) / 2.0),
+    ]
+    mass = sum(grams for grams, _ in masses)
+    return Load(mass, np.asarray(sum(grams * at for grams, at in masses) / mass))
+
+
+def _weighed(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
+    """Mass in g, and the middle (3,), of pieces of plastic."""
+    volumes = np.array([abs(volume_mm3(piece)) for piece in pieces])
+    middles = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])
+    return float(volumes.sum()) * hardware.printer.plastic_g_per_cm3 / 1000.0, np.asarray(
+        volumes @ middles / volumes.sum()
+    )

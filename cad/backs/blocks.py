@@ -10,15 +10,23 @@ import numpy as np
 
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.plan.back_table import TripodNut
-from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_DEG, Bore, Countersink, Hexagon, head_space_mm
+from mirrorcam.cad.plan.dimension import Hole, Length, holes
+from mirrorcam.cad.plan.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    ROOF_DEG,
+    SUNK_HEAD,
+    Bore,
+    Countersink,
+    Hexagon,
+    along,
+    head_space_mm,
+    thread_of,
+)
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes
-from mirrorcam.cad.plan.item_frames import along
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray
 
 # A head's facets as printed lean a little more than its cone, and slicers leave a degree or two for rounding: a cone
@@ -47,7 +55,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class BlocksPlan:
-    """A part in rig, mm: convex pieces and discs, less what is cut from them; `lengths` are for its drawing."""
+    """A part in rig, mm: convex pieces and discs, less cuts; `lengths` are for its drawing."""
 
     name: str
     pieces: tuple[Frustum, ...]

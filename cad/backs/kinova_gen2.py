@@ -12,24 +12,44 @@ from itertools import pairwise
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import FRONT_DOWN, RGB, SECOND_RGB, Back, BackJoint, BackPart, Carrier, Neck, RobotLink
+from mirrorcam.cad.backs.back import (
+    FRONT_DOWN,
+    RGB,
+    SECOND_RGB,
+    Back,
+    BackJoint,
+    BackPart,
+    Carrier,
+    Load,
+    Neck,
+    RobotLink,
+)
 from mirrorcam.cad.backs.blocks import ALONG_X
-from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
-from mirrorcam.cad.parts.foot import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
 from mirrorcam.cad.plan.back_table import Gen2Back
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.dimension import Hole, Length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
+from mirrorcam.cad.plan.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    Bore,
+    Hexagon,
+    Stack,
+    beyond,
+    head_space_mm,
+    stack,
+    thread,
+)
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
-from mirrorcam.cad.plan.item_frames import beyond
+from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
+SADDLE, CAP = Gen2Back.parts
 UP = np.array([0.0, -1.0, 0.0])
 CAP_EAR_MM = 5.0
 EAR_OFF_MM = 0.3
@@ -60,8 +80,8 @@ SAGITTA_MM = 0.02
 class RingPlan:
     """Half of the clamp in rig, mm: a ring about x = 0, z = `axis_z_mm`, over or under that, and what it carries.
 
-    `above` says which half; the ring spans `band_mm` (2,) along y and is `radius_mm` wide inside. `ears` (2, 3) are
-    where the clamp's screws go through its face towards the other half.
+    `above` is true for the upper half; the ring spans `band_mm` (2,) along y and has an inner radius of `radius_mm`.
+    `ears` (2, 3) are where the clamp's screws go through its face towards the other half.
     """
 
     name: str
@@ -125,7 +145,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
     """The clamp as a back: it holds the device over the wrist, which looks where the device looks."""
     plan = plan_clamp(wrist, mount, hardware)
     saddle, cap = plan.saddle, plan.cap
-    joins = ("adapter_cap", "adapter_saddle")
+    joins = (CAP, SADDLE)
     corners = saddle.corners
     seats = plan.clamp_heads + (plan.clamp.grip_mm + plan.clamp.begins_mm) * ABOVE
     middle = float(saddle.band_mm.mean())
@@ -137,8 +157,8 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
     return Back(
         table=wrist,
         parts=(
-            BackPart("adapter_saddle", "Adapter saddle", saddle, FRONT_DOWN, np.array([0.0, -60.0, -45.0]), RGB),
-            BackPart("adapter_cap", "Adapter cap", cap, FRONT_DOWN, np.array([0.0, -60.0, -95.0]), SECOND_RGB),
+            BackPart(SADDLE, "Adapter saddle", saddle, FRONT_DOWN, np.array([0.0, -60.0, -45.0]), RGB),
+            BackPart(CAP, "Adapter cap", cap, FRONT_DOWN, np.array([0.0, -60.0, -95.0]), SECOND_RGB),
         ),
         foot=plan.foot,
         foot_heads=plan.foot_heads,
@@ -153,7 +173,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
                 SCENE,
             ),
         ),
-        connections=(Connection("clamp", "adapter_saddle", "adapter_cap", split, cap_split),),
+        connections=(Connection("clamp", SADDLE, CAP, split, cap_split),),
         carriers=(Carrier("wrist", _wrist(wrist, middle, saddle.axis_z_mm)),),
         necks=(
             Neck(
@@ -176,7 +196,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
 
 
 def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
-    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table says.
+    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table states.
 
     Another diameter is taken for a shell of the same form. Where the clamp sits, the shell has its mean radius, in
     front of it its largest.
@@ -222,8 +242,8 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
     saddle_cuts = (*_foot_cuts(heads, wrist.grip_mm, hardware), *_ear_cuts(ear_at, place.band_mm, clamp, hardware))
     common = (place.radius_mm, wrist.ring_mm, place.axis_z_mm, wrist.gap_mm, place.band_mm)
     return ClampPlan(
-        saddle=RingPlan("adapter_saddle", True, *common, saddle_pieces, saddle_cuts, ear_at),
-        cap=RingPlan("adapter_cap", False, *common, cap_pieces, cap_cuts, ear_at - wrist.gap_mm * ABOVE),
+        saddle=RingPlan(SADDLE, True, *common, saddle_pieces, saddle_cuts, ear_at),
+        cap=RingPlan(CAP, False, *common, cap_pieces, cap_cuts, ear_at - wrist.gap_mm * ABOVE),
         clamp=clamp,
         foot=foot,
         foot_heads=heads,

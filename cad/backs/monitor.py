@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Neck
+from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Carrier, Load, Neck
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
-from mirrorcam.cad.backs.load import Load
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.foot import foot_stack
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import MonitorBack
-from mirrorcam.cad.plan.connection import Connection
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.dimension import length
+from mirrorcam.cad.plan.fasteners import (
+    COUNTERSUNK,
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    Bore,
+    Countersink,
+    Hexagon,
+    along,
+    thread_of,
+)
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
-from mirrorcam.cad.plan.item_frames import along
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
-HOOK, JAW = "adapter_hook", "adapter_jaw"
+HOOK, JAW = MonitorBack.parts
 # Level with the plate, so that a key reaches them under the clip of a wide camera.
 SCREW = f"M4{COUNTERSUNK}"
 # The hook's thickness, the pad and the jaw's tab between plate and monitor, the jaw's leg; from the leg's back to the

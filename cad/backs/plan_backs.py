@@ -1,22 +1,60 @@
-"""The one place that knows all kinds of backs: which module plans which table of dimensions."""
+"""The one place that knows all kinds of backs: what plans each table of dimensions, and what makes a plan a solid."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from mirrorcam.cad.backs.arca import plan_arca
-from mirrorcam.cad.backs.back import Back
-from mirrorcam.cad.backs.desk import plan_desk
-from mirrorcam.cad.backs.flange import plan_gen3, plan_iso9409
-from mirrorcam.cad.backs.kinova_gen2 import plan_gen2
-from mirrorcam.cad.backs.load import carried
+from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, Solid, extrude, insert
+
+from mirrorcam.cad.backs.back import Back, carried
+from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
+from mirrorcam.cad.backs.brackets import plan_gen3, plan_iso9409, plan_vesa
+from mirrorcam.cad.backs.kinova_gen2 import RingPlan, plan_gen2
 from mirrorcam.cad.backs.monitor import plan_monitor
-from mirrorcam.cad.backs.profile import plan_profile
-from mirrorcam.cad.backs.tripod import plan_tripod
-from mirrorcam.cad.backs.vesa import plan_vesa
+from mirrorcam.cad.backs.plates import plan_arca, plan_desk, plan_profile, plan_tripod
+from mirrorcam.cad.holder.holder_solid import solid_of
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.part_solids import cut_solid, one_solid
 from mirrorcam.cad.plan.hardware import Hardware
+
+
+def make_ring(plan: RingPlan) -> Part:
+    """Half of the wrist's clamp."""
+    side = 1.0 if plan.above else -1.0
+    # Seen along +y, with x to the left and z up.
+    plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
+    outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        # As far as the middle of the ring, which comes after, so that no two round faces coincide.
+        with BuildSketch(plane.offset(-reach)):
+            Circle(plan.radius_mm + plan.ring_mm / 2.0)
+        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
+        with BuildSketch(plane):
+            Circle(outer)
+            Circle(plan.radius_mm, mode=Mode.SUBTRACT)
+            with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
+                Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
+        extrude(amount=plan.band_mm[1] - plan.band_mm[0])
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid(plan.name, part)
+
+
+def make_blocks(plan: BlocksPlan) -> Part:
+    """A part of blocks, discs and holes."""
+    with BuildPart() as part:
+        insert([solid_of(piece) for piece in plan.pieces])
+        for disc in plan.discs:
+            insert(Solid.make_cylinder(disc.radius_mm, disc.thick_mm, Plane(tuple(disc.middle), z_dir=tuple(ALONG_Y))))
+        insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
+    return one_solid(plan.name, part)
+
+
+MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks}
+"""What makes a solid of the plan of a back's part."""
+
 
 PLANNERS: dict[str, Any] = {
     "none": plan_desk,

@@ -1,6 +1,6 @@
 """Mirrors on carriers: tilted and moved by all of their travel they meet nothing, springs hold them, drivers reach.
 
-The poses are those of a mirror tilted by `holder.adjust_deg` about axes all round, moved back and forth by
+In each pose the mirror is tilted by `holder.adjust_deg` about axes all round, and moved back and forth by
 `holder.adjust_mm` at the same time. Its own screws go with it, for whose shanks `plan_adjuster` leaves space.
 """
 
@@ -12,13 +12,12 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.named_faces import carrier_name
 from mirrorcam.cad.checks.clashes import FASTENERS, common_mm3
 from mirrorcam.cad.holder.adjuster import DRIVER_MM
-from mirrorcam.cad.holder.carriers import CarrierPlan
-from mirrorcam.cad.holder.mirror_turns import rotation_about, turn_deg
+from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.device_names import carrier_name
+from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8
@@ -41,7 +40,7 @@ def check_adjustment(
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
     carriers : mapping of str to Manifold
-        What the device is fastened to, which may be in the way of a driver.
+        Solids that the device is fastened to, which may be in the way of a driver.
 
     Returns
     -------

@@ -1,15 +1,17 @@
-"""Clashes, contacts and clearances between the solids of a device, in rig, mm."""
+"""Clashes, contacts and clearances between the solids of a device, in rig, mm, and of the dust cover over it."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import manifold3d
 import numpy as np
 
-from mirrorcam.core.values import Metric
+from mirrorcam.cad.parts.dust_cover import CoverPlan
+from mirrorcam.cad.plan.device_names import CARRIER, HOLDER
+from mirrorcam.core.values import FloatArray, Metric
 
 # Where faces touch, numbers rounded in a file let them sink into each other by this much at most.
 ROUNDING_MM = 1e-4
@@ -20,14 +22,13 @@ TOUCH_MM = 0.08
 PINNED_MM = 0.2
 # Distances of solids beyond this are not measured.
 NEAR_MM = 10.0
-# Fasteners by the beginning of their names, and what a screw holds in.
+# Fasteners by the beginning of their names, and the threads that hold screws.
 FASTENERS = ("screw", "washer", "spring", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
 # A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
-HOLDER, CARRIER = "mirror_holder", "carrier_"
-# The shell of the robot's wrist, and what is clamped round it, bored to its diameter.
+# The shell of the robot's wrist, and the clamp round it, bored to its diameter.
 WRIST, CLAMP = "wrist", "adapter_"
 
 
@@ -99,7 +100,7 @@ def check_clashes(
         if name.startswith("screw")
         and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
     ]
-    # What a pin joins holds it from both sides.
+    # Both parts that a pin joins hold it.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
     return {
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),
@@ -150,3 +151,37 @@ def _pressed(first: str, second: str) -> bool:
         if inner.startswith("screw") and outer.startswith(THREADS):
             return True
     return False
+
+
+# The way is looked at in steps of this length.
+STEP_MM = 4.0
+# Catches give way by less than this as they pass the flange.
+GIVES_MM = 0.3
+
+
+def check_cover(
+    plan: CoverPlan, cover: manifold3d.Manifold, solids: Mapping[str, manifold3d.Manifold]
+) -> dict[str, Metric]:
+    """Check the cover against all other solids of a device, in rig, mm.
+
+    Returns
+    -------
+    dict of str to Metric
+        Volume that the cover has in common with another solid where it sits, and the largest on its way off, at steps
+        along the moves of its plan.
+    """
+    others = manifold3d.Manifold.compose(list(solids.values()))
+    passed = [common_mm3(cover.translate(tuple(move.tolist())), others, GIVES_MM) for move in _places(plan.way_mm)]
+    return {
+        "dust_cover.clash_mm3": Metric(value=common_mm3(cover, others, ROUNDING_MM), unit="mm3", limit=0.0),
+        "dust_cover.way_clash_mm3": Metric(value=max(passed), unit="mm3", limit=0.0),
+    }
+
+
+def _places(way_mm: FloatArray) -> Iterator[FloatArray]:
+    """Shifts (3,) from the seat along moves (n, 3), one after the other."""
+    done = np.zeros(3)
+    for move in way_mm:
+        steps = max(int(np.ceil(np.linalg.norm(move) / STEP_MM)), 1)
+        yield from (done + move * share for share in np.arange(1, steps + 1) / steps)
+        done = done + move

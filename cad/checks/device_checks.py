@@ -18,21 +18,17 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import APART, BRASS, COVER, MIRRORS, STEEL, composed, item_names, mass_of
+from mirrorcam.cad.assembly.pieces import BRASS, MIRRORS, STEEL, composed, item_names, mass_of
 from mirrorcam.cad.checks.adjustment import check_adjustment
-from mirrorcam.cad.checks.back_checks import check_back
-from mirrorcam.cad.checks.camera_nest import check_nest, check_rest
-from mirrorcam.cad.checks.clashes import CARRIER, FASTENERS, FORMING, HOLDER, check_clashes, common_mm3, is_mirror
-from mirrorcam.cad.checks.cover_checks import check_cover
+from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, common_mm3, is_mirror
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
-from mirrorcam.cad.checks.insertion import check_insertion
-from mirrorcam.cad.checks.light_paths import check_light
+from mirrorcam.cad.checks.light_paths import check_light, check_step_views, check_surrounding_light
+from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest
+from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
-from mirrorcam.cad.checks.step_views import check_step_views
-from mirrorcam.cad.checks.surrounding_light import check_surrounding_light
-from mirrorcam.cad.checks.tool_reach import check_tool_reach
 from mirrorcam.cad.holder.stray_light import stray_light
+from mirrorcam.cad.plan.device_names import APART, CARRIER, CLIP, COVER, HOLDER
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
@@ -55,7 +51,7 @@ class DeviceAsMade:
     """A device as read back from the folder of a build: parts as printed, mirrors as cut, all else as assembled.
 
     `laid` are the mirrors' outlines in the files `sheets`, by row and column; `assembly` are the meshes of the assembly
-    and `solids` those of all pieces, both by name, in rig, mm.
+    and `solids` the solids of all pieces, both by name, in rig, mm.
     """
 
     device: Device
@@ -108,7 +104,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     Returns
     -------
     dict of str to Metric
-        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or that of a piece. Parts are taken as printed,
+        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or `PIECE.NAME`. Parts are taken as printed,
         mirrors as cut, camera and fasteners as in the assembly, what carries the device as the back has it.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
@@ -120,7 +116,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **check_back(device.back, items, made.sound, whole),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
-        **check_rest(made.sound.get("camera_clip"), made.sound.get(CAMERA), hardware),
+        **check_rest(made.sound.get(CLIP), made.sound.get(CAMERA), hardware),
         **{f"mirrors.{name}": check for name, check in _check_mirrors(made).items()},
         **check_light(device.layout, hardware, made.sound_parts | carriers, made.mirrors, made.sound.get(CAMERA)),
         **_check_stray_light(made),
@@ -185,7 +181,7 @@ def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Me
 def carriers_of(
     device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
 ) -> dict[str, manifold3d.Manifold]:
-    """What the back is fastened to, by name, in rig, with holes for the fasteners in it: no pieces of the device."""
+    """Solids that the back is fastened to, by name, in rig, with holes for its fasteners; no pieces of the device."""
     in_it = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
         carrier.name: manifold3d.Manifold.batch_boolean(

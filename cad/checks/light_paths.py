@@ -2,6 +2,10 @@
 
 Light is traced from the pupil over the mirrors, through the glass of second-surface ones, by the code that judges
 layouts; the cones and beams that parts are cut with are not used. All in rig, mm.
+
+The same rays check what the camera sees when calibration pictures are taken, against the pieces built so far (pictures
+of the bare camera need a free view; pictures through the mirrors, every mirror's part of the frame), and how much of
+the light round the device falls on its mirrors: what a hood shades, and dust falls with it.
 """
 
 from __future__ import annotations
@@ -13,8 +17,13 @@ import manifold3d
 import numpy as np
 from shapely import Polygon, contains_xy, get_coordinates
 
+from mirrorcam.cad.assembly.build_steps import STEPS, Step, with_camera
+from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.checks.clashes import is_mirror
 from mirrorcam.cad.checks.exported_mesh import hits
+from mirrorcam.cad.holder.stray_light import viewing_rays
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.core.values import FloatArray, Metric
@@ -61,7 +70,7 @@ def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, of pixels whose whole pupil is served."""
+    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, for unvignetted pixels."""
     mirror = layout.mirrors[index]
     starts, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
     met, leaving, directions = traced(mirror, rays, starts)
@@ -186,3 +195,114 @@ def shade_of_mirrors(lights: Sequence[MirrorLight], mirrors: Sequence[manifold3d
         shaded = [bool(others.ray_cast(*a)) or bool(others.ray_cast(*b)) for a, b in zip(*legs, strict=True)]
         worst = max(worst, float(np.mean(shaded)) if shaded else 0.0)
     return worst
+
+
+# Rays end here: beyond the device.
+FAR_MM = 1000.0
+
+
+def check_step_views(
+    layout: Layout,
+    items: Sequence[BoughtItem],
+    solids: Mapping[str, manifold3d.Manifold],
+    steps: Sequence[Step] = STEPS,
+) -> dict[str, Metric]:
+    """Check that nothing hides what calibration pictures must show.
+
+    Parameters
+    ----------
+    layout : Layout
+        Camera and mirrors.
+    items : sequence of BoughtItem
+        All bought items of the device, in the order of their names.
+    solids : mapping of str to Manifold
+        The solids of the assembled device by name, in rig, mm.
+    steps : sequence of Step
+        How it is put together.
+
+    Returns
+    -------
+    dict of str to Metric
+        For each step that takes pictures, named by their folder: the share of the frame that is hidden. Without mirrors
+        before the camera all of the frame counts, with them the usable parts of their sub-images, and each mirror's
+        share of the frame is hidden where another piece is met before that mirror.
+    """
+    fastened = {name: item.joins for name, item in zip(item_names(items), items, strict=True)}
+    pieces = [name for name in solids if name not in fastened]
+    rays = viewing_rays(layout.camera)
+    checks = {}
+    for step in steps:
+        if not step.pictures:
+            continue
+        names = with_camera(steps, step, pieces, fastened)
+        mirrors = {name for name in names if is_mirror(name)}
+        others = manifold3d.Manifold.compose([solids[name] for name in sorted(names - mirrors) if name in solids])
+        seen = {name: solids[name] for name in sorted(mirrors)}
+        hidden = _hidden_before_mirrors(layout, rays, others, seen) if seen else _hidden(rays, others)
+        checks[f"device.{step.pictures}_pictures_hidden"] = Metric(
+            value=round(hidden / len(rays), 4), unit="of the frame", limit=0.0
+        )
+    return checks
+
+
+def _hidden(rays: FloatArray, solid: manifold3d.Manifold) -> int:
+    """Number of viewing rays (n, 2), normalized, that meet a solid."""
+    return int(np.isfinite(_met_at(rays, solid)).sum())
+
+
+def _hidden_before_mirrors(
+    layout: Layout, rays: FloatArray, others: manifold3d.Manifold, mirrors: Mapping[str, manifold3d.Manifold]
+) -> int:
+    """Number of viewing rays (n, 2) in usable parts of sub-images that do not meet their mirror first."""
+    count = 0
+    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
+        if not len(mirror.usable_normalized):
+            continue
+        usable = rays[contains_xy(Polygon(mirror.usable_normalized), rays[:, 0], rays[:, 1])]
+        own = mirrors.get(f"mirror_{name}")
+        if own is None:
+            count += len(usable)
+            continue
+        rest = manifold3d.Manifold.compose([others, *(solid for other, solid in mirrors.items() if solid is not own)])
+        at_own = _met_at(usable, own)
+        count += int((~np.isfinite(at_own) | (_met_at(usable, rest) < at_own)).sum())
+    return count
+
+
+def _met_at(rays: FloatArray, solid: manifold3d.Manifold) -> FloatArray:
+    """Where viewing rays (n, 2), normalized, from the pupil first meet a solid, as z in mm (n,); infinite where not."""
+    met = np.full(len(rays), np.inf)
+    for index, ray in enumerate(rays):
+        hits = solid.ray_cast(np.zeros(3), np.array([*ray, 1.0]) * FAR_MM)
+        if hits:
+            met[index] = min(float(hit.position[2]) for hit in hits)
+    return met
+
+
+RAYS = 400
+SURROUNDINGS_MM = 400.0
+# Rays begin so far before a mirror.
+BEFORE_MM = 0.5
+GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+
+
+def check_surrounding_light(layout: Layout, solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
+    """The share of surroundings, equally bright on all sides, whose light reaches the middles of the mirrors.
+
+    Of each mirror's half-space, by rays that are as dense as they illuminate it (cosine), past the solids of the device
+    in rig, mm: 1 for bare mirrors.
+    """
+    together = manifold3d.Manifold.compose(list(solids.values()))
+    rays = np.concatenate([_rays(mirror) for mirror in layout.mirrors])
+    share = 1.0 - hits(together, rays) / len(rays)
+    return {"device.surroundings_on_mirrors": Metric(value=round(share, 4), unit="of the half-space")}
+
+
+def _rays(mirror: Mirror) -> FloatArray:
+    """Segments (n, 2, 3) in rig from the middle of a mirror, spread evenly over the disc below their directions."""
+    place = np.arange(RAYS) + 0.5
+    radius, turn = np.sqrt(place / RAYS), GOLDEN * place
+    flat = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    directions = np.column_stack([flat, np.sqrt(np.maximum(1.0 - radius**2, 0.0))]) @ mirror.rig_from_plane[:3, :3].T
+    start = mirror.outline_in_rig_mm.mean(axis=0) + (mirror.front_mm + BEFORE_MM) * mirror.normal_in_rig
+    return np.stack([np.broadcast_to(start, directions.shape), start + SURROUNDINGS_MM * directions], axis=1)

@@ -11,24 +11,23 @@ import numpy as np
 from mirrorcam.cad.assembly.pieces import Piece, standard_of
 from mirrorcam.cad.guide.device_pictures import IN_FRONT, view_axes
 from mirrorcam.cad.guide.drawing import draw_tables
-from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
-from mirrorcam.cad.guide.labels import deepest, rows_near, uncrossed
-from mirrorcam.cad.guide.line_art import edges_of, joined, visible_lines
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, render
-from mirrorcam.cad.guide.title_block import (
+from mirrorcam.cad.guide.drawing_sheet import (
     A3_MM,
     BLOCK_MM,
     BORDER_MM,
     PARTS_TOLERANCE,
+    DrawingSheet,
     Title,
     draw_title_block,
 )
+from mirrorcam.cad.guide.labels import deepest, rows_near, uncrossed
+from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, joined, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 STEM = "assembly"
-"""Of the files of the assembly drawing."""
+"""Stem of the files of the assembly drawing."""
 NUMBER = "MC-00"
 PX_PER_MM = 6.0
 """Of paper, of the pictures that say which edges are hidden."""

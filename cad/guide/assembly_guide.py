@@ -12,23 +12,21 @@ import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shapely import Polygon, maximum_inscribed_circle
 
-from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import COUPON, COVER, Piece
-from mirrorcam.cad.assembly.tools import also_needed, tools_of
+from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASURES
+from mirrorcam.cad.holder.carriers import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
-from mirrorcam.cad.holder.mirror_turns import PITCH_MM, turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.mirrors.facing import SURFACES, facing_of
-from mirrorcam.cad.mirrors.stock_sheets import stock_kind
+from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
-from mirrorcam.cad.plan.hardware import Hardware, field_of_view
+from mirrorcam.cad.plan.device_names import COUPON, COVER
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.plan.print_settings import PRINT_SETTINGS
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
@@ -43,7 +41,7 @@ def write_guide(
 ) -> None:
     """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there.
 
-    `estimate` says what the device costs.
+    `estimate` is the text on the cost of the device.
     """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
@@ -136,7 +134,7 @@ def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
 
 
 def _nest_texts(device: Device) -> dict[str, Any]:
-    """What the step of the camera says of how it is held and repeats, as the checks have it."""
+    """Figures of the step of the camera: how it is held and how well it repeats, as in the checks."""
     clip, hardware = device.clip, device.hardware
     repeats = repeatability(clip, device.layout, hardware)
     held_by = hardware.camera.held_by
@@ -158,7 +156,7 @@ def _nest_texts(device: Device) -> dict[str, Any]:
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:
-    """What the guide says of the mirrors' carriers; {} where mirrors are glued to the holder."""
+    """Figures of the guide on the mirrors' carriers; {} where mirrors are glued to the holder."""
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
         return {}

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.assembly.build_steps import CAMERA, CLIP, HOLDER, MOUNT, is_piece_of
+from mirrorcam.cad.assembly.build_steps import CAMERA, is_piece_of
 from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
 
 # All parts of a back, by the beginning of their names.
 ADAPTER = "adapter"
 # The parts behind mirrors, likewise.
-CARRIERS = "carrier_"
 
 
 def joins_of(piece: Piece) -> tuple[str, ...]:
@@ -78,12 +78,12 @@ class Stages:
     @property
     def carriers(self) -> list[Piece]:
         """Parts that mirrors are glued to, where these are not glued to the holder."""
-        return self.printed(CARRIERS)
+        return self.printed(CARRIER)
 
     @property
     def carrier_screws(self) -> list[Piece]:
         """Screws that draw the carriers to the holder, and their springs."""
-        return self.screws(CARRIERS, HOLDER)
+        return self.screws(CARRIER, HOLDER)
 
     @property
     def mirrors(self) -> list[Piece]:

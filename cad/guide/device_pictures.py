@@ -1,4 +1,7 @@
-"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide."""
+"""The pictures of a device, made from its model: assembled, exploded, its light, and one for each step of the guide.
+
+The picture of the camera's step names points, slots and screws of the clip, and the end that goes in first.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,13 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, home_of, joins_of
-from mirrorcam.cad.guide.clip_picture import FIRST_END, end_point, notes_of, screw_label, tilted, viewers
-from mirrorcam.cad.guide.picture_items import (
+from mirrorcam.cad.guide.picture_views import (
     ARROW_RGB,
+    GUIDE_RGB,
     MIRROR_LIFT_MM,
     STEP_SHARE,
+    DevicePicture,
+    Item,
     arrow_head,
     joined,
     lifted,
@@ -30,13 +35,77 @@ from mirrorcam.cad.guide.picture_items import (
     still,
     triangles_of,
 )
-from mirrorcam.cad.guide.picture_views import GUIDE_RGB, DevicePicture, Item
 from mirrorcam.cad.guide.shading import ShadedBody
+from mirrorcam.cad.parts.camera_box import Nest
+from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount_openings import longest_mark_mm
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
+
+# A camera that goes into a nest is drawn turned by this, its first end still in reach of the V or the stop.
+TILT_DEG = 14.0
+# Where the viewer stands, in rig, with the nest's first end at the left; of another it is mirrored along x.
+ABOVE_SCENE, BELOW_SCENE = (0.15, 0.45, 1.0), (-0.35, 1.0, -0.75)
+FIRST_END = "this end goes in first"
+
+
+def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
+    """Directions (3,) in rig towards the two viewers: above the lens, and behind the camera."""
+    mirrored = np.array([first_side(clip.nest) if clip.nest else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
+    return np.array(ABOVE_SCENE) * mirrored, np.array(BELOW_SCENE) * mirrored
+
+
+def first_side(nest: Nest) -> float:
+    """The sign of x of the end that goes in first: that of the front's corner away from the mount."""
+    return float(np.sign(nest.points[0, 0]))
+
+
+def is_v(nest: Nest) -> bool:
+    """Whether the first end rests in a V, as round ends do."""
+    return bool(abs(nest.normals[4, 0]) > 0.1)
+
+
+def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
+    """What a clip's picture names, each with its point (3,) in rig: where the body rests, and the slots of the ties."""
+    left, right, z = clip.tie_mm
+    inner_y = clip.slide_y_mm + clip.slide.wall_mm
+    notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
+    if clip.nest is None:
+        return tuple(notes)
+    points = clip.nest.points
+    notes += [("front pad", point) for point in points[:3]]
+    if is_v(clip.nest):
+        return (*notes, ("V", points[3]), ("V", points[4]), ("side pad", points[5]))
+    return (*notes, ("side pad", points[3]), ("side pad", points[4]), ("end pad", points[5]))
+
+
+def screw_label(clip: ClipPlan, screw: Piece) -> str:
+    """The title of a camera's screw, and of one of a nest where it is."""
+    if clip.nest is None:
+        return screw.title
+    middle = np.asarray(screw.mesh.bounds).mean(axis=0)
+    nearest = int(np.argmin([np.linalg.norm((one.head + one.tip) / 2.0 - middle) for one in clip.nest.screws]))
+    return f"{('back', 'corner')[nearest]} screw, {screw.title.removesuffix(' screw')}"
+
+
+def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
+    """The triangles (n, 3, 3) of a camera turned about its first end, as it goes into a nest; a board is not."""
+    if clip.nest is None:
+        return triangles
+    side = first_side(clip.nest)
+    pivot = end_point(clip.nest, triangles)
+    turn = Rotation.from_euler("z", -side * TILT_DEG, degrees=True).as_matrix()
+    return np.asarray((triangles - pivot) @ turn.T + pivot)
+
+
+def end_point(nest: Nest, triangles: FloatArray) -> FloatArray:
+    """The middle (3,) of a camera's first end."""
+    corners = triangles.reshape(-1, 3)
+    corner = corners[np.argmax(first_side(nest) * corners[:, 0])]
+    return np.array([corner[0], corners[:, 1].mean(), nest.points[3, 2]])
+
 
 # Where the viewer stands, in view axes (right, down, forward): in the scene, seeing the mirrors; behind the device.
 IN_FRONT = (0.95, 0.12, 1.0)
@@ -54,8 +123,6 @@ EDGE_TEXT = "This edge at the longest mark"
 
 
 NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
-PICTURES = 11
-"""Number of pictures of a device."""
 
 
 def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
@@ -112,7 +179,7 @@ def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
 
 
 def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
-    """The parts with what is put into them from behind and from the front; those that carry mirrors by themselves."""
+    """The parts from behind and from the front, with inserts and nuts; carriers of mirrors by themselves."""
     title = "Where inserts and nuts go"
     carriers = stages.carriers
     items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
@@ -194,7 +261,7 @@ def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
-    """The camera before its clip from above the lens and from behind, with what of the clip the guide speaks of."""
+    """The camera before its clip from above the lens and from behind, with points of the clip that the guide names."""
     clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
     joint = joined(rest, [], stages.camera_screws, stages.clip)
@@ -221,7 +288,7 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
 
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
-    """The clip with its camera before the mount; a red bar on each says what is read against what."""
+    """The clip with its camera before the mount; a red bar on each marks the edge and the scale that it is read on."""
     rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
     items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)

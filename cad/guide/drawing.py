@@ -1,49 +1,121 @@
-"""The drawing of a part: three views and an isometric on an A3 sheet, dimensions, tables and title block."""
+"""The drawing of a part: three views and an isometric on an A3 sheet, dimensions, tables and title block.
+
+The functional dimensions are read from the part's plan; the mirror holder and carriers have a table of their seats.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from build123d import Part
 
-from mirrorcam.cad.guide.annotation import WORDS_MM, annotate
-from mirrorcam.cad.guide.dimension_lines import TIERS_MM
-from mirrorcam.cad.guide.drawing_sheet import SOFT, DrawingSheet, text_width_mm
-from mirrorcam.cad.guide.geometrical_tolerances import (
+from mirrorcam.cad.guide.annotation import (
     RESERVED_MM,
+    WORDS_MM,
+    annotate,
     draw_frames,
     draw_holder_datums,
     holder_tolerances,
     tolerance_notes,
 )
-from mirrorcam.cad.guide.holder_drawing import seat_names, seat_table
-from mirrorcam.cad.guide.hole_callouts import PRESSED, called_out
-from mirrorcam.cad.guide.hole_places import hole_groups, hole_tables
-from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
-from mirrorcam.cad.guide.plan_dimensions import offered
-from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
-from mirrorcam.cad.guide.title_block import (
+from mirrorcam.cad.guide.dimension_lines import TIERS_MM
+from mirrorcam.cad.guide.drawing_sheet import (
     A3_MM,
     BLOCK_MM,
     BORDER_MM,
     GAUGE_TOLERANCE,
     GENERAL_TOLERANCE,
+    SOFT,
+    DrawingSheet,
     Title,
     draw_title_block,
     printed_of,
     ratio,
+    text_width_mm,
 )
+from mirrorcam.cad.guide.hole_callouts import DEPTH, INSERT, NUT, PRESSED, called_out, hole_groups, hole_tables
+from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
+from mirrorcam.cad.guide.sections import LETTER_MM, Section, Trace, cut, draw_trace, hatch, section_plane, trace_in
 from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
+from mirrorcam.cad.plan.dimension import Dimensioned, DrawingTable, Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.plan.seats import newell_normal
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
+
+
+def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
+    """The holes that the mount is screwed to, in the flat back."""
+    rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
+    screw = plan.screw
+    if screw.kind == "insert":
+        diameter, text = screw.insert_hole_mm, f"{PRESSED} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
+    else:
+        diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} for M3, slot {NUT} (far side)"
+    return tuple(
+        Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
+    )
+
+
+def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
+    """Name of every seat's mirror, and the middle (3,) of its corners in rig."""
+    return [(name, core.top.mean(axis=0)) for name, core in zip(plan.mirror_names, plan.cores, strict=True)]
+
+
+def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> DrawingTable:
+    """Table of seat planes from the flat back: the middle of the seat, tilt and direction of tilt of its normal.
+
+    `bed_from_rig` is a rotation (3, 3).
+    """
+    if isinstance(plan, CarrierPlan):
+        seats = [(plan.name.rpartition("_")[2], plan.body.top, plan.pads[0].top)]
+        back, origin = plan.rig_from_back, "its screws"
+    else:
+        names = (name for name, _ in seat_names(plan))
+        seats = [
+            (name, core.top, pads[0].top)
+            for name, core, pads in zip(names, plan.cores, plan.pads_of_mirrors, strict=True)
+        ]
+        back, origin = plan.rig_from_mount, "the mount holes"
+    rows = []
+    for name, top, pad in seats:
+        normal = newell_normal(top)
+        on_pads = top + ((pad[0] - top[0]) @ normal) * normal
+        corners = (on_pads - back[:3, 3]) @ bed_from_rig.T
+        x, y, z = corners.mean(axis=0)
+        normal = newell_normal(corners)
+        normal = normal * np.sign(normal[2])
+        tilt = np.degrees(np.arccos(min(float(normal[2]), 1.0)))
+        towards = np.degrees(np.arctan2(normal[1], normal[0])) % 360.0
+        rows.append((name, f"{x:.2f}", f"{y:.2f}", f"{z:.2f}", f"{tilt:.3f}", f"{towards:.2f}"))
+    return DrawingTable(
+        title="Seats (the planes of the pads that carry the mirrors)" if len(rows) > 1 else "Seat (plane of the pads)",
+        head=("id", "x", "y", "z", "tilt °", "towards °"),
+        rows=tuple(rows),
+        notes=(
+            f"x, y from the middle of {origin}, z from the flat back, mm,",
+            "as in the view from above; tilt of the seat's normal from upright,",
+            "towards: its direction, counter-clockwise from x",
+        ),
+    )
+
+
+def offered(plan: Any) -> tuple[Length | Hole, ...]:
+    """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the part."""
+    if isinstance(plan, PiecePlan):
+        return offered(plan.whole)
+    if isinstance(plan, HolderPlan):
+        return (*holder_holes(plan), *(plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()))
+    return plan.dimensions if isinstance(plan, Dimensioned) else ()
+
 
 SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 VISIBLE_MM, SMALL_MM, HIDDEN_MM = 0.35, 0.25, 0.18
@@ -64,12 +136,12 @@ def write_drawing(
 
 
 def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> DrawingSheet:
-    """Draw a part on a drawing sheet; `screw` says which of its holes are for inserts and nuts."""
+    """Draw a part on a drawing sheet; `screw` decides which of its holes are marked for inserts and nuts."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    # Of a holder with carriers these have the seats.
+    # The carriers of a holder have the seats.
     seats = isinstance(whole, HolderPlan) and bool(whole.cores)
     dimensions = dimensions_of(part, solid, screw)
     views = (top, front, right)
@@ -146,7 +218,7 @@ def _arrange(
 ) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
     """Place the views at the largest scale of the standard that leaves space for their dimensions.
 
-    Returns them, the scale, and what is free left of and below each, mm.
+    Returns them, the scale, and the free space left of and below each, mm.
     """
     bottom = BORDER_MM + BLOCK_MM
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
@@ -154,7 +226,7 @@ def _arrange(
     high = float(np.ptp(front.box, axis=0)[1])
     spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
-    # What is left over goes around the views in equal shares.
+    # The rest goes around the views in equal shares.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
     room_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
     left = BORDER_MM + room_mm[0]

@@ -1,29 +1,187 @@
 """Carriers: a wedge behind every mirror, glued to it, which three screws draw to the holder.
 
 A carrier ends within the outline of its mirror, as seen straight from the holder's back: there is no space between
-mirrors. Its back is level with the holder's, its front is the mirror's seat, with pads and grooves like a holder's.
+mirrors. Its back is level with the holder's, its front is the mirror's seat, with pads and grooves like a holder's. Its
+area on the back, and the axes of its screws in it, are chosen together.
+
+As its screws are turned, a carrier turns as a rigid body about axes in its back, with the point between its screws
+staying on the screws' mean direction: three displacements along the screws are all of its freedom. A turn clockwise, as
+seen from behind the device, draws that corner to the holder by the pitch of the thread.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from shapely import Polygon
+from scipy.spatial.transform import Rotation
+from shapely import Point, Polygon, box, get_coordinates
+from shapely.affinity import rotate, translate
+from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm
-from mirrorcam.cad.holder.carrier_areas import CarrierArea
+from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_wide_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_volume, grooves_of, planned_cover
-from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
-from mirrorcam.cad.plan.dimension import Hole
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
+from mirrorcam.cad.holder.pads import least_height_mm, pad_shapes, pad_volume, plan_pads, widest_triangle
+from mirrorcam.cad.plan.dimension import Hole, holes
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes
-from mirrorcam.cad.plan.seats import Frustum, seat_distance_mm
+from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
+
+FAR_MM = 1e4
+# Places of screws are found on a border that is simplified by less than this.
+SIMPLIFIED_MM = 0.03
+# Scales that are tried for what would fit.
+LARGER = np.arange(1.05, 4.0, 0.05)
+
+
+@dataclass(frozen=True)
+class CarrierArea:
+    """A carrier as seen from the holder's back, along two axes of that from the pupil, mm.
+
+    `corners` (n, 2) are convex and counter-clockwise; `screws` (3, 2) are the axes of its screws.
+    """
+
+    corners: FloatArray
+    screws: FloatArray
+
+    @property
+    def middle(self) -> FloatArray:
+        """The middle (2,) of the screws, about which it is tilted."""
+        return np.asarray(self.screws.mean(axis=0))
+
+    @property
+    def reaches_mm(self) -> tuple[float, float]:
+        """Largest distances of the screws and of the corners from there."""
+        ends = (np.linalg.norm(points - self.middle, axis=1).max() for points in (self.screws, self.corners))
+        screws, corners = (float(end) for end in ends)
+        return screws, corners
+
+
+def plan_areas(
+    layout: Layout, axes: FloatArray, taken: Iterable[BaseGeometry], hardware: Hardware
+) -> tuple[int, tuple[CarrierArea, ...]]:
+    """The areas of all carriers, and which of some places of the mount's screws they are for.
+
+    Parameters
+    ----------
+    layout : Layout
+        The mirrors.
+    axes : (3, 3)
+        Rows x, y and z of the mount.
+    taken : iterable of BaseGeometry
+        Where no axis of a carrier's screw may be, for each place of the mount's screws: the first is taken that leaves
+        every carrier three.
+    hardware : Hardware
+        Screws, springs, and how far mirrors tilt.
+
+    Raises
+    ------
+    InputError
+        Where a mirror has no space for three screws about its middle.
+    """
+    shadows = [_shadow(mirror, axes, 0.0, hardware) for mirror in layout.mirrors]
+    areas = [_free_area(index, layout, shadows, axes, hardware) for index in range(len(layout.mirrors))]
+    alone = [_screws_in(area, Polygon(), hardware) for area in areas]
+    for index, screws in enumerate(alone):
+        if screws is None:
+            raise InputError(_no_space(layout, index, f"{_what_fits(areas[index], hardware)}, or ", hardware))
+    last = 0
+    for place, occupied in enumerate(taken):
+        found: list[CarrierArea] = []
+        for index, (area, screws) in enumerate(zip(areas, alone, strict=True)):
+            free = screws is not None and not any(occupied.contains(Point(at)) for at in screws)
+            chosen = screws if free else _screws_in(area, occupied, hardware)
+            if chosen is None:
+                last = index
+                break
+            found.append(CarrierArea(get_coordinates(orient(area))[:-1], chosen))
+        if len(found) == len(areas):
+            return place, tuple(found)
+    raise InputError(_no_space(layout, last, "more beside the mount's own screws, or ", hardware))
+
+
+def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> str:
+    width, height = np.ptp(layout.mirrors[index].outline_in_plane_mm, axis=0)
+    return (
+        f"mirror {layout.mirror_names[index]} of {width:.1f} x {height:.1f} mm has no space behind it for three M3 "
+        f"screws with {boss_mm(hardware):.1f} mm of plastic about their middles, expected {expected}"
+        'holder.mirrors = "glue"'
+    )
+
+
+def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardware) -> Polygon:
+    """A mirror's outline, made smaller, as seen along the mount's z."""
+    flat = Polygon(mirror.outline_in_plane_mm).buffer(-inset_mm, join_style="mitre")
+    if flat.is_empty:
+        return Polygon()
+    corners = get_coordinates(orient(flat))[:-1]
+    in_plane = np.column_stack([corners, np.full(len(corners), seat_height_mm(mirror, hardware))])
+    frame = mirror.rig_from_plane
+    return orient(Polygon((in_plane @ frame[:3, :3].T + frame[:3, 3]) @ axes[:2].T))
+
+
+def _free_area(index: int, layout: Layout, shadows: Sequence[Polygon], axes: FloatArray, hardware: Hardware) -> Polygon:
+    """The area for a carrier: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
+    area = _shadow(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
+    for other, shadow in enumerate(shadows):
+        if other == index or area.is_empty:
+            continue
+        near = shadow.buffer(_swing_mm(layout.mirrors[other], axes, hardware), join_style="mitre", mitre_limit=2.0)
+        if near.intersects(area):
+            area = _beside(area, get_coordinates(orient(near)))
+    return area
+
+
+def _swing_mm(mirror: Mirror, axes: FloatArray, hardware: Hardware) -> float:
+    """How far a tilted mirror's edge may come to the side, with a gap: it turns about its carrier's back."""
+    high = float(np.ptp(outline_at(mirror, 0.0) @ axes[2])) + 2.0 * hardware.screw.insert_depth_mm
+    return hardware.fit.free_mm + high * float(np.tan(np.radians(hardware.holder.adjust_deg)))
+
+
+def _beside(area: Polygon, corners: FloatArray) -> Polygon:
+    """The largest part of a convex area on the outer side of an edge of a convex loop (n + 1, 2)."""
+    parts = []
+    for start, end in pairwise(corners):
+        along = end - start
+        half = translate(box(-FAR_MM, -FAR_MM, FAR_MM, 0.0), start[0], start[1])
+        turned = rotate(half, np.degrees(np.arctan2(along[1], along[0])), origin=tuple(start))
+        part = area.intersection(turned)
+        if isinstance(part, Polygon):
+            parts.append(part)
+    return max(parts, key=lambda part: part.area, default=Polygon())
+
+
+def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatArray | None:
+    """Axes (3, 2) of screws as far apart as they can be; None where there is no space for them."""
+    if area.is_empty:
+        return None
+    free = area.buffer(-boss_mm(hardware)).difference(taken.buffer(SIMPLIFIED_MM))
+    if free.is_empty:
+        return None
+    found = widest_triangle(free, np.array(area.centroid.coords[0]))
+    if found is None:
+        return None
+    least = max(recess_wide_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
+    return found if float(least_height_mm(found[None])[0]) >= least else None
+
+
+def _what_fits(area: Polygon, hardware: Hardware) -> str:
+    """By how much larger the mirror would have to be, in words."""
+    if not area.is_empty:
+        corners = get_coordinates(area) - np.array(area.centroid.coords[0])
+        for factor in LARGER:
+            if _screws_in(Polygon(factor * corners), Polygon(), hardware) is not None:
+                return f"mirrors {factor:.2f} times as large"
+    return "larger mirrors"
+
 
 # Depth of the notch in a carrier's upper edge.
 NOTCH_MM = 1.0
@@ -162,3 +320,97 @@ def _nut(mirror: Mirror, at: FloatArray, level_mm: float, axes: FloatArray, hard
     flat = loop @ axes[:2]
     top = flat + (_seat_along(mirror, loop, axes, hardware) - mirror.thickness_mm)[:, None] * axes[2]
     return Frustum(flat + (level_mm - UNDER_NUT_MM) * axes[2], top)
+
+
+PITCH_MM = thread_of(SCREW).pitch_mm
+
+
+def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
+    """The motion (4, 4) in rig of a carrier whose screws are turned by (3,), clockwise as seen from behind."""
+    frame = carrier.rig_from_back
+    # The plane of the back through the screws: z = height + slope . (x, y).
+    design = np.column_stack([np.ones(3), carrier.screws_mm])
+    height, *slope = np.linalg.solve(design, PITCH_MM * np.asarray(turns, dtype=np.float64))
+    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+    turned = np.eye(4)
+    turned[:3, :3], turned[2, 3] = _least_rotation(np.array([0.0, 0.0, 1.0]), normal), height
+    return np.asarray(frame @ turned @ np.linalg.inv(frame))
+
+
+def centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
+    """The virtual centre (3,) in rig, mm, of a mirror at another (3,) when the screws are turned by (3,)."""
+    motion = rig_from_carrier(carrier, turns)
+    normal = motion[:3, :3] @ virtual_centre
+    point = motion[:3, :3] @ (virtual_centre / 2.0) + motion[:3, 3]
+    unit = normal / np.linalg.norm(normal)
+    return np.asarray(2.0 * (unit @ point) * unit)
+
+
+def turns_to(virtual_centre: FloatArray, wanted: FloatArray, carrier: CarrierPlan) -> FloatArray:
+    """The turns (3,) of the screws, clockwise as seen from behind, that bring a mirror to a wanted plane.
+
+    Parameters
+    ----------
+    virtual_centre, wanted : (3,)
+        Virtual centres of the mirror as it is and as it shall be, in rig, mm.
+    carrier : CarrierPlan
+        Its screws.
+
+    Returns
+    -------
+    (3,)
+        Turns in the order of the carrier's screws; exact for any tilt of which such a carrier is capable.
+    """
+    frame = carrier.rig_from_back
+    is_normal, to_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, wanted))
+    turn = _turn_about_level_axis(is_normal, to_normal)
+    point = (virtual_centre / 2.0 - frame[:3, 3]) @ frame[:3, :3]
+    goal = (wanted / 2.0 - frame[:3, 3]) @ frame[:3, :3]
+    height = float(to_normal @ (goal - turn @ point)) / float(to_normal[2])
+    normal = turn[:, 2]
+    return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / PITCH_MM)
+
+
+def turn_deg(carrier: CarrierPlan) -> float:
+    """The largest tilt in deg by one turn of a carrier's screw: the pitch over the least height between them."""
+    height = float(least_height_mm(carrier.screws_mm[None])[0])
+    return float(np.degrees(np.arctan(PITCH_MM / height)))
+
+
+def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
+    """The rotation (3, 3) by an angle about a unit vector (3,)."""
+    return np.asarray(Rotation.from_rotvec(angle_rad * axis).as_matrix())
+
+
+def travel_turns(screw: Adjuster) -> float:
+    """How far a screw may be turned either way."""
+    return screw.travel_mm / PITCH_MM
+
+
+def tilt_and_shift(virtual_centre: FloatArray, wanted: FloatArray) -> tuple[float, float]:
+    """How far a mirror is from a wanted plane: the angle in deg, and along the normal, from the pupil, in mm."""
+    first, second = _unit(virtual_centre), _unit(wanted)
+    angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
+    return float(np.degrees(angle)), float(np.linalg.norm(virtual_centre) - np.linalg.norm(wanted)) / 2.0
+
+
+def _turn_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The rotation (3, 3) about an axis across z that takes a unit vector to another."""
+    axis = np.cross([0.0, 0.0, 1.0], end - start)
+    length = float(np.linalg.norm(axis))
+    if length < 1e-15:
+        return np.eye(3)
+    axis = axis / length
+    first, second = (vector - (vector @ axis) * axis for vector in (start, end))
+    return rotation_about(axis, float(np.arctan2(axis @ np.cross(first, second), first @ second)))
+
+
+def _least_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The rotation (3, 3) by the least angle that takes a unit vector to another."""
+    axis = np.cross(start, end)
+    length = float(np.linalg.norm(axis))
+    return rotation_about(axis / length, float(np.arctan2(length, start @ end))) if length > 1e-15 else np.eye(3)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / np.linalg.norm(vector))

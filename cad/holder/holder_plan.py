@@ -14,7 +14,16 @@ import numpy as np
 from shapely import Polygon, box, get_coordinates
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.back import FrontSurface, MountFace, fits_bed, mount_axes, place_cuts, place_mount
+from mirrorcam.cad.holder.back import (
+    FrontSurface,
+    MountFace,
+    fits_bed,
+    mount_axes,
+    nut_slots,
+    place_cuts,
+    place_mount,
+    screw_depths_mm,
+)
 from mirrorcam.cad.holder.glue import (
     free_of_others,
     glue_mm3,
@@ -27,11 +36,9 @@ from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import RELIEF_MM, beside_cuts, plan_rims
-from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.holder.webs import plan_hollows
-from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
-from mirrorcam.cad.plan.cuts import Cuts
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
 from mirrorcam.core.values import FloatArray
@@ -75,8 +82,8 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     front = _front(layout, hardware)
     cuts: Cuts = ((), ())
     if not fits_bed(front.border, hardware):
-        # Rims give way to cuts wherever these are. What a cut meets at the front does not depend on how thick the part
-        # is, which the pins in its cuts decide.
+        # Rims give way to cuts wherever these are. Obstacles of a cut at the front do not depend on the thickness of
+        # the part, which the pins in its cuts decide.
         uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
         cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
     mount = place_mount(front.surface, hardware, cuts)

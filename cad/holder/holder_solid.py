@@ -8,17 +8,15 @@ import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
 from mirrorcam.cad.holder.adjuster import SCREW
-from mirrorcam.cad.holder.brep import brep
+from mirrorcam.cad.holder.back import POINT_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.screw_holes import POINT_MM, hole_mm, tip_mm
+from mirrorcam.cad.holder.planar_csg import PlanarCsg, brep
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM
+from mirrorcam.cad.plan.device_names import HOLDER
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)
@@ -46,9 +44,12 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
             raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm")
 
 
-@recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
-    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes."""
+    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes.
+
+    The planner has measured the same body as a mesh; since only numbers travel to the process that makes the solid, it
+    is computed again here.
+    """
     csg = PlanarCsg()
     whole = one_piece(body_of(csg, plan), plan.wall_mm)
     # Grooves end at the walls, which stand right behind rims: what they cut out of a wall would have a ceiling.
@@ -61,7 +62,6 @@ def make_holder(plan: HolderPlan) -> Part:
     return _one_holder(holder)
 
 
-@recipe("cad.holder.solid.make_screwed_holder")
 def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
     """A holder with carriers as one B-rep: its plate and walls, less light, slots, and the holes of all screws."""
     csg = PlanarCsg()
@@ -101,4 +101,4 @@ def _one_holder(holder: BuildPart) -> Part:
     solids = holder.solids()
     if len(solids) != 1:
         raise InputError(f"mirror holder falls apart into {len(solids)} pieces at its holes, expected one")
-    return Part(solids, label="mirror_holder")
+    return Part(solids, label=HOLDER)

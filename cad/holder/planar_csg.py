@@ -1,18 +1,26 @@
-"""Planar CSG: solids with flat faces, joined and cut as meshes that are manifold by construction.
+"""Planar CSG: solids with flat faces, joined and cut as meshes that are manifold by construction, and as one B-rep.
 
 A holder is some hundred convex solids, many with faces in one plane. Booleans of B-reps take minutes and lose faces
-there; manifold3d is exact about topology, and every triangle says from which face of which solid it comes.
+there; manifold3d is exact about topology, and every triangle keeps the face and solid that it comes from. The B-rep's
+faces lie in these given planes, not in planes fitted to the mesh.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
+from itertools import chain, pairwise
 from typing import Protocol
 
 import numpy as np
+from build123d import Solid
 from manifold3d import Error, Manifold, Mesh64, OpType
 from numpy.typing import NDArray
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge
+from OCP.Geom import Geom_Plane
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt
+from OCP.TopAbs import TopAbs_REVERSED
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shell, TopoDS_Solid, TopoDS_Vertex, TopoDS_Wire
 
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
@@ -89,3 +97,246 @@ def _mesh(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.
         np.array(triangles, dtype=np.uint64),
         face_id=np.array(planes, dtype=np.uint64),
     )
+
+
+# Corners nearer to each other than this are one: an STL rounds as coarsely 200 mm from its origin.
+CORNER_MM = 1e-4
+
+Loop = list[int]
+Face = tuple[int, list[Loop]]
+
+
+def brep(csg: PlanarCsg, body: Manifold) -> Solid:
+    """One B-rep solid, whose faces are the connected triangles of each plane. Raises ValueError if it is not valid."""
+    mesh = body.to_mesh64()
+    corners = np.array(mesh.vert_properties)
+    triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
+    faces = _faces(triangles, _settled_needles(corners, triangles, planes))
+    faces = _without_needless_corners(_without_spikes(corners, faces))
+    corners = _settled(csg, corners, faces)
+    solid = _solid(corners, [(_outward(corners, csg.normals[plane], loops), loops) for plane, loops in faces])
+    if not solid.is_valid:
+        raise ValueError(f"{len(faces)} flat faces make no valid solid")
+    return solid
+
+
+def _settled(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
+    """Corners (n, 3) moved, by less than rounding, onto the planes of the faces that meet there."""
+    meeting: dict[int, set[int]] = {}
+    for plane, loops in faces:
+        for loop in loops:
+            for corner in loop:
+                meeting.setdefault(corner, set()).add(plane)
+    for corner, planes in meeting.items():
+        several = sorted(planes)
+        normals = np.array([csg.normals[plane] for plane in several])
+        missing = np.array([csg.offsets[plane] for plane in several]) - normals @ corners[corner]
+        step = np.linalg.lstsq(normals, missing, rcond=1e-6)[0]
+        if np.linalg.norm(step) < 10.0 * CORNER_MM:
+            corners[corner] += step
+    return corners
+
+
+def _welded(
+    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.uint64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles (n, 3) and their planes (n,) without edges that are shorter than `CORNER_MM`.
+
+    Such edges result from one plane that was computed in two ways.
+    """
+    same = np.arange(len(corners))
+    for i in range(3):
+        start, end = triangles[:, i], triangles[:, (i + 1) % 3]
+        for a, b in zip(*_near(corners, start, end), strict=True):
+            low, high = sorted((same[a], same[b]))
+            same[same == high] = low
+    welded = same[triangles]
+    kept = (welded != np.roll(welded, 1, axis=1)).all(axis=1)
+    # Two triangles back to back enclose nothing.
+    faces: dict[tuple[int, ...], np.int64] = {}
+    for index in np.flatnonzero(kept):
+        key = tuple(sorted(welded[index].tolist()))
+        if key in faces:
+            kept[[index, faces.pop(key)]] = False
+        else:
+            faces[key] = index
+    return welded[kept], planes[kept].astype(np.int64)
+
+
+def _near(
+    corners: FloatArray, starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    near = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
+    return starts[near], ends[near]
+
+
+def _settled_needles(corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Planes (n,) of triangles (n, 3), where those that are a line belong to the face beyond their longest edge.
+
+    In the face on its other side, such a triangle would join areas that only touch.
+    """
+    ends = corners[triangles]
+    sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
+    doubled = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
+    needles = np.flatnonzero(doubled < CORNER_MM * sides.max(axis=1)).tolist()
+    owner = {(int(t[i]), int(t[(i + 1) % 3])): place for place, t in enumerate(triangles) for i in range(3)}
+    beyond = {}
+    for needle in needles:
+        first = int(sides[needle].argmax())
+        beyond[needle] = owner[(int(triangles[needle][(first + 1) % 3]), int(triangles[needle][first]))]
+    planes = planes.copy()
+    while True:
+        # One of a row of needles follows the one beyond it.
+        moved = [needle for needle in beyond if planes[beyond[needle]] != planes[needle]]
+        if not moved:
+            return planes
+        for needle in moved:
+            planes[needle] = planes[beyond.pop(needle)]
+
+
+def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:
+    """Plane and boundary loops of every connected face; corners at which only two faces meet are left out."""
+    owner = {(int(corners[i]), int(corners[(i + 1) % 3])): t for t, corners in enumerate(triangles) for i in range(3)}
+    face = np.full(len(triangles), -1)
+    count = 0
+    for start in range(len(triangles)):
+        if face[start] >= 0:
+            continue
+        face[start], stack = count, [start]
+        while stack:
+            t = stack.pop()
+            a, b, c = (int(corner) for corner in triangles[t])
+            for edge in ((b, a), (c, b), (a, c)):
+                other = owner[edge]
+                if face[other] < 0 and planes[other] == planes[t]:
+                    face[other] = count
+                    stack.append(other)
+        count += 1
+    following = {
+        (int(corners[i]), int(corners[(i + 1) % 3])): (int(corners[(i + 1) % 3]), int(corners[(i + 2) % 3]))
+        for corners in triangles
+        for i in range(3)
+    }
+    loops: list[list[Loop]] = [[] for _ in range(count)]
+    plane_of = [0] * count
+    seen: set[tuple[int, int]] = set()
+    for edge, t in owner.items():
+        if edge in seen or face[owner[edge[::-1]]] == face[t]:
+            continue
+        plane_of[face[t]] = int(planes[t])
+        loop: Loop = []
+        while edge not in seen:
+            seen.add(edge)
+            loop.append(edge[0])
+            # Turn about the edge's end, inside the face, to the next edge of its boundary.
+            edge = following[edge]
+            while face[owner[edge[::-1]]] == face[t]:
+                edge = following[edge[::-1]]
+        loops[face[t]] += _simple(loop)
+    return _without_needless_corners(list(zip(plane_of, loops, strict=True)))
+
+
+def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
+    """Faces whose loops nowhere run back along the edge that they came by: an area so thin belongs to the next face."""
+    loops = [loop for _, group in faces for loop in group]
+    found = True
+    while found:
+        found = False
+        for loop in loops:
+            for i in range(len(loop)):
+                a, b, c = loop[i - 2], loop[i - 1], loop[i]
+                first, second = corners[a] - corners[b], corners[c] - corners[b]
+                if first @ second <= 0.0 or len(loop) < 4:
+                    continue
+                far, near, start, end = (a, c, b, a) if first @ first > second @ second else (c, a, c, b)
+                way = corners[far] - corners[b]
+                if np.linalg.norm(np.cross(way, corners[near] - corners[b])) > CORNER_MM * np.linalg.norm(way):
+                    continue
+                other = next(o for o in loops if any(o[k - 1] == start and o[k] == end for k in range(len(o))))
+                place = next(k for k in range(len(other)) if other[k - 1] == start and other[k] == end)
+                other.insert(place if place > 0 else len(other), near)
+                loop.remove(b)
+                found = True
+                break
+            if found:
+                break
+    return faces
+
+
+def _simple(loop: Loop) -> list[Loop]:
+    """A loop as loops that meet no corner twice."""
+    for end, corner in enumerate(loop):
+        start = loop.index(corner)
+        if start < end:
+            return _simple(loop[start:end]) + _simple(loop[:start] + loop[end:])
+    return [loop]
+
+
+def _without_needless_corners(faces: list[Face]) -> list[Face]:
+    """Faces without the corners at which only two of them meet, and without slivers that have but two others."""
+    while True:
+        meeting: dict[int, set[int]] = {}
+        for index, (_, loops) in enumerate(faces):
+            for corner in chain.from_iterable(loops):
+                meeting.setdefault(corner, set()).add(index)
+        kept = [
+            (plane, [[corner for corner in loop if len(meeting[corner]) > 2] for loop in loops])
+            for plane, loops in faces
+        ]
+        kept = [(plane, [loop for loop in loops if len(loop) > 2]) for plane, loops in kept]
+        kept = [(plane, loops) for plane, loops in kept if loops]
+        if kept == faces:
+            return faces
+        faces = kept
+
+
+def _outward(corners: FloatArray, normal: FloatArray, loops: list[Loop]) -> FloatArray:
+    """The normal, turned out of the material: what cuts leaves its faces the other way round."""
+    areas = [np.cross(corners[loop], np.roll(corners[loop], -1, axis=0)).sum(axis=0) @ normal for loop in loops]
+    return normal if sum(areas) > 0.0 else -normal
+
+
+def _solid(corners: FloatArray, faces: Sequence[tuple[FloatArray, list[Loop]]]) -> Solid:
+    """A B-rep of flat faces (outward unit normal, loops of corners) that share their edges."""
+    builder = BRep_Builder()
+    vertices: dict[int, TopoDS_Vertex] = {}
+    edges: dict[tuple[int, int], TopoDS_Edge] = {}
+
+    def vertex(corner: int) -> TopoDS_Vertex:
+        if corner not in vertices:
+            vertices[corner] = TopoDS_Vertex()
+            builder.MakeVertex(vertices[corner], gp_Pnt(*corners[corner].tolist()), blur[corner])
+        return vertices[corner]
+
+    def edge(start: int, end: int) -> TopoDS_Edge:
+        if (end, start) in edges:
+            return edges[(end, start)].Oriented(TopAbs_REVERSED)
+        edges[(start, end)] = BRepBuilderAPI_MakeEdge(vertex(start), vertex(end)).Edge()
+        builder.UpdateEdge(edges[(start, end)], max(blur[start], blur[end]))
+        return edges[(start, end)]
+
+    # A corner of more than three faces lies as far off some plane as it was welded.
+    blur = np.full(len(corners), 1e-7)
+    for normal, loops in faces:
+        for loop in loops:
+            away = np.abs((corners[loop] - corners[loops[0][0]]) @ normal)
+            blur[loop] = np.maximum(blur[loop], 1.1 * away)
+    shell = TopoDS_Shell()
+    builder.MakeShell(shell)
+    for normal, loops in faces:
+        face = TopoDS_Face()
+        plane = Geom_Plane(gp_Ax3(gp_Pnt(*corners[loops[0][0]].tolist()), gp_Dir(*normal.tolist())))
+        builder.MakeFace(face, plane, 1e-7)
+        for loop in loops:
+            wire = TopoDS_Wire()
+            builder.MakeWire(wire)
+            for start, end in zip(loop, loop[1:] + loop[:1], strict=True):
+                builder.Add(wire, edge(start, end))
+            wire.Closed(True)
+            builder.Add(face, wire)
+        builder.Add(shell, face)
+    shell.Closed(True)
+    solid = TopoDS_Solid()
+    builder.MakeSolid(solid)
+    builder.Add(solid, shell)
+    return Solid(solid)

@@ -18,20 +18,27 @@ from mirrorcam.cad.holder.adjuster import (
     plan_adjuster,
     travel_mm,
 )
-from mirrorcam.cad.holder.back import LevelFront, MountFace, fits_bed, mount_axes, places_of_mount, space_of_mount
-from mirrorcam.cad.holder.carrier_areas import plan_areas
-from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_carrier
+from mirrorcam.cad.holder.back import (
+    LevelFront,
+    MountFace,
+    fits_bed,
+    mount_axes,
+    nut_slots,
+    places_of_mount,
+    screw_depths_mm,
+    space_of_mount,
+)
+from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, down_from
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.screw_holes import nut_slots, screw_depths_mm
-from mirrorcam.cad.plan.bed import bed_lengths_mm, require_height
+from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
-from mirrorcam.cad.plan.fasteners import head_space_mm
+from mirrorcam.cad.plan.fasteners import head_space_mm, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
-from mirrorcam.cad.plan.threads import thread_of
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
@@ -40,7 +47,7 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 class ScrewedHolderPlan(HolderPlan):
     """A holder that is a level plate with a baffle: no cores, pads, rims, grooves nor hollows.
 
-    `carriers` are in the order of `mirror_names`, each with three screws, all as `adjuster` says.
+    `carriers` are in the order of `mirror_names`, each with three screws, all as in `adjuster`.
     """
 
     carriers: tuple[CarrierPlan, ...]
@@ -138,7 +145,7 @@ def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
 def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
     """Where no axis of a carrier's screw may be: at the holes of the mount's screws, and at its holes for their heads.
 
-    These and the driver's holes have roofs along x, as `DRIVER_HOLE_ENDS_MM` says; between two of them is a wall.
+    These and the driver's holes have roofs along x (`DRIVER_HOLE_ENDS_MM`); between two of them is a wall.
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
     taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]

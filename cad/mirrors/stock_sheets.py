@@ -1,24 +1,171 @@
-"""Mirrors on stock sheets: their cut lines and engraved marks, as seen from the face that `facing` lays up, the back.
+"""Mirrors on stock sheets: which face is up, their cut lines, and the marks engraved on their backs.
 
 Everything is drawn as seen from the *back* of the stock sheet, the side that is glued into its seat: cut with the back
-up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over.
+up, nothing has to be mirrored. Mirrors are turned to fit the sheet, never turned over. What the back is differs:
+
+- First-surface: the bare side. The coating lies on the table under its film, and the laser comes to it last.
+- Second-surface: the paint on the coating. A laser that engraves there burns both away, and the mark would be seen in
+  the views; so the mark goes into paper tape on the paint.
+
+Glass is not cut or marked by a laser: it is cut by a water jet, or scored and broken, and its names are written. A mark
+is an arrow that points up and the mirror's id, in single strokes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
+from typing import Literal
 
 import numpy as np
-from shapely import LineString, Polygon, STRtree, get_parts, minimum_rotated_rectangle, unary_union
+from shapely import (
+    LineString,
+    Polygon,
+    STRtree,
+    get_parts,
+    maximum_inscribed_circle,
+    minimum_rotated_rectangle,
+    unary_union,
+)
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.mirrors.engraving import LINE_GAP_MM, mark
-from mirrorcam.cad.mirrors.facing import Facing, Surface, facing_of
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.cad.plan.stroke_font import STROKES
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+
+Surface = Literal["first", "second"]
+SURFACES: tuple[Surface, ...] = ("first", "second")
+Material = Literal["acrylic", "glass"]
+
+
+@dataclass(frozen=True)
+class Facing:
+    """How stock of one kind lies, in words that the notes of a sheet and the guide share.
+
+    `up` is the face that the laser meets, `up_is` and `down_is` describe it and the face on the table; `marked`
+    is the layer that the laser engraves, `before` and `after` the work for that.
+    """
+
+    up: Literal["back", "front"]
+    up_is: str
+    down_is: str
+    marked: str
+    before: str
+    after: str
+
+    def seen(self, outline_in_plane_mm: FloatArray) -> FloatArray:
+        """An outline (n, 2) in a mirror's frame, as the laser sees it: x along the rig's x, y up from the back."""
+        return outline_in_plane_mm * ((1.0, -1.0) if self.up == "back" else (1.0, 1.0))
+
+    @property
+    def note(self) -> str:
+        """How to lay the sheet down, for the notes of its drawing."""
+        return f"{self.up.upper()} up ({self.up_is}), on the table {self.down_is}"
+
+
+def facing_of(surface: Surface, material: Material) -> Facing:
+    """How stock of a kind lies."""
+    return FACINGS[material, surface]
+
+
+FACINGS: dict[tuple[Material, Surface], Facing] = {
+    ("acrylic", "first"): Facing(
+        up="back",
+        up_is="the side without the coating",
+        down_is="the coated side under its film",
+        marked="the bare back, lightly",
+        before="leave the film on the coated side, and lay a clean sheet of card under it",
+        after="",
+    ),
+    ("acrylic", "second"): Facing(
+        up="back",
+        up_is="the painted side",
+        down_is="the clear side under its film",
+        marked="paper tape on the paint, not the paint",
+        before="cover the paint with paper tape, and try on an offcut at what power the laser marks the tape alone: "
+        "through the paint it would burn the coating, and the mark would show in the picture",
+        after="Leave the tape on until the mirror is glued in: it bears its name.",
+    ),
+    ("glass", "first"): Facing(
+        up="back",
+        up_is="the side without the coating",
+        down_is="the coated side, on clean lint-free paper",
+        marked="the bare back, written with a paint marker",
+        before="score the bare back, never the coating",
+        after="",
+    ),
+    ("glass", "second"): Facing(
+        up="back",
+        up_is="the painted side",
+        down_is="the clear side",
+        marked="the paint, written with a paint marker",
+        before="to score it by hand turn sheet and drawing over together, and score the clear side, since paint and "
+        "coating would chip",
+        after="",
+    ),
+}
+
+
+LINE_GAP_MM = 0.5
+"""Lines of a laser closer than this burn into one."""
+
+# Between signs, of half their height: as it reads best, and as small signs need it.
+GAPS = (0.6, 1.0)
+ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))
+
+
+def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, ...]:
+    """Strokes (n, 2) of an up arrow, its shaft first, and a text inside a convex outline (n, 2), mm, y up.
+
+    Signs are `height_mm` high, or as high as fits, `LINE_GAP_MM` from the outline: in a row or a column,
+    spaced wider where only that keeps them as far from each other. Where not even that fits, they are as
+    far apart as can be.
+    """
+    polygon = Polygon(outline)
+    circle = maximum_inscribed_circle(polygon, tolerance=0.01)
+    centres = np.array([polygon.centroid.coords[0], circle.coords[0]])
+    best: tuple[tuple[float, float], tuple[FloatArray, ...]] | None = None
+    for gap, axis, centre in product(GAPS, (0, 1), centres):
+        strokes = _set_out(text, gap, axis)
+        scale = min(height_mm / 2.0, _largest_scale(np.vstack(strokes), outline - centre))
+        # Strokes of a sign are 1 apart.
+        apart_mm = min(LINE_GAP_MM, scale * min(gap, 1.0))
+        if best is None or (apart_mm, scale) > best[0]:
+            best = ((apart_mm, scale), tuple(stroke * scale + centre for stroke in strokes))
+    assert best is not None
+    return best[1]
+
+
+def _set_out(text: str, gap: float, axis: int) -> list[FloatArray]:
+    """Arrow and signs, two high, in a row (axis 0) or down a column (axis 1), their middle in the origin."""
+    placed: list[FloatArray] = []
+    reached = 0.0
+    for sign in (ARROW, *(STROKES[letter] for letter in text)):
+        strokes = [np.array(stroke, dtype=np.float64) for stroke in sign]
+        corners = np.vstack(strokes)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        shift = (
+            np.array([reached - low[0], 0.0]) if axis == 0 else np.array([-(low + high)[0] / 2.0, reached - high[1]])
+        )
+        placed += [stroke + shift for stroke in strokes]
+        reached += (high - low)[0] + gap if axis == 0 else -(high - low)[1] - gap
+    corners = np.vstack(placed)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    return [stroke - middle for stroke in placed]
+
+
+def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
+    """Largest scale about the origin at which points (n, 2) stay the line gap inside a convex outline (m, 2)."""
+    loop = np.array(orient(Polygon(outline)).exterior.coords)
+    edges = np.diff(loop, axis=0)
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    free_mm = (outward * loop[:-1]).sum(axis=1) - LINE_GAP_MM
+    return float((free_mm / (outward @ corners.T).max(axis=1)).min())
+
 
 # Float glass has 1.52, acrylic 1.49.
 GLASS_INDEX = 1.505
@@ -28,7 +175,7 @@ GLASS_INDEX = 1.505
 class CutMirror:
     """One mirror on a stock sheet: the laser's closed path (n, 2), half the kerf outside it, and engraved strokes.
 
-    `name` is that of `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
+    `name` is from `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
     """
 
     name: str
@@ -57,7 +204,7 @@ class StockSheet:
         return stock_kind(self.surface, self.thickness_mm, self.cutting)
 
     def _lines_mean(self, facing: Facing) -> tuple[str, str]:
-        """What the lines of both layers are for."""
+        """The purpose of the lines of both layers."""
         if self.cutting.material == "glass":
             return (
                 "CUT (red): the finished edge, before its bevel; no kerf is included. Glass is not cut by a laser",

@@ -9,10 +9,9 @@ import numpy as np
 
 from mirrorcam.cad.holder.pads import pad_shapes
 from mirrorcam.cad.plan.back_table import RingGauge
-from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import holes, length
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -29,7 +28,7 @@ STRIP_MM = (22.0, 8.0)
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
-"""By how much the holes of a gauge differ from those of the parts; one, two, three notches tell them apart."""
+"""Differences of the holes of a gauge from the holes of the parts; one, two, three notches mark them."""
 
 GO_MM, GO_DEEP_MM = 0.3, 4.0
 """A body enters a slot that is so much wider than itself, and not one that is so much narrower, so deep each."""
@@ -60,7 +59,7 @@ class CouponPlan:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that mends it."""
+    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that corrects it."""
 
     name: str
     fits: str

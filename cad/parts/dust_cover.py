@@ -11,10 +11,9 @@ from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.plan.bed import bed_lengths_mm
-from mirrorcam.cad.plan.dimension import Length
+from mirrorcam.cad.plan.cuts import bed_lengths_mm
+from mirrorcam.cad.plan.dimension import Length, length
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout

@@ -10,9 +10,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.foot import foot_plate_mm, foot_screws, foot_z_mm
-from mirrorcam.cad.parts.truss import Webs
-from mirrorcam.cad.plan.beam import Section
+from mirrorcam.cad.parts.truss import Webs, foot_plate_mm, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
     ROOF_DEG,
@@ -27,6 +25,7 @@ from mirrorcam.cad.plan.fasteners import (
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x, roofed
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 

@@ -1,4 +1,4 @@
-"""The printed parts beside the mirror holder as B-rep solids, made of the numbers of their plans."""
+"""The printed parts other than the mirror holder as B-rep solids, made of the numbers of their plans."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
-from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 Cut = Frustum | Bore | Countersink | Hexagon
 
@@ -129,14 +130,13 @@ def one_solid(name: str, built: BuildPart) -> Part:
 
 
 def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
-    """Convex pieces as one solid, less what is cut from them; raises InputError where it falls apart."""
+    """Convex pieces as one solid, less cuts; raises InputError where it falls apart."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in pieces])
         insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)
     return one_solid(name, part)
 
 
-@recipe("cad.parts.solids.make_coupon")
 def make_coupon(plan: CouponPlan) -> Part:
     """The fit coupon."""
     with BuildPart() as part:
@@ -146,37 +146,33 @@ def make_coupon(plan: CouponPlan) -> Part:
                 upright = (Align.CENTER, Align.CENTER, Align.MIN)
                 Cylinder(ring.radius_mm + ring.ring_mm, ring.band_mm, align=upright)
                 Cylinder(ring.radius_mm, ring.band_mm, align=upright, mode=Mode.SUBTRACT)
-            # Of the ring and the plate there remains what lies left of the plate's edge.
+            # Of ring and plate, the part left of the plate's edge remains.
             with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
                 Rectangle(4.0 * ring.radius_mm, 4.0 * ring.radius_mm, align=(Align.MIN, Align.CENTER))
             extrude(amount=ring.band_mm, mode=Mode.SUBTRACT)
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
-    return one_solid("fit_coupon", part)
+    return one_solid(COUPON, part)
 
 
-@recipe("cad.parts.solids.make_carrier")
 def make_carrier(plan: CarrierPlan) -> Part:
     """A mirror's carrier: its wedge with pads, less grooves and the holes of its screws."""
-    return built_of(f"carrier_{plan.name}", (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
+    return built_of(carrier_name(plan.name), (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
 
 
-@recipe("cad.parts.solids.make_clip")
 def make_clip(plan: ClipPlan) -> Part:
     """The camera clip: its pieces joined, its holes cut."""
-    return built_of("camera_clip", plan.pieces, plan.cuts)
+    return built_of(CLIP, plan.pieces, plan.cuts)
 
 
-@recipe("cad.parts.solids.make_mount")
 def make_mount(plan: MountPlan) -> Part:
     """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
-    return built_of("mount", plan.pieces, (*plan.cuts, *plan.light))
+    return built_of(MOUNT, plan.pieces, (*plan.cuts, *plan.light))
 
 
-@recipe("cad.parts.solids.make_cover")
 def make_cover(plan: CoverPlan) -> Part:
     """The dust cover: a hollow cap with a notch in its rim, and catches."""
     with BuildPart() as part:
         insert(solid_of(plan.outer))
         insert([solid_of(plan.inner), solid_of(plan.notch)], mode=Mode.SUBTRACT)
         insert([solid_of(catch) for catch in plan.catches])
-    return one_solid("dust_cover", part)
+    return one_solid(COVER, part)

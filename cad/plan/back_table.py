@@ -11,8 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Link, Name
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 
 def _size(default: float, description: str) -> Any:
@@ -30,10 +31,14 @@ class RingGauge:
 
 
 class BackTable(Value):
-    """What the tables of all backs have in common."""
+    """Base of the tables of all backs."""
 
     title: ClassVar[str]
-    """What the device is fastened to, in a few words."""
+    """The support of the device, in a few words."""
+    parts: ClassVar[tuple[str, ...]]
+    """Names of the printed parts."""
+    on_arm: ClassVar[bool] = False
+    """Whether it is fastened to a robot's arm, which gets a description of the device."""
 
     @property
     def ring_gauge(self) -> RingGauge | None:
@@ -53,6 +58,7 @@ class DeskBack(BackTable):
     """No carrier: a plate as a foot, on which the device stands on a desk. It holds a nut for a tripod."""
 
     title: ClassVar[str] = "a desk"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_desk",)
     kind: Literal["none"] = "none"
     nut: TripodNut = TripodNut()
     grip_mm: float = _size(5.5, "from the tops of the countersunk heads to the mount's foot")
@@ -71,6 +77,8 @@ class Gen2Back(BackTable):
     """
 
     title: ClassVar[str] = "the wrist of a Kinova arm of the second generation"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_saddle", "adapter_cap")
+    on_arm: ClassVar[bool] = True
     kind: Literal["gen2"] = "gen2"
     name: Name = Field(default="Kinova MICO or JACO with two fingers", description="the arm")
     link: Link = Field(
@@ -96,6 +104,7 @@ class TripodBack(BackTable):
     """A tripod or anything else with a 1/4 in screw: a small plate with a nut."""
 
     title: ClassVar[str] = "a tripod"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_tripod",)
     kind: Literal["tripod"] = "tripod"
     nut: TripodNut = TripodNut()
     grip_mm: float = _size(5.5, "from the tops of the countersunk heads to the mount's foot")
@@ -108,6 +117,7 @@ class ArcaBack(BackTable):
     """
 
     title: ClassVar[str] = "a clamp of the kind of Arca-Swiss"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_arca",)
     kind: Literal["arca"] = "arca"
     width_mm: float = _size(38.0, "width of the dovetail over its lips")
     fit_mm: float = PART_OFFSET_MM.field(0.1, "how much less it is on each side: more for a clamp that is tight")
@@ -121,6 +131,8 @@ class Iso9409Back(BackTable):
     """An arm's flange ISO 9409-1-50-4-M6 (UR3e to UR16e and many others), the views along its axis."""
 
     title: ClassVar[str] = "an arm's flange ISO 9409-1-50-4-M6"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_flange", "adapter_centring")
+    on_arm: ClassVar[bool] = True
     kind: Literal["iso9409"] = "iso9409"
     link: Link = Field(default="tool0", description="the link of the arm's URDF at the flange, z out of it (REP 199)")
     circle_mm: float = _size(50.0, "diameter of the circle of the four M6 threads (ISO 9409-1)")
@@ -139,10 +151,12 @@ class Gen3Back(BackTable):
     """Kinova Gen3: four threads in the face of the interface module, a rim round it, the views along its axis.
 
     Measured from `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description (BSD-3-Clause): see
-    `mirrorcam.cad.backs.flange`. Threads are taken for M5 by their core holes of 4.2 mm: no drawing was read.
+    `mirrorcam.cad.backs.brackets`. Threads are taken for M5 by their core holes of 4.2 mm: no drawing was read.
     """
 
     title: ClassVar[str] = "the interface module of a Kinova Gen3"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_flange", "adapter_spacer")
+    on_arm: ClassVar[bool] = True
     kind: Literal["gen3"] = "gen3"
     link: Link = Field(default="end_effector_link", description="the link of the arm's URDF at the face (ros2_kortex)")
     holes_mm: tuple[float, float] = Field(default=(27.0, 16.0), description="the threads, from the axis along x and y")
@@ -162,6 +176,7 @@ class ProfileBack(BackTable):
     """An aluminium profile of 20 mm with slots of 6 mm, type I (also called type B of 20 mm): two T-nuts M5."""
 
     title: ClassVar[str] = "an aluminium profile of 20 mm, slot 6"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_profile",)
     kind: Literal["profile20"] = "profile20"
     profile_mm: float = _size(20.0, "side of the profile")
     plate_mm: float = _size(8.0, "thickness of the plate")
@@ -176,6 +191,7 @@ class VesaBack(BackTable):
     """A stand or an arm for monitors, VESA MIS-D (FDMI): four M4 screws on a square of 75 or 100 mm."""
 
     title: ClassVar[str] = "a VESA arm for monitors"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_vesa",)
     kind: Literal["vesa"] = "vesa"
     square_mm: float = _size(75.0, "side of the square of screws: 75 or 100 mm; most arms take both")
     arm_mm: float = _size(2.6, "thickness of the arm's plate (FDMI)")
@@ -188,6 +204,7 @@ class MonitorBack(BackTable):
     """The upper edge of a monitor: a hook in front of it and a jaw behind it, which slides and is screwed tight."""
 
     title: ClassVar[str] = "the upper edge of a monitor"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_hook", "adapter_jaw")
     kind: Literal["monitor"] = "monitor"
     thick_mm: float = _size(20.0, "thickness of the monitor, for pictures and clearances")
     range_mm: tuple[float, float] = Field(

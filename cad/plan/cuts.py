@@ -1,16 +1,23 @@
-"""The plan of a split: cuts that leave no thin wall beside them, and the pieces and joints between them."""
+"""The plan of a split: whether a part fits the printer's bed, else cuts that leave no thin wall, pieces, joints, pins.
+
+Each joint has two steel pins, in teardrop holes on both sides of the cut.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mirrorcam.cad.plan.bed import MOVED_MM
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
 
 if TYPE_CHECKING:
     from build123d import Part
@@ -39,8 +46,8 @@ Cell = tuple[int, int]
 class PiecePlan:
     """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
 
-    What a cut leaves that is smaller than a cube of `crumb_mm` does not print and is left out. `rig_from_bed` (4, 4)
-    is that of the whole part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
+    Fragments smaller than a cube of `crumb_mm` do not print and are left out. `rig_from_bed` (4, 4) belongs to the
+    uncut part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
     on the bed; `hole_mm` are their diameter and depth.
     """
 
@@ -58,7 +65,7 @@ class PiecePlan:
 class Joint:
     """A cut between two neighbouring pieces: at `at_mm` across an axis of the bed, 0 (x) or 1 (y).
 
-    `span_mm` is where along the bed's other axis its pins may be: those of cuts that cross keep apart.
+    `span_mm` is where along the bed's other axis its pins may be: pins of cuts that cross keep apart.
     """
 
     cells: tuple[Cell, Cell]
@@ -106,7 +113,7 @@ def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...
     axis : int
         Axis of the bed that is cut across: 0 or 1.
     places_mm : tuple of float
-        Where cuts are asked for, along that axis.
+        Requested places of cuts along that axis.
     wall_mm : float
         Thinnest wall that prints.
 
@@ -169,3 +176,75 @@ def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
     rising = (at - low) ** 2 / np.maximum((middle - low) * (high - low), 1e-12)
     falling = 1.0 - (high - at) ** 2 / np.maximum((high - middle) * (high - low), 1e-12)
     return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
+
+
+# How far a cut may be moved off its requested place (see `off_corners`).
+MOVED_MM = 0.09
+
+
+def bed_lengths_mm(lengths_mm: tuple[float, float], hardware: Hardware) -> tuple[float, float]:
+    """Length of the bed along a part's x and y: the part's longer side lies along the bed's longer side."""
+    short, long = sorted(hardware.printer.bed_mm[:2])
+    return (long, short) if lengths_mm[0] >= lengths_mm[1] else (short, long)
+
+
+def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: Hardware) -> PartPlan:
+    """The part, turned by a quarter where its length along x fits the bed only that way."""
+    if bed_mm == hardware.printer.bed_mm[0] or length_mm <= hardware.printer.bed_mm[0]:
+        return part
+    quarter = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    return replace(part, print_from_rig=quarter @ part.print_from_rig)
+
+
+def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
+    """Raise InputError where a part is higher than the printer: cuts are upright and make no piece lower."""
+    if height_mm > hardware.printer.bed_mm[2]:
+        raise InputError(
+            f"{name} is {height_mm:.1f} mm high, expected at most {hardware.printer.bed_mm[2]:g} mm (printer bed)"
+        )
+
+
+def cut_slack_mm(length_mm: float, count: int, bed_mm: float) -> float:
+    """Largest shift of each cut into `count` equal pieces, by itself, at which all pieces still fit the bed."""
+    spare = max(0.0, bed_mm - length_mm / count - MOVED_MM)
+    return spare if count == 2 else spare / 2.0
+
+
+# Two pins nearer to each other than this many diameters leave the pieces free to turn.
+PINS_APART = 4.0
+
+
+def clearance_round_pin_mm(hardware: Hardware) -> float:
+    """Least distance from a pin's axis to the outside: the roof of its hole reaches higher than its radius."""
+    radius = hardware.holder.pin_mm[0] / 2.0 + hardware.fit.press_mm
+    return radius / float(np.sin(np.radians(ROOF_DEG))) + hardware.printer.wall_mm
+
+
+def reach_of_pin_mm(hardware: Hardware) -> float:
+    """Length of solid material that a pin needs on either side of a cut: its hole, and the thinnest wall behind."""
+    return hole_depth_mm(hardware) + hardware.printer.wall_mm
+
+
+def hole_depth_mm(hardware: Hardware) -> float:
+    """Depth of a pin's hole in either piece: the pin does not reach its end."""
+    return hardware.holder.pin_mm[1] / 2.0 + hardware.fit.slide_mm
+
+
+def hole_mm(hardware: Hardware) -> float:
+    """Diameter of a pin's hole."""
+    return hardware.holder.pin_mm[0] + 2.0 * hardware.fit.press_mm
+
+
+def farthest_pair(points_mm: FloatArray) -> tuple[FloatArray, float]:
+    """The two of some points (n, 2) that are farthest apart, as (2, 2), and their distance; 0 mm of no points."""
+    distances = np.linalg.norm(points_mm[:, None] - points_mm[None, :], axis=-1)
+    if not distances.size:
+        return np.zeros((2, 2)), 0.0
+    first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
+    return points_mm[[first, second]], float(distances.max())
+
+
+def hole_frame(middle_mm: FloatArray, axis: int, side: float) -> FloatArray:
+    """Frame (4, 4) on the bed of a hole that begins at a point (3,) of a cut across an axis: z into the piece, y up."""
+    inwards, upwards = side * np.eye(3)[axis], np.array([0.0, 0.0, 1.0])
+    return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), middle_mm)

@@ -1,12 +1,14 @@
-"""Dimensions that a part's plan offers to its drawing, in rig."""
+"""Dimensions that a part's plan offers to its drawing, in rig: lengths, holes, datums and tables."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink, Hexagon
 from mirrorcam.core.values import FloatArray
 
 
@@ -44,8 +46,8 @@ class Hole:
     """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
     Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
-    the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats,
-    that of a countersink its widest diameter, that of a slot its width: it is longer than wide by `travel_mm`.
+    the drawing states its depth in the solid, or that it goes through. The size of a hexagon is across its flats,
+    the size of a countersink is its widest diameter, the size of a slot its width: it is longer by `travel_mm`.
     Places are counted from the edges of a view where there is no `datum`.
     """
 
@@ -76,3 +78,28 @@ class Dimensioned(Protocol):
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]: ...
+
+
+def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
+    """All holes among the cuts of a part, at their mouths: bores, slots, countersinks, and pockets for nuts."""
+    return tuple(_hole(cut) for cut in cuts if isinstance(cut, Bore | Countersink | Hexagon))
+
+
+def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
+    mouth, deep = cut.mouth + OUTSIDE_MM * cut.axis, cut.depth_mm - OUTSIDE_MM
+    if isinstance(cut, Countersink):
+        slope = (cut.radius_mm - cut.end_radius_mm) / cut.depth_mm
+        widest = cut.radius_mm - OUTSIDE_MM * slope
+        angle = 2.0 * np.degrees(np.arctan(slope))
+        text = f"x {angle:.0f}°"
+        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, deep, "countersink", cut.travel_mm)
+    if isinstance(cut, Hexagon):
+        return Hole(cut.mouth, cut.axis, round(cut.flats_mm, 3), "", cut.depth_mm, "hexagon")
+    return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), "", deep, travel_mm=cut.travel_mm)
+
+
+def length(
+    start: FloatArray, end: FloatArray, text: str = "", way: FloatArray | None = None, before: str = ""
+) -> Length:
+    """The distance between two points (3,) in rig, or its part along a direction (3,)."""
+    return Length(np.array([start, end]), text, way, before)

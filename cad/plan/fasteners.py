@@ -1,13 +1,70 @@
-"""Screws, inserts and nuts as plain numbers: lengths, walls, and the holes for them in parts."""
+"""Fasteners as plain numbers: threads and their standard sizes, lengths and walls, the holes for them, their frames."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
+
+
+@dataclass(frozen=True)
+class Thread:
+    """A thread: the screw's diameter, its pitch, head and clearance hole, and the hexagon nut across flats; mm."""
+
+    diameter_mm: float
+    pitch_mm: float
+    head_mm: float
+    head_height_mm: float
+    clearance_mm: float
+    nut_flats_mm: float
+    nut_height_mm: float
+
+
+# Heads of ISO 4762, holes of ISO 273 (normal), nuts of ISO 4032; the last of ASME B18.3 and B18.2.2.
+THREADS = {
+    "M1.6": Thread(1.6, 0.35, 3.0, 1.6, 1.8, 3.2, 1.3),
+    "M2": Thread(2.0, 0.4, 3.8, 2.0, 2.4, 4.0, 1.6),
+    "M2.5": Thread(2.5, 0.45, 4.5, 2.5, 2.9, 5.0, 2.0),
+    "M3": Thread(3.0, 0.5, 5.5, 3.0, 3.4, 5.5, 2.4),
+    "M4": Thread(4.0, 0.7, 7.0, 4.0, 4.5, 7.0, 3.2),
+    "M5": Thread(5.0, 0.8, 8.5, 5.0, 5.5, 8.0, 4.7),
+    "M6": Thread(6.0, 1.0, 10.0, 6.0, 6.6, 10.0, 5.2),
+    "M8": Thread(8.0, 1.25, 13.0, 8.0, 9.0, 13.0, 6.8),
+    "1/4-20 UNC": Thread(6.35, 1.27, 9.53, 6.35, 6.6, 11.11, 5.56),
+}
+
+COUNTERSUNK = " countersunk"
+"""End of the size of a screw with a countersunk head of 90 deg (ISO 10642), whose length counts from its top."""
+
+SUNK_HEAD = 2.24
+"""Diameter of such a head over the thread's, where its cone would end in a sharp edge."""
+
+
+def thread_of(size: str) -> Thread:
+    """The thread of a size, which begins with its name: "M3", "M3 countersunk", "1/4-20 UNC".
+
+    Raises ValueError for a size of no thread in the table.
+    """
+    for name, thread in THREADS.items():
+        if size == name or size.startswith(f"{name} "):
+            return thread
+    raise ValueError(f"{size=} names no thread, expected one of {', '.join(THREADS)}")
+
+
+def diameter_mm(size: str) -> float:
+    """The diameter of a size: its thread's, or the number that it begins with, "3" for a pin.
+
+    Raises ValueError for a size that names neither.
+    """
+    number = re.match(r"\d+(\.\d+)?$", size)
+    return float(number.group()) if number else thread_of(size).diameter_mm
+
 
 # A nut drops into a pocket this much wider and deeper than itself.
 NUT_FIT_MM = 0.2
@@ -158,7 +215,7 @@ def stack_into(
 def thread(
     mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """The cuts in a wall, at least as thick as its stack says, for a screw that enters at a mouth (3,) along an axis.
+    """The cuts in a wall, as thick as its stack or thicker, for a screw that enters at a mouth (3,) along an axis.
 
     In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
     """
@@ -170,3 +227,20 @@ def thread(
         Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
         Hexagon(mouth + held.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
     )
+
+
+ACROSS = np.array([1.0, 0.0, 0.0])
+# What has left a part is this far from it: half a nut, and as much as shows.
+CLEAR_MM = 12.0
+
+
+def along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
+    """A frame (4, 4) at a point (3,) with z along a direction (3,) and x as near to another (3,) as it can be."""
+    x_axis = across - (z_axis @ across) * z_axis
+    x_axis = x_axis / np.linalg.norm(x_axis)
+    return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
+
+
+def beyond(corners: FloatArray, place: FloatArray, way: FloatArray) -> FloatArray:
+    """The move (3,) along a unit vector (3,) by which a place (3,) leaves the hull of corners (n, 3)."""
+    return float(((corners - place) @ way).max() + CLEAR_MM) * way

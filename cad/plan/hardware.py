@@ -1,12 +1,13 @@
-"""Bought hardware, fits and the printer: the one table of dimensions that parts are drawn from.
+"""Bought hardware, fits, printer and print settings: the one table of dimensions that parts are drawn from.
 
-The table is data: a TOML file may replace any of it. A camera's body comes from the library of cameras
-(`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
+The table is data: a TOML file may replace any of it but the print settings. A camera's body comes from the library of
+cameras (`optics/geometry/cameras/`) or a file of its own. Lengths in mm.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
@@ -14,8 +15,9 @@ from pydantic import BeforeValidator, Field
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
-from mirrorcam.core.values import InputError, Value, with_tuples
+from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -270,3 +272,16 @@ class Hardware(Value):
 
 
 HARDWARE = Hardware()
+
+
+@dataclass(frozen=True)
+class PrintSettings:
+    """Nozzle, layers, number of perimeters (lines of a wall) and share of infill."""
+
+    nozzle_mm: float = 0.4
+    layer_mm: float = 0.2
+    perimeters: int = 3
+    infill_percent: int = 20
+
+
+PRINT_SETTINGS = PrintSettings()

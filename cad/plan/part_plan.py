@@ -1,4 +1,4 @@
-"""Printed parts as exports, checks and documents see them: a plan before, and files after they are made."""
+"""Printed parts as exports, checks and documents see them: plans and joints before, files after they are made."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -16,33 +16,10 @@ from mirrorcam.core.values import FloatArray, Matrix3, Matrix4, Metric, Value, V
 if TYPE_CHECKING:
     from build123d import Part
 
-    Make = TypeVar("Make", bound=Callable[[Any], Part])
-
 Rgb = tuple[float, float, float]
 
 FORMING = " thread-forming"
 """End of the size of a screw that cuts its thread itself, in plastic."""
-
-
-_RECIPES: dict[Callable[..., Any], str] = {}
-
-
-def recipe(name: str) -> Callable[[Make], Make]:
-    """Name how a function makes its part, for the part's identity.
-
-    The identity is printed on drawings and kept in 3MF files: it stays as long as the same numbers give the same part,
-    wherever the function is moved. A function without a recipe goes by its own name.
-    """
-
-    def named(make: Make) -> Make:
-        _RECIPES[make] = name
-        return make
-
-    return named
-
-
-def _recipe_of(make: Callable[..., Any]) -> str:
-    return _RECIPES.get(make, f"{make.__module__}.{make.__qualname__}")
 
 
 @dataclass(frozen=True)
@@ -69,7 +46,7 @@ class PartPlan:
     name : str
         Stem of the part's files, unique in a device.
     title, number : str
-        What the part is called, and its part number, in documents.
+        Title and part number of the part in documents.
     plan : Any
         The numbers: a frozen dataclass of numbers, text, arrays, tuples and further such dataclasses.
     make : Callable
@@ -96,8 +73,12 @@ class PartPlan:
 
     @cached_property
     def identity(self) -> str:
-        """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
-        numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
+        """Twelve hexadecimal digits over the part's numbers and the name of the function that makes it of them.
+
+        The same identity means the same part, in whatever module the function stands. It is engraved into the part,
+        printed on its drawing and kept in its 3MF file.
+        """
+        numbers = {"make": self.make.__name__, "plan": plain(self.plan)}
         return value_digest(numbers)[:12]
 
 
@@ -114,7 +95,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if callable(value):
-        return _recipe_of(value)
+        return value.__name__
     if value is None or isinstance(value, str | int | float | bool):
         return value
     raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
@@ -190,3 +171,18 @@ class BuiltPart(Value):
     @property
     def stl(self) -> Path:
         return self.folder / f"{self.name}.stl"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A joint of two parts: the same frame, once from the plan of each; both (4, 4) in rig.
+
+    z points out of the parent. `slides_mm` is how far the child may move either way along the frame's x.
+    """
+
+    name: str
+    parent: str
+    child: str
+    rig_from_parent_joint: FloatArray
+    rig_from_child_joint: FloatArray
+    slides_mm: float = 0.0

@@ -2,7 +2,7 @@
 
 Torque of a screw that pulls with a force F (VDI 2230-1, equation for the tightening torque), with the friction mu of
 thread and head: M = F (0.16 P + 0.58 d2 mu + D mu / 2), where D is the mean diameter of the bearing ring under the
-head. A low friction is taken, with which a torque makes the most force. F is the least of what the plastic bears
+head. Friction is taken low, since a torque then makes the most force. F is the least force that the plastic bears
 
 - under the head, its washer or a nut: pressure on the ring, at most p,
 - round an insert or a thread that the screw cut: shear of the cylinder round it, of which ridges leave a half.
@@ -18,9 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP
+from mirrorcam.cad.plan.fasteners import Thread, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
-from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
 # Share of a plastic's strength that it bears for years.
@@ -29,9 +30,7 @@ LASTING = 0.25
 HELD = 0.5
 # A screw whose tip presses on the body of a camera, through its clip alone, may do so this hard.
 PRESS_N = 50.0
-PRESSING = ("camera_clip",)
-# Screws against springs, which are turned to adjust a mirror, and not tightened.
-ADJUSTING = "carrier_"
+PRESSING = (CLIP,)
 ON_AXIS_MM = 1e-3
 
 
@@ -53,7 +52,7 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
     """The tightening of each screw among bought items, in their order; None for anything else, and for
     those that adjust mirrors.
 
-    What a screw holds in, and whether a washer is under its head, is found on its axis among the items.
+    The thread of a screw, and a washer under its head, are found on its axis among the items.
     """
     return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
 
@@ -62,7 +61,8 @@ def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardwa
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
     pressure = LASTING * hardware.printer.plastic_strength_mpa
-    if screw.joins[-1].startswith(ADJUSTING):
+    # Screws against springs are turned to adjust a mirror, not tightened.
+    if screw.joins[-1].startswith(CARRIER):
         return None
     if screw.joins == PRESSING and not screw.size.endswith(FORMING):
         return Tightening(_torque_nm(thread, PRESS_N, 0.0), "the camera's body")

@@ -1,7 +1,7 @@
-"""Printing time and plastic of a part, and whether it needs support, by PrusaSlicer, where that is installed.
+"""Print settings as slicers read them; print time, plastic and need of support by PrusaSlicer, where it is installed.
 
-The profile is that of `print_profile`, for the rest the slicer's own default, with support wherever the slicer thinks
-that some is needed, other than under bridges. With no support generated, time and grams are those of a print without.
+The profile is `prusa_profile`, for the rest the slicer's own default, with support wherever the slicer thinks that some
+is needed, other than under bridges. With no support generated, time and grams hold for a print without.
 
 One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
 on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
@@ -11,6 +11,7 @@ with it, support at 35 and at 65 deg and at no other angle.
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import dataclass
@@ -18,10 +19,83 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mirrorcam.cad.plan.hardware import Printer
-from mirrorcam.cad.write.print_profile import NOZZLE, SETTINGS, of_printer
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Printer
 from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import Metric
+
+PROFILE = "mirrorcam"
+"""Name of the profile, and stem of its files."""
+
+SETTINGS = {
+    "layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
+    "first_layer_height": f"{PRINT_SETTINGS.layer_mm:g}",
+    "perimeters": f"{PRINT_SETTINGS.perimeters}",
+    # Half the time of the newer generator, and as good for walls of several lines.
+    "perimeter_generator": "classic",
+    "fill_density": f"{PRINT_SETTINGS.infill_percent}%",
+    "perimeter_speed": "45",
+    "external_perimeter_speed": "30",
+    "small_perimeter_speed": "25",
+    "infill_speed": "80",
+    "solid_infill_speed": "60",
+    "top_solid_infill_speed": "40",
+    "gap_fill_speed": "30",
+    "travel_speed": "150",
+}
+"""Settings of a print as PrusaSlicer names them: layers, walls and infill, and speeds of a common hobby printer."""
+
+NOZZLE = {"nozzle_diameter": f"{PRINT_SETTINGS.nozzle_mm:g}", "filament_diameter": "1.75"}
+
+
+def of_printer(printer: Printer) -> dict[str, str]:
+    """The bed and the plastic of a printer, as PrusaSlicer names them."""
+    width, length, height = (f"{side:g}" for side in printer.bed_mm)
+    return {
+        "bed_shape": f"0x0,{width}x0,{width}x{length},0x{length}",
+        "max_print_height": height,
+        "filament_density": f"{printer.plastic_g_per_cm3:g}",
+    }
+
+
+def prusa_profile(printer: Printer) -> str:
+    """The profile as an INI file of PrusaSlicer and SuperSlicer: no support, since no part needs any."""
+    settings = SETTINGS | {"support_material": "0"} | NOZZLE | of_printer(printer)
+    settings |= {"print_settings_id": PROFILE}
+    return "".join(f"{name} = {value}\n" for name, value in sorted(settings.items()))
+
+
+def embedded(profile: str) -> str:
+    """A profile as it stands in a 3MF project of PrusaSlicer, which skips its first line: every setting a comment."""
+    return f"; {PROFILE}\n\n" + "".join(f"; {line}\n" for line in profile.splitlines())
+
+
+def orca_profile() -> str:
+    """The profile as a process of OrcaSlicer and Bambu Studio, by their names of settings; printers are their own.
+
+    Both know a process by its `print_settings_id` alone, and take none without a version; every value is a string.
+    """
+    settings = {
+        "type": "process",
+        "name": PROFILE,
+        "print_settings_id": PROFILE,
+        "from": "User",
+        "version": "1.6.0.0",
+        "layer_height": SETTINGS["layer_height"],
+        "initial_layer_print_height": SETTINGS["first_layer_height"],
+        "wall_loops": SETTINGS["perimeters"],
+        "wall_generator": SETTINGS["perimeter_generator"],
+        "sparse_infill_density": SETTINGS["fill_density"],
+        "enable_support": "0",
+        "inner_wall_speed": SETTINGS["perimeter_speed"],
+        "outer_wall_speed": SETTINGS["external_perimeter_speed"],
+        "sparse_infill_speed": SETTINGS["infill_speed"],
+        "internal_solid_infill_speed": SETTINGS["solid_infill_speed"],
+        "top_surface_speed": SETTINGS["top_solid_infill_speed"],
+        "gap_infill_speed": SETTINGS["gap_fill_speed"],
+        "travel_speed": SETTINGS["travel_speed"],
+    }
+    return json.dumps(settings, indent=4) + "\n"
+
 
 PROGRAMS = ("prusa-slicer", "prusa-slicer-console", "PrusaSlicer")
 OPTIONS = {
@@ -40,7 +114,7 @@ SWITCHES = (
     "--no-overhangs",
 )
 # Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another which
-# the slicer adds to what it is asked for.
+# the slicer adds to the requested one.
 THRESHOLD_DEG = 2.0
 LONGEST_S = 900.0
 

@@ -1,8 +1,8 @@
 """Build the documentation site: `python -m docs.website OUT [--toy FILE.html] [--devices FOLDER]`.
 
 Warnings, dead links among them, are errors. Nothing is fetched. OUT is a folder of its own, or an earlier site. `--toy`
-puts a snapshot of the studio onto the front page, and `--devices` the gallery that docs/make_gallery.py made, with all
-files to print. Where they are not there yet they are made, in about 6 and 16 minutes.
+puts a snapshot of the studio onto the front page, and `--devices` the gallery that `python -m docs.gallery` made, with
+all files to print. Where they are not there yet they are made, in about 6 and 16 minutes.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m docs.website", description=__doc__.split("\n\n")[0])
     parser.add_argument("out", type=Path, help="folder of the site")
     parser.add_argument("--toy", type=Path, metavar="FILE.html", help="snapshot of the studio for the front page")
-    parser.add_argument("--devices", type=Path, metavar="FOLDER", help="gallery of docs/make_gallery.py")
+    parser.add_argument("--devices", type=Path, metavar="FOLDER", help="gallery of `python -m docs.gallery`")
     given = parser.parse_args(arguments)
     out: Path = given.out
     toy: Path | None = given.toy
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if toy is not None and not toy.is_file():
         subprocess.run([sys.executable, "-m", "mirrorcam", "studio", "--snapshot", str(toy)], check=True)
     if devices is not None and not (devices / "index.html").is_file():
-        subprocess.run([sys.executable, str(HERE.parent / "make_gallery.py"), str(devices)], check=True)
+        subprocess.run([sys.executable, "-m", "docs.gallery", str(devices)], check=True)
     return build(out, toy, devices)
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import mirrorcam
 
 LIBRARY = Path(__file__).parents[1] / "library.md"
-CALLS = re.compile(r"^\| `mirrorcam (\w+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
+CALLS = re.compile(r"^\| `mirrorcam ([\w ]+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
 GROUPS = {
     "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
-    "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "calibrate"),
+    "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "RequestedModel", "calibrate"),
     "Light fields and depth": (
         *("Decoder", "LightField", "open_light_field", "write_light_field", "estimate_depth", "read_image"),
     ),

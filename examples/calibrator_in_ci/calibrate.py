@@ -1,4 +1,4 @@
-"""A calibrator that `mirrorcam evaluate` tries: every view as a camera of its own, by OpenCV alone.
+"""A calibrator that `mirrorcam score suite` tries: every view as a camera of its own, by OpenCV alone.
 
 It needs opencv-contrib-python-headless and NumPy. Of a set it reads what anyone with the device would have: `frames/`,
 `board.toml` and `views.json`. It writes `cameras.yaml`, a FileStorage of OpenCV, which `mirrorcam score` reads.

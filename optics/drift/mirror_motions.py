@@ -11,7 +11,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 COMMON_DEG, COMMON_MM, COMMON_SCALE = 0.5, 0.5, 0.01
-"""Standard deviations of the motion of all mirrors together, which a scene hardly tells."""
+"""Standard deviations of the motion of all mirrors together, which a scene hardly determines."""
 
 
 def mirror_rows(names: tuple[str, ...], k: int) -> IntArray:
@@ -62,7 +62,7 @@ def placed(blocks: dict[int, FloatArray], names: tuple[str, ...]) -> FloatArray:
 
 
 def common_covariance(layout: Layout, names: tuple[str, ...]) -> FloatArray:
-    """Covariance (g, g) of motions of all mirrors as one body, and of a common scale of all, which no picture tells."""
+    """Covariance (g, g) of motions of all mirrors as one body, and of a common scale, which no picture determines."""
     motions, rows = common_motions(layout), all_rows(layout, names)
     covariance = np.zeros((len(names),) * 2)
     covariance[np.ix_(rows, rows)] = motions @ motions.T

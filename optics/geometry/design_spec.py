@@ -12,14 +12,17 @@ from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, mode
 from mirrorcam.core.bounds import (
     AREA_MM2,
     DEPTH_MM,
+    FOLD_DEG,
     GAP_MM,
     LENGTH_MM,
+    MIRRORS,
     REFRACTIVE_INDEX,
     TOLERANCE_DEG,
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.core.values import FloatArray, InputError, Value, with_tuples
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
@@ -27,10 +30,7 @@ from mirrorcam.optics.geometry.camera_library import named_camera
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
 
-MIRRORS = Bounds(1, 12)
-"""Rows or columns of mirrors."""
 MOST_DEPTHS = 10
-FOLD_DEG = Bounds(60.0, 150.0)
 FIRST_FOLD_DEG = 110.0
 """The fold from which the best one is searched."""
 
@@ -107,7 +107,7 @@ class DesignSpec(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """True if second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
+        """True if second-surface mirrors are requested, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property
@@ -129,7 +129,7 @@ class DesignSpec(Value):
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """All fields; rows and columns only where they are asked for."""
+        """All fields; rows and columns only where they are requested."""
         written: dict[str, Any] = write(self)
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.pupil import (
     served_through,
 )
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
-from mirrorcam.render_scenes.undistorted_pixels import undistorted_pixels
+from mirrorcam.render_scenes.lens import undistorted_pixels
 
 PASSES = 4  # light that passed the coating four times, less than .02 % in acrylic, is left out
 BLOCK = 8  # subpixels along each side of a block that is classified as a whole
@@ -59,7 +59,7 @@ class PixelFootprints:
     pupil_x, pupil_y
         Where the ray from the centroid of that part of the pupil crosses z = 0, mm.
     spread
-        Standard deviation of its points about the centroid over that of the whole pupil.
+        Standard deviation of its points about the centroid, divided by the whole pupil's.
     steps
         (2, 2): mean change of x and y (rows) from one subpixel to the next, to the right and down (columns).
     """
@@ -106,7 +106,7 @@ def pixel_footprints(
     Returns
     -------
     tuple
-        The footprints of each view: those of the whole pupil, and those of parts of it. No subpixel occurs twice.
+        The footprints of each view, of the whole pupil and of parts of it. No subpixel occurs twice.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:

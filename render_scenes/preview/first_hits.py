@@ -1,4 +1,4 @@
-"""Where rays meet objects first, and what is there: normals and texture coordinates. In view axes, mm."""
+"""First hits of rays on objects, with normals and texture coordinates there. In view axes, mm."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ import numpy as np
 
 from mirrorcam.core.compiled import inlined
 from mirrorcam.render_scenes.preview.traced_scene import BOUND, BOX, CYLINDER, KIND, RECTANGLE, SPHERE, TRIANGLES, UNIT
-from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, nearest_triangle
-from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, mapped, minus, turned, turned_back
+from mirrorcam.render_scenes.preview.triangle_tree import (
+    NOTHING,
+    along,
+    at,
+    cross,
+    dot,
+    mapped,
+    minus,
+    nearest_triangle,
+    turned,
+    turned_back,
+)
 
 LID = 1
 """Part of a cylinder that is its lid; 0 is its side."""
@@ -185,7 +195,7 @@ def texture_place(objects: Any, number: Any, part: Any, point: Any, right: Any, 
 
 @inlined
 def corner_colour(objects: Any, triangles: Any, number: Any, part: Any, point: Any) -> Any:
-    """Colour of a triangle at a point, between those of its corners."""
+    """Colour of a triangle at a point, between the colours of its corners."""
     p = minus(mapped(objects, number, UNIT, point), at(triangles, part, 0))
     a, b = at(triangles, part, 3), at(triangles, part, 6)
     aa, ab, bb, pa, pb = dot(a, a), dot(a, b), dot(b, b), dot(p, a), dot(p, b)

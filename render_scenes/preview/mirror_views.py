@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, times, turned
+from mirrorcam.render_scenes.preview.triangle_tree import along, at, cross, dot, times, turned
 
 LEAST_SHARE = 1.0 / 512.0
 """Part of the pupil below which a mirror is left out."""

@@ -2,33 +2,274 @@
 
 Rays are traced through the mirrors as flat ones, to the objects of `mirrorcam scene` or to a board, with the same
 geometry as the reference has. Shading is an approximation: of light that surfaces throw at each other there is a rough
-share, glossy objects and glass reflect once, mirrors are not seen in them, and there are no ghosts of plates.
+share, glossy objects and glass reflect once, mirrors are not seen in them, and there are no ghosts of plates. Blur
+follows from how far away each pixel's object seems.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.bounds import Bounds
-from mirrorcam.core.values import InputError
+from mirrorcam.core.compiled import compiled, inlined
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
-from mirrorcam.render_scenes.preview.arranged import Subject, arranged_tabletop, view_from_board
-from mirrorcam.render_scenes.preview.focus_blur import out_of_focus
-from mirrorcam.render_scenes.preview.mirror_views import mirror_views
-from mirrorcam.render_scenes.preview.sensor_light import SensorLight, sensor_light
-from mirrorcam.render_scenes.preview.traced_scene import traced_board, traced_tabletop
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
+from mirrorcam.render_scenes.fields_of_view import common_bounds
+from mirrorcam.render_scenes.lens import LEAST_BLUR_PX, defocused, undistorted_pixels
+from mirrorcam.render_scenes.preview.mirror_views import (
+    INDEX,
+    LEAST_SHARE,
+    WINDOW,
+    MirrorViews,
+    mirror_views,
+    scene_ray,
+    served_share,
+    transmitted,
+    turned_step,
+)
+from mirrorcam.render_scenes.preview.ray_colour import ray_colour
+from mirrorcam.render_scenes.preview.traced_scene import KIND, TRIANGLES, TracedScene, traced_board, traced_tabletop
+from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, along, times
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
+from mirrorcam.render_scenes.tabletop.objects import TextureName
+from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, Tabletop, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
+
+Subject = Literal["tabletop", "board"]
+
+TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
+    "poster": (1152, 768),
+    "wood": (1536, 960),
+    "page": (384, 516),
+    "label": (432, 240),
+    "cover": (144, 144),
+    "globe": (240, 120),
+}
+"""Columns and rows of textures: as many as nine views of a picture of 1000 px show, about."""
+BOARD_TURNED_DEG = (-12.0, 18.0)
+"""Turns of the board about x and y."""
+
+
+def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None) -> Tabletop:
+    """The tabletop scene of a layout, with textures of the same size for every layout.
+
+    With `sized_for`, that of another layout as a whole, its middle where the field of `layout` has its own.
+
+    Textures are random numbers that depend on their size: of one size, they stay the same while a design, or the size
+    of its picture, changes. The depths are those that the layout was designed for, or as near as objects have room
+    before the mirrors.
+    """
+    filled = layout if sized_for is None else sized_for
+    least = nearest_mm(filled) / (1.0 - LEAST_ROOM) + 1.0
+    depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(filled)}))
+    found = arrange_tabletop(filled, depths, seed)
+    middle = depths[len(depths) // 2]
+    shift = np.append(_middle_mm(layout, middle) - _middle_mm(filled, middle), 0.0)
+    objects = tuple(
+        item.replaced(
+            view_from_object=rigid(np.eye(3), shift) @ item.view_from_object,
+            texture_px=None if item.texture is None else TEXTURE_PX[item.texture],
+        )
+        for item in found.objects
+    )
+    return Tabletop(objects, found.lit_in_view + shift, found.reach_mm)
+
+
+def view_from_board(layout: Layout, target: Target) -> FloatArray:
+    """Rigid 4x4 of a board in view axes, mm: turned a little, in the middle of the common field at the middle depth."""
+    depth = max(default_reference_depth_mm(layout), nearest_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm)))
+    turn = Rotation.from_euler("XY", BOARD_TURNED_DEG, degrees=True).as_matrix()
+    middle = np.append(_middle_mm(layout, depth), depth)
+    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
+
+
+def _middle_mm(layout: Layout, depth_mm: float) -> FloatArray:
+    """Middle (2,) of the common field at a depth, in view x and y."""
+    return np.asarray(common_bounds(layout, depth_mm).mean(axis=0))
+
+
+MOST_BLUR_PX = 20.0
+"""Sigma of the largest blur."""
+
+
+def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camera: Camera) -> NDArray[np.float32]:
+    """Blur a picture (h, w, 3) by the circle of confusion of a camera, at the distances (h, w) of what pixels show.
+
+    A disc of the diameter f A |1 / focus - 1 / distance| has the variance of that squared over 16. Each pixel gathers
+    the light of a disc of its own: at an edge, what is near does not spread over what is far.
+    """
+    if camera.aperture_mm == 0.0:
+        return radiance
+    nearness = 1.0 / along_axis_mm - 1.0 / camera.focus_mm
+    variance = np.square(camera.fx_px * camera.aperture_mm / 4.0 * nearness).clip(max=MOST_BLUR_PX**2)
+    if variance.max() < LEAST_BLUR_PX**2:
+        return radiance
+    share = variance.astype(np.float32)
+    return np.stack([defocused(np.ascontiguousarray(radiance[..., c]), share, 1) for c in range(3)], axis=-1)
+
+
+PARTS = 8
+"""Parts of an object that are distinguished."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorLight:
+    """Light on the pixels of a sensor, and what they show by the mirror that serves most of the pupil there.
+
+    Attributes
+    ----------
+    radiance
+        (h, w, 3), float32.
+    mirror
+        (h, w): number of the mirror, or -1.
+    thing
+        (h, w): number of the object, or -1.
+    depth_mm
+        (h, w): depth of it along view z; infinite where there is nothing.
+    along_axis_mm
+        (h, w): how far away it seems, along the axis of the camera; infinite likewise.
+    """
+
+    radiance: NDArray[np.float32]
+    mirror: NDArray[np.int32]
+    thing: NDArray[np.int32]
+    depth_mm: FloatArray
+    along_axis_mm: FloatArray
+
+
+def sensor_light(camera: Camera, mirrors: MirrorViews, scene: TracedScene) -> SensorLight:
+    """Trace a ray for each pixel and mirror that it shows, and four where neighbours show different things."""
+    normalized = rays_of_pixels(camera.model_dump_json())
+    shape = normalized.shape[:2]
+    radiance = np.zeros((*shape, 3), dtype=np.float32)
+    mirror, thing = np.full(shape, NOTHING, np.int32), np.full(shape, NOTHING, np.int32)
+    depth, along_axis = np.full(shape, np.inf), np.full(shape, np.inf)
+    _trace(normalized, mirrors, scene, radiance, mirror, thing, depth, along_axis)
+    return SensorLight(radiance, mirror, thing // PARTS, depth, along_axis)
+
+
+@lru_cache(maxsize=4)
+def rays_of_pixels(camera: str) -> FloatArray:
+    """Normalized coordinates (h, w, 2) of the pixels of a camera, which is given as JSON; NaN where it has no rays."""
+    lens = Camera.model_validate_json(camera)
+    columns, rows = np.arange(lens.width_px, dtype=np.float64), np.arange(lens.height_px, dtype=np.float64)
+    if lens.is_undistorted:
+        return lens.normalized_from_pixels(np.stack(np.meshgrid(columns, rows), axis=-1))
+    return undistorted_pixels(lens, columns, rows)
+
+
+@compiled
+def _trace(
+    normalized: Any, mirrors: Any, scene: Any, radiance: Any, mirror: Any, thing: Any, depth: Any, along_axis: Any
+) -> None:
+    """Fill what `SensorLight` holds; `thing` with the part of the object."""
+    height, width = mirror.shape
+    free = np.ones((height, width))
+    best = np.zeros((height, width))
+    shown = np.empty((height, width), np.int32)
+    colour = np.empty((height, width, 3), np.float32)
+    weight = np.empty((height, width))
+    for number in range(len(mirrors.table)):
+        top, bottom = int(mirrors.table[number, WINDOW]), int(mirrors.table[number, WINDOW + 1])
+        left, right = int(mirrors.table[number, WINDOW + 2]), int(mirrors.table[number, WINDOW + 3])
+        for v in range(top, bottom):
+            for u in range(left, right):
+                x, y = normalized[v, u, 0], normalized[v, u, 1]
+                shown[v, u] = NOTHING
+                # NaN where the lens has no ray is not above the least share.
+                share = min(served_share(mirrors, number, x, y), free[v, u])
+                if not share > LEAST_SHARE:
+                    weight[v, u] = 0.0
+                    continue
+                free[v, u] -= share
+                light, slide = transmitted(mirrors, number, x, y)
+                weight[v, u] = share * light
+                start, direction, least = scene_ray(mirrors, number, x, y, slide)
+                right_step, down_step = _steps(normalized, mirrors, number, v, u)
+                seen, item, part, length = ray_colour(scene, start, direction, least, right_step, down_step)
+                part = part % PARTS if item != NOTHING and int(scene.objects[item, KIND]) != TRIANGLES else 0
+                shown[v, u] = item * PARTS + part
+                colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = seen
+                if share > best[v, u]:
+                    best[v, u] = share
+                    mirror[v, u] = int(mirrors.table[number, INDEX])
+                    thing[v, u] = shown[v, u]
+                    depth[v, u] = start[2] + length * direction[2] if item != NOTHING else np.inf
+                    along_axis[v, u] = length
+        for v in range(top, bottom):
+            for u in range(left, right):
+                if weight[v, u] == 0.0:
+                    continue
+                if _at_edge(shown, weight, v, u, top, bottom, left, right):
+                    _smooth(normalized, mirrors, scene, number, v, u, colour)
+                for channel in range(3):
+                    radiance[v, u, channel] += weight[v, u] * colour[v, u, channel]
+
+
+@inlined
+def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
+    """How the direction of the ray of a pixel changes to the next, to the right and down."""
+    height, width = normalized.shape[:2]
+    a, b = min(u, width - 2), min(v, height - 2)
+    right = turned_step(
+        mirrors,
+        number,
+        normalized[v, a + 1, 0] - normalized[v, a, 0],
+        normalized[v, a + 1, 1] - normalized[v, a, 1],
+    )
+    down = turned_step(
+        mirrors,
+        number,
+        normalized[b + 1, u, 0] - normalized[b, u, 0],
+        normalized[b + 1, u, 1] - normalized[b, u, 1],
+    )
+    return right, down
+
+
+@inlined
+def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
+    """Whether a neighbour of a pixel shows another part or object by the same mirror."""
+    here = shown[v, u]
+    for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        b, a = v + down, u + across
+        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != here:
+            return True
+    return False
+
+
+@inlined
+def _smooth(normalized: Any, mirrors: Any, scene: Any, number: Any, v: Any, u: Any, colour: Any) -> None:
+    """Replace the colour of a pixel, taken in its middle, by its mean with the colours at three places around."""
+    x, y = normalized[v, u, 0], normalized[v, u, 1]
+    _, slide = transmitted(mirrors, number, x, y)
+    start, direction, least = scene_ray(mirrors, number, x, y, slide)
+    right, down = _steps(normalized, mirrors, number, v, u)
+    total = (float(colour[v, u, 0]), float(colour[v, u, 1]), float(colour[v, u, 2]))
+    half_right, half_down = times(right, 0.5), times(down, 0.5)
+    for across, below in ((0.0, -0.35), (0.3, 0.175), (-0.3, 0.175)):
+        towards = along(along(direction, across, right), below, down)
+        seen, _, _, _ = ray_colour(scene, start, towards, least, half_right, half_down)
+        total = along(total, 1.0, seen)
+    colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = times(total, 0.25)
+
 
 WIDTH_PX = Bounds(64, 4096)
 """Width of a preview."""
 REFLECTANCE = 0.92
 SENSOR = SENSORS["c920"].replaced(tone_curve="srgb", exposure=0.75)
-"""A webcam whose grey levels are those of screens."""
+"""A webcam with the grey levels of screens."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +317,7 @@ def preview_frame(
         `tabletop`: the objects of `mirrorcam scene`, at the depths that the layout was designed for; `board`: a
         calibration board at the middle depth.
     width_px
-        Width of the picture; at most that of the camera's.
+        Width of the picture; at most the camera's.
     arranged_for
         The layout whose field of view the tabletop fills; by default `layout`. Pictures by several layouts show the
         same objects, in the middle of their fields, if these are arranged for the same one.

@@ -1,4 +1,7 @@
-"""What a ray sees: matte surfaces, what glossy ones reflect, and what is seen through a glass ball."""
+"""The colour of a ray: light on matte surfaces, reflections of glossy ones, and the view through a glass ball.
+
+Surfaces get the light of the lamp with its shadow, of the sky, and, roughly, the light that they throw at each other.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,164 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.core.compiled import inlined
-from mirrorcam.render_scenes.preview.first_hits import first_hit
-from mirrorcam.render_scenes.preview.surface_light import facing_normal, own_colour, scattered
+from mirrorcam.render_scenes.preview.first_hits import corner_colour, first_hit, is_hidden, normal_at, texture_place
 from mirrorcam.render_scenes.preview.traced_scene import (
     BOUND,
+    COLOUR,
     FACING,
     FIRST_SIDE,
+    FLOOR_LIGHT,
     GLASS,
     GLOSSY,
+    GLOW,
+    KIND,
     MATERIAL,
     MIDDLE,
+    OPAQUE,
+    OWNER,
+    PLACES,
+    PLAIN,
+    POINTS,
+    PRINTED,
     RADIANCE,
+    RADIUS,
     SECOND_SIDE,
+    SHADES,
     SKY_LIGHT,
+    TEXTURE,
+    TRIANGLES,
+    WALL_LIGHT,
+    mean_colour,
 )
-from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
-from mirrorcam.render_scenes.preview.vectors import along, at, cross, dot, minus, times, unit
+from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, along, at, cross, dot, minus, times, unit
 from mirrorcam.render_scenes.tabletop.objects import GLASS_INDEX
 
+CLEARANCE = 1e-4
+"""Part of a way that is left out where it starts on a surface, so that this does not shade itself."""
+
+
+@inlined
+def facing_normal(scene: Any, number: Any, part: Any, point: Any, direction: Any) -> Any:
+    """Unit normal of an object at a point, to the side that a ray comes from."""
+    normal = unit(normal_at(scene.objects, scene.triangles, number, part, point))
+    return times(normal, -1.0) if dot(normal, direction) > 0.0 else normal
+
+
+@inlined
+def own_colour(
+    scene: Any, number: Any, part: Any, point: Any, normal: Any, direction: Any, right: Any, down: Any
+) -> Any:
+    """Mean colour of an object over the footprint of a ray that meets it at a point.
+
+    `right` and `down` are how the ray moves at the point from one pixel to the next, before it meets the surface.
+    """
+    objects = scene.objects
+    if int(objects[number, KIND]) == TRIANGLES:
+        return corner_colour(objects, scene.triangles, number, part, point)
+    texture = int(objects[number, TEXTURE])
+    if texture == PLAIN:
+        return at(objects, number, COLOUR)
+    slope = 1.0 / dot(normal, direction)
+    right = along(right, -dot(normal, right) * slope, direction)
+    down = along(down, -dot(normal, down) * slope, direction)
+    place, across, upright = texture_place(objects, number, part, point, right, down)
+    return mean_colour(scene.texels, scene.scales, scene.textures, texture, place, across, upright)
+
+
+@inlined
+def scattered(
+    scene: Any, number: Any, part: Any, point: Any, normal: Any, direction: Any, right: Any, down: Any, shaded: Any
+) -> Any:
+    """Radiance (3,) that a matte surface scatters towards where a ray comes from; of a print, what it has.
+
+    Where it is not to be `shaded`, nothing hides the lamp from it.
+    """
+    colour = own_colour(scene, number, part, point, normal, direction, right, down)
+    if int(scene.objects[number, MATERIAL]) == PRINTED:
+        return colour
+    lamp = _lamp_light(scene.objects, scene.boxes, scene.triangles, scene.lamp, number, point, normal, shaded)
+    around = _light_around(scene.around, scene.balls, number, point, normal)
+    light = along(around, lamp / np.pi, at(scene.lamp, RADIANCE, 0))
+    return (colour[0] * light[0], colour[1] * light[1], colour[2] * light[2])
+
+
+@inlined
+def _lamp_light(
+    objects: Any, boxes: Any, triangles: Any, lamp: Any, number: Any, point: Any, normal: Any, shaded: Any
+) -> Any:
+    """Irradiance by the lamp, per radiance of it: as if from its middle, less the part of it that is hidden."""
+    way = minus(at(lamp, MIDDLE, 0), point)
+    squared = dot(way, way)
+    from_surface, from_lamp = dot(normal, way), -dot(at(lamp, FACING, 0), way)
+    if from_surface <= 0.0 or from_lamp <= 0.0:
+        return 0.0
+    side = at(lamp, FIRST_SIDE, 0)
+    half = dot(side, side)
+    light = 4.0 * half * from_surface * from_lamp / (squared * squared)
+    if not shaded:
+        return light
+    # What may hide a part of it: what reaches into the cone around it.
+    reach = np.sqrt(2.0 * half)
+    suspects = 0
+    for other in range(len(objects)):
+        if objects[other, SHADES] == 0.0 or (other == number and int(objects[other, KIND]) != TRIANGLES):
+            continue
+        to = minus(at(objects, other, BOUND), point)
+        part = min(max(dot(to, way) / squared, 0.0), 1.0)
+        wide = objects[other, BOUND + 3] + part * reach
+        if dot(to, to) - part * (2.0 * dot(to, way) - part * squared) < wide * wide:
+            suspects |= 1 << other
+    if suspects == 0:
+        return light
+    shown, tested = 0, 0
+    # Leaves shade each other so irregularly that few points do.
+    irregular = int(objects[number, KIND]) == TRIANGLES
+    for place in range(POINTS, len(lamp)):
+        # What none or all of the first points are hidden by is taken to hide no or all others.
+        if tested == FIRST_POINTS and (irregular or shown == 0 or shown == tested):
+            break
+        to_lamp = minus(at(lamp, place, 0), point)
+        if not is_hidden(objects, boxes, triangles, suspects, point, to_lamp, CLEARANCE):
+            shown += 1
+        tested += 1
+    return light * shown / tested
+
+
+@inlined
+def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any) -> Any:
+    """Mean radiance of the sky, the floor, the wall and the objects around a point, weighted by the cosine."""
+    light = at(around, SKY_LIGHT, 0)
+    if around[PLACES, 0] < np.inf:
+        floor = 0.5 * (1.0 + normal[1]) * FLOOR_PART
+        light = along(light, floor, minus(at(around, FLOOR_LIGHT, 0), light))
+    if around[PLACES, 1] < np.inf:
+        wall = 0.5 * (1.0 + normal[2]) * WALL_PART
+        light = along(light, wall, minus(at(around, WALL_LIGHT, 0), light))
+    for ball in range(len(balls)):
+        if balls[ball, OWNER] == number:
+            continue
+        to = minus(at(balls, ball, 0), point)
+        squared, radius = dot(to, to), balls[ball, RADIUS]
+        facing = dot(normal, to)
+        if facing <= -radius or squared > FAR_RADII * FAR_RADII * radius * radius:
+            continue
+        # Of a sphere that is half below the horizon, about half the light: between, the cosine of its middle.
+        facing = max(facing, 0.25 * (facing + radius))
+        part = balls[ball, OPAQUE] * facing * radius * radius / (squared * np.sqrt(squared))
+        light = along(light, min(part, 1.0), minus(at(balls, ball, GLOW), light))
+    return light
+
+
+FAR_RADII = 7.0
+"""Distance from which on a ball hides nothing, in its radii: there it would be 2 % of the light."""
+FIRST_POINTS = 4
+"""Points of the lamp that decide whether all are tested."""
+FLOOR_PART, WALL_PART = 0.8, 0.7
+"""Parts of the half spaces below and behind that the floor and the wall fill."""
+
+
 CLEARANCE_MM = 1e-2
-"""Of a ray from a ball, so that it does not meet that again."""
+"""Offset of a ray from a ball, so that it does not meet the ball again."""
 GLOSS = 1.03
 """Light that leaves the body of a glossy surface, by that of a matte one and what the surface lets out again."""
 REFLECTED_SPREAD, REFRACTED_SPREAD = 4.0, 10.0

@@ -17,7 +17,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import printed_radiance, rig_from_rectangle
+from mirrorcam.render_scenes.boards import printed_radiance, rig_from_rectangle
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.reference.device_bodies import DeviceBody, body_shapes, near_mm
@@ -128,7 +128,7 @@ def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
 def _path_options(
     mirrors: Sequence[Mirror], finishes: Sequence[MirrorFinish], bodies: Sequence[DeviceBody]
 ) -> PathOptions:
-    # What is between the mirrors of a device occludes the scene behind it: its parts or, without them, black.
+    # Parts between the mirrors of a device occlude the scene behind them; without parts there is black.
     rough = any(finish.roughness > 0.0 for finish in finishes)
     plates = any(mirror.is_second_surface for mirror in mirrors)
     return PathOptions(

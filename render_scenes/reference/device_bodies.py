@@ -1,4 +1,7 @@
-"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm."""
+"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm.
+
+Rays of the truth are cast against them by Mitsuba.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,12 @@ from scipy.spatial import cKDTree
 from mirrorcam.core.disk.files import read_bytes
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.nested_text import json_value
-from mirrorcam.core.values import FloatArray, InputError, Matrix4, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh
-from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
@@ -35,7 +39,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 class DeviceBody:
     """One body: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear RGB.
 
-    `kind` is that of `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
+    `kind` is as in `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
     """
 
     name: str
@@ -49,7 +53,7 @@ class DeviceBody:
 class DeviceParts(Value):
     """The parts around the mirrors of a device: a folder of files, their common checksum, and the pose of the camera.
 
-    `holder_from_rig` is rigid, from the frame of the camera to that of the parts, mm.
+    `holder_from_rig` is rigid, from the frame of the camera to the frame of the parts, mm.
     """
 
     folder: str
@@ -72,7 +76,7 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
-    """Raise InputError unless the mirrors of an assembly, if it has any, are those of a layout."""
+    """Raise InputError unless the mirrors of an assembly, if it has any, are a layout's."""
     solids = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
     if not solids:
         return
@@ -164,14 +168,14 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
 
 
 def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
-    """Transform a body from the frame of the holder to that of the camera, by a rigid 4x4."""
+    """Transform a body from the frame of the holder to the frame of the camera, by a rigid 4x4."""
     turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
     normals = None if body.normals is None else body.normals @ turn
     return replace(body, points=(body.points - origin) @ turn, normals=normals)
 
 
 def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
-    """Estimate the rigid 4x4 from the camera frame of a device as built to that of its holder, rig as designed.
+    """Estimate the rigid 4x4 from the camera frame of a device as built to the frame of its holder, rig as designed.
 
     Mirrors are perturbed along their normals (and turned about their middles), so that components across the normals
     determine the position of the pupil by least squares.
@@ -205,3 +209,39 @@ def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
         )
         for body in bodies
     }
+
+
+class BodyObstacles:
+    """`truth.light_rays.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
+
+    def __init__(self, bodies: Sequence[DeviceBody]) -> None:
+        import mitsuba as mi
+
+        self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
+        self._near_mm = near_mm(bodies)
+
+    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+        """Length (...), mm, that rays from points (..., 3) along unit vectors (..., 3) go before a body stops them."""
+        import drjit as dr
+        import mitsuba as mi
+
+        shape = np.shape(direction)[:-1]
+        known = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
+        flat = [
+            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32)
+            for values in (start, direction)
+        ]
+        if dr.is_jit_v(mi.Float):
+            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
+            found = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+        else:
+            pairs = zip(*(values.tolist() for values in flat), strict=True)
+            found = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
+        free = np.full(known.shape, np.nan)
+        free[known] = found
+        return free.reshape(shape)
+
+    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
+        before = (self._near_mm / rays[..., 2])[..., None] * rays
+        return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))

@@ -7,6 +7,8 @@ unit is metres). Moving the origin along the *reflected direction* leaves the su
 Where the front of a plate splits light, no branch is chosen at random: a path is traced once for each branch, and their
 radiances add up, so that plates add no noise. Branch 0 is reflected by the front; branch k goes on to the coating, and
 leaves the plate when it meets the front for the k-th time.
+
+Interactions of light with surfaces (emission, BSDFs, direct light) are in Dr.Jit, for any variant that has been set.
 """
 
 from __future__ import annotations
@@ -18,16 +20,79 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.render_scenes.low_discrepancy import additive_steps
-from mirrorcam.render_scenes.reference.interactions import (
-    CLEARANCE_MM,
-    direct_light,
-    emitted_radiance,
-    has_flag,
-    invert,
-    power_heuristic,
-    sample_bsdf,
-)
+
+@cache
+def additive_steps(dimensions: int) -> tuple[float, ...]:
+    """Steps 1/g, 1/g^2, ... of the fractional coordinates, with g the positive root of x^(dimensions + 1) = x + 1."""
+    root = 2.0
+    while (closer := (1.0 + root) ** (1.0 / (dimensions + 1))) < root:
+        root = closer
+    return tuple(root**-number for number in range(1, dimensions + 1))
+
+
+# Along the reflected ray: far above the single precision of a hit (1e-5 mm), far below any gap of a real device.
+CLEARANCE_MM = 0.02
+
+
+def invert(condition: Any) -> Any:
+    """Negate a mask; ~ of a bool of Python, in scalar variants, is no bool."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.select(condition, mi.Bool(False), mi.Bool(True))
+
+
+def has_flag(bsdf: Any, flag: Any, active: Any) -> Any:
+    """Mask of the active lanes whose BSDF has a flag."""
+    import mitsuba as mi
+
+    return mi.Bool(False) if bsdf is None else active & mi.has_flag(bsdf.flags(), flag)
+
+
+def emitted_radiance(scene: Any, hit: Any, active: Any) -> Any:
+    """Radiance that an intersected emitter, or the environment, emits towards the ray."""
+    import mitsuba as mi
+
+    emitter = hit.emitter(scene)
+    return mi.Spectrum(0.0) if emitter is None else emitter.eval(hit, active)  # None: scalar variants only
+
+
+def sample_bsdf(bsdf: Any, hit: Any, one: Any, two: Any, active: Any) -> tuple[Any, Any]:
+    """Sample the BSDF of a surface with one and two random numbers."""
+    import mitsuba as mi
+
+    if bsdf is None:
+        return mi.BSDFSample3f(), mi.Spectrum(0.0)
+    return bsdf.sample(mi.BSDFContext(), hit, one, two, active)
+
+
+def power_heuristic(density: Any, other: Any) -> Any:
+    """Weight of one of two sampling strategies in multiple importance sampling (Veach 1997)."""
+    import drjit as dr
+
+    return dr.select(density > 0.0, density * density / dr.maximum(density * density + other * other, 1e-30), 0.0)
+
+
+def direct_light(scene: Any, hit: Any, bsdf: Any, random: Any, active: Any) -> Any:
+    """Radiance that a surface scatters of one sampled point of each emitter (next event estimation).
+
+    The environment is left to BSDF sampling, which is free of noise wherever nothing occludes a uniform environment.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    smooth, total = has_flag(bsdf, mi.BSDFFlags.Smooth, active), mi.Spectrum(0.0)
+    for emitter in scene.emitters():
+        if emitter.is_environment():
+            continue
+        towards, light = emitter.sample_direction(hit, random, smooth)
+        value, other = bsdf.eval_pdf(mi.BSDFContext(), hit, hit.to_local(towards.d), smooth)
+        light *= value * dr.select(towards.delta, 1.0, power_heuristic(towards.pdf, other))
+        lit = smooth & (towards.pdf > 0.0) & dr.any(light > 0.0)
+        shadow = mi.Ray3f(mi.Ray3f(hit.p + CLEARANCE_MM * towards.d, towards.d), towards.dist - 2.0 * CLEARANCE_MM)
+        total += dr.select(lit & invert(scene.ray_test(shadow, lit)), light, 0.0)
+    return total
+
 
 PLATE_BRANCHES = 4  # light that passed the coating four times or more is less than 0.02 % in acrylic
 NUMBERS = 8  # random numbers reserved for each bounce
@@ -40,7 +105,7 @@ class PathOptions:
     Attributes
     ----------
     mirrors_only
-        What the camera sees directly is black.
+        Surfaces that the camera sees directly are black.
     branches
         Number of branches traced through the first plate: 1 where nothing is transparent.
     lit
@@ -67,7 +132,7 @@ def _plugin(variant: str) -> str:
     delta, through = mi.BSDFFlags.Delta, mi.BSDFFlags.DeltaTransmission
 
     class LightPaths(mi.SamplingIntegrator):
-        """Plugin "light_paths": emission at the ends of paths, as `PathOptions` says."""
+        """Plugin "light_paths": emission at the ends of paths, as in `PathOptions`."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
@@ -105,7 +170,7 @@ def _plugin(variant: str) -> str:
         def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
             """Sample as above, through plates and with scattering surfaces.
 
-            The path through the first plate is that of the branch, with `passes` passes to its coating; `out` is true
+            The path through the first plate follows the branch, with `passes` passes to its coating; `out` is true
             after it. All later interactions are sampled at random.
             """
 

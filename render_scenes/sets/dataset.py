@@ -1,4 +1,7 @@
-"""Manifest of a rendered set, `dataset.json`, without ground truth. Needs no renderer."""
+"""Manifest of a rendered set, `dataset.json`, without ground truth, and the device that it was rendered of.
+
+Needs no renderer.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,20 @@ from typing import Literal
 from pydantic import Field
 
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.core.disk.resumable import FolderManifest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.camera import SENSOR_PX
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 KNOWN = ("layout.json", "board.toml")
-"""What the user has besides the pictures."""
+"""Files that the user has besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
@@ -34,7 +41,7 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
+    """Manifest of a rendered set: facts that a user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, the seed included.
     """
@@ -107,3 +114,29 @@ class Dataset(FolderManifest):
         """Names of the pictures, and of the video, that have not been written."""
         wanted = (*self.frame_names, *self.base_names, self.video_name)
         return tuple(name for name in wanted if name is not None and name not in self.files)
+
+
+TRUE_LAYOUT = "truth/layout.json"
+FINISH = "truth/finish.json"
+
+
+class _Finishes(Value):
+    """The content of `truth/finish.json`."""
+
+    mirrors: tuple[MirrorFinish, ...]
+
+
+def true_layout(folder: Path) -> Layout:
+    """The true layout of a set, with the bends that its mirrors were rendered with.
+
+    Ripples are left out: no layout has them, and over a mirror they cancel out. Raises InputError for files that are
+    none, or do not fit together.
+    """
+    layout = Layout.load(folder / TRUE_LAYOUT)
+    if not (folder / FINISH).is_file():
+        return layout
+    finishes = read_model(_Finishes, folder / FINISH, LARGEST_LAYOUT_BYTES).mirrors
+    if len(finishes) != len(layout.mirrors):
+        raise InputError(f"{folder / FINISH}: {len(finishes)} finishes, expected {len(layout.mirrors)}, one a mirror")
+    bent = tuple(finish.bent(mirror) for finish, mirror in zip(finishes, layout.mirrors, strict=True))
+    return layout.replaced(mirrors=bent)

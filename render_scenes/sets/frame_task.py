@@ -16,12 +16,12 @@ from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
+from mirrorcam.render_scenes.lens import as_it_is
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around
-from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
+from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.sets.video import as_key_frame
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -33,7 +33,6 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
     pixel_rays,
 )
 from mirrorcam.render_scenes.variant import use_variant
-from mirrorcam.render_scenes.wavy_camera import as_it_is
 
 # Rows that the reference renders at one time of a rolling shutter: 0.2 ms of a webcam's readout.
 STRIP_PX = 8
@@ -129,7 +128,7 @@ class _SetRenderer:
 
 @lru_cache(maxsize=2)
 def _set_renderer(setup_json: str) -> _SetRenderer:
-    # One setup for the frames via the mirrors and one for those of the bare camera.
+    # One setup for the frames via the mirrors and one for the bare camera's.
     return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 

@@ -1,7 +1,7 @@
 """A synthetic calibration set: the pictures that a user would take, with the truth in a separate folder.
 
 A set follows from its request: the same request, the same bytes, whoever renders the frames. Every file is written
-whole or not at all, so an interrupted set is continued where it stopped.
+atomically, so an interrupted set is continued where it stopped.
 """
 
 from __future__ import annotations
@@ -12,26 +12,64 @@ from importlib import metadata
 from pathlib import Path
 
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
-from mirrorcam.core.disk.files import write_files
+from mirrorcam.core.disk.files import write_bytes, write_files, write_json, write_npz
 from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board
+from mirrorcam.render_scenes.lens import as_it_is
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
-from mirrorcam.render_scenes.reference.device_bodies import DeviceParts, bodies_around, parts_of
-from mirrorcam.render_scenes.reference.obstacles import BodyObstacles
+from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around, parts_of
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, reaches
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
-from mirrorcam.render_scenes.sets.set_truth import write_pupil_maps, write_truth
-from mirrorcam.render_scenes.sets.set_video import check_video, write_video
+from mirrorcam.render_scenes.sets.video import check_video, write_video
 from mirrorcam.render_scenes.truth.corners import Oracle
-from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer
+from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
+from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 from mirrorcam.render_scenes.variant import use_variant
-from mirrorcam.render_scenes.wavy_camera import as_it_is
+
+
+def write_truth(
+    out: Path,
+    oracle: Oracle,
+    finishes: tuple[MirrorFinish, ...],
+    moments: FloatArray,
+    base_plan: PosePlan,
+    seed: int,
+) -> None:
+    """Write the ground truth of a set, which only a validation may read."""
+    halfway = moments[:, moments.shape[1] // 2]
+    truth = out / "truth"
+    frames_px, frames_visible = oracle.all_by_mirrors(list(moments))
+    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
+    oracle.layout.save(truth / "layout.json")
+    write_json(truth / "poses.json", {"frames": halfway.tolist(), "base": base_plan.poses.tolist()})
+    if moments.shape[1] == 3:
+        write_json(truth / "readout.json", {"poses": moments.tolist()})
+    if finishes:
+        write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
+    write_json(truth / "seed.json", {"seed": seed})
+    corners = {
+        "frames_px": frames_px,
+        "frames_visible": frames_visible,
+        "base_px": base_px,
+        "base_visible": base_visible,
+    }
+    write_npz(truth / "corners.npz", corners)
+
+
+def write_pupil_maps(path: Path, tracer: PupilTracer) -> None:
+    """Write the maps of the parts of the pupil that mirrors serve, which all frames share."""
+    pupil = tracer.pupil
+    header = {"layout": tracer.layout.identity, "units": "mm"}
+    header |= {"aperture_mm": repr(pupil.aperture_mm), "focus_mm": repr(pupil.focus_mm)}
+    write_bytes(path, exr_bytes(pupil_maps(tracer), header))
+
 
 Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
@@ -58,7 +96,7 @@ def render_set(
     variant
         Mitsuba's variant, on which the bytes depend; by default the fastest of this machine.
     progress
-        Called with the numbers of pictures done and of all, at the start and after each; those of a video count twice.
+        Called with the numbers of pictures done and of all, at the start and after each; a video's count twice.
 
     Returns
     -------
@@ -190,9 +228,9 @@ def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes
 
 def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
-    asked = dataset.model_dump(mode="json", exclude={"request", "files"})
+    inputs = dataset.model_dump(mode="json", exclude={"request", "files"})
     drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
-    return value_digest(asked | drawn)[:16]
+    return value_digest(inputs | drawn)[:16]
 
 
 def _write_known(folder: Path, dataset: Dataset, layout: Layout) -> None:

@@ -1,21 +1,195 @@
 """Model of lens and sensor: from radiance to the 8-bit picture of a webcam.
 
-Blur, colours, vignetting, veiling glare and noise, then what the webcam does to the raw picture.
-Pupil and focus are the renderers': they decide which light comes to a pixel.
+Blur, colours, vignetting, veiling glare and noise, then the webcam's processing of the raw picture: demosaicing, noise
+reduction, the tone curve and sharpening, in this order. Pupil and focus are the renderers': they decide which light
+comes to a pixel.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.render_scenes.sets.chromatic_lens import light_of_pixels
-from mirrorcam.render_scenes.sets.image_processing import mosaic, processed
 from mirrorcam.render_scenes.settings import SensorModel
+
+Light = NDArray[np.float32]
+
+NODES = np.arange(-3, 5)
+"""Pixels, from the one before a place, through which a picture is interpolated.
+
+An edge behind a lens of 0.8 px stays in its place, and is right to 0.8 % of its step.
+"""
+
+
+@dataclass(frozen=True)
+class _Colour:
+    """Magnification of one colour about the principal point, and sigma of the blur in it, px."""
+
+    magnification: float
+    blur_px: float
+
+
+def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: SensorModel) -> Light:
+    """Blur radiance by the lens and gather it in pixels.
+
+    The lens blurs before the pixels integrate. In the other order, detail that pixels cannot resolve would already be
+    aliased, and corners of boards that lie square to the pixels would err by 0.01 px.
+
+    Parameters
+    ----------
+    radiance
+        (h * subpixels, w * subpixels[, 3]).
+    subpixels
+        Squares along each side of a pixel.
+    camera
+        The camera, whose principal point lateral chromatic aberration leaves in place.
+    model
+        Lens.
+
+    Returns
+    -------
+    Light
+        (h, w) of grey light through a lens without chromatic aberration, (h, w, 3) otherwise.
+    """
+    if model.lateral_chromatic_percent == 0.0 and model.axial_chromatic_px == 0.0:
+        return _gathered(radiance, subpixels, model.lens_blur_px)
+    out_of_focus = float(np.hypot(model.lens_blur_px, model.axial_chromatic_px))
+    more = model.lateral_chromatic_percent / 100.0
+    red_green_blue = (
+        _Colour(1.0 + more, out_of_focus),
+        _Colour(1.0, model.lens_blur_px),
+        _Colour(1.0 - more, out_of_focus),
+    )
+    planes = []
+    for channel, colour in enumerate(red_green_blue):
+        plane = radiance if radiance.ndim == 2 else np.ascontiguousarray(radiance[..., channel])
+        planes.append(magnified(_gathered(plane, subpixels, colour.blur_px), camera, colour.magnification))
+    return np.stack(planes, axis=-1)
+
+
+def _gathered(radiance: Light, subpixels: int, blur_px: float) -> Light:
+    if blur_px > 0:
+        radiance = np.asarray(
+            cv2.GaussianBlur(radiance, (0, 0), blur_px * subpixels, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
+        )
+    if subpixels == 1:
+        return radiance.copy()
+    height, width = radiance.shape[:2]
+    # Whole pixels, so that "area" is their mean.
+    size = (width // subpixels, height // subpixels)
+    return np.asarray(cv2.resize(radiance, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def magnified(picture: Light, camera: Camera, magnification: float) -> Light:
+    """Magnify a picture (h, w) about the principal point; what lies beyond its border is like the border.
+
+    Along one axis after the other, with weights in full precision: `cv2.remap` rounds places to 1/32 px.
+    """
+    if magnification == 1.0:
+        return picture
+    for axis, centre_px in ((1, camera.cx_px), (0, camera.cy_px)):
+        picture = _stretched(picture, axis, centre_px, magnification)
+    return picture
+
+
+def _stretched(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
+    places = np.arange(picture.shape[axis], dtype=np.float64)
+    shift = (places - centre_px) * (1.0 / magnification - 1.0)
+    before = np.floor(shift)
+    offsets = np.arange(int(before.min()) + NODES[0], int(before.max()) + NODES[-1] + 1)
+    low, high = int(offsets[0]), int(offsets[-1])
+    weights = np.zeros((len(offsets), len(shift)))
+    for node, weight in zip(NODES, _lagrange(shift - before), strict=True):
+        weights[(before + node - low).astype(np.int64), np.arange(len(shift))] = weight
+    margin = [(0, 0), (0, 0)]
+    margin[axis] = (max(-low, 0), max(high, 0))
+    padded = np.pad(picture, margin, mode="edge")
+    stretched = np.zeros_like(picture)
+    for offset, weight in zip(offsets + margin[axis][0], weights.astype(np.float32), strict=True):
+        part = slice(int(offset), int(offset) + picture.shape[axis])
+        if axis == 1:
+            stretched += weight * padded[:, part]
+        else:
+            stretched += weight[:, None] * padded[part]
+    return stretched
+
+
+def _lagrange(parts: FloatArray) -> FloatArray:
+    """Weights (nodes, n) of the polynomial through `NODES`, at places (n,) from 0 to 1."""
+    others = [NODES[node != NODES] for node in NODES]
+    return np.array(
+        [np.prod((parts[:, None] - other) / (node - other), axis=1) for node, other in zip(NODES, others, strict=True)]
+    )
+
+
+Picture = NDArray[np.float32]
+
+DENOISED_PX = 5
+"""Width of the neighbourhood of the bilateral filter."""
+DENOISING_PX = 1.5
+"""Sigma of its weights by distance."""
+SHARPENING_PX = 1.0
+"""Sigma of the blur that unsharp masking subtracts."""
+_STEPS = 256
+"""Steps of the raw picture, and of the tone curve, in a grey level."""
+
+
+def mosaic(light: Picture) -> Picture:
+    """The light (h, w) of one colour in each pixel, of rows R G R G... and G B G B...; grey light is itself."""
+    if light.ndim == 2:
+        return light
+    raw = light[..., 1].copy()
+    raw[::2, ::2] = light[::2, ::2, 0]
+    raw[1::2, 1::2] = light[1::2, 1::2, 2]
+    return raw
+
+
+def processed(grey: Picture, model: SensorModel) -> Picture:
+    """Process a picture as it left the pixels, in grey levels: (h, w) of a Bayer pattern or of grey, or (h, w, 3)."""
+    if model.bayer:
+        grey = demosaiced(grey)
+    if model.denoising_grey > 0:
+        grey = np.asarray(
+            cv2.bilateralFilter(grey, DENOISED_PX, model.denoising_grey, DENOISING_PX, borderType=cv2.BORDER_REPLICATE),
+            dtype=np.float32,
+        )
+    if model.tone_curve == "srgb":
+        grey = _toned()[_in_steps(grey)]
+    if model.sharpening > 0:
+        soft = cv2.GaussianBlur(grey, (0, 0), SHARPENING_PX, borderType=cv2.BORDER_REPLICATE)
+        grey = grey + np.float32(model.sharpening) * (grey - soft)
+    return grey
+
+
+def demosaiced(raw: Picture) -> Picture:
+    """Fill in the colours (h, w, 3) of a Bayer pattern (h, w), green along edges."""
+    colours = cv2.demosaicing(_in_steps(raw), cv2.COLOR_BayerRGGB2RGB_EA)
+    return np.asarray(colours, dtype=np.float32) / np.float32(_STEPS)
+
+
+def srgb(linear: FloatArray) -> FloatArray:
+    """Tone curve of IEC 61966-2-1, of values from 0 to 1."""
+    return np.asarray(
+        np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-6) ** (1 / 2.4) - 0.055)
+    )
+
+
+def _in_steps(grey: Picture) -> NDArray[np.uint16]:
+    """Grey levels as integers, clipped at white."""
+    return np.asarray(np.clip(np.rint(grey * np.float32(_STEPS)), 0.0, 255.0 * _STEPS).astype(np.uint16))
+
+
+@cache
+def _toned() -> Picture:
+    """Grey level behind the tone curve, for each step of grey before it."""
+    return (255.0 * srgb(np.arange(255 * _STEPS + 1) / (255.0 * _STEPS))).astype(np.float32)
+
 
 NOISE_ROWS = 32
 """Rows that get their noise at a time."""
@@ -46,7 +220,7 @@ def photograph(
     Returns
     -------
     NDArray[np.uint8]
-        Picture (h, w) of grey light where nothing tells colours apart, otherwise (h, w, 3).
+        Picture (h, w) of grey light where nothing separates colours, otherwise (h, w, 3).
     """
     light = light_of_pixels(radiance, subpixels, camera, model)
     light *= np.float32(255.0 * model.exposure)

@@ -9,11 +9,12 @@ from pydantic import Field
 
 from mirrorcam.core.arguments import GivenPath
 from mirrorcam.core.bounds import PICTURES, SEED
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.boards.motion import smooth_motion
+from mirrorcam.render_scenes.boards import smooth_motion
 from mirrorcam.render_scenes.sets.poses import PosePlan, plan_frames, plan_of
 from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, RenderSettings
 

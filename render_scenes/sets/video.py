@@ -1,4 +1,4 @@
-"""Frames of a set as a video, and H.264 compression of a picture. The bytes depend on the pictures alone.
+"""The video of a rendered set, and H.264 compression of a picture. The bytes depend on the pictures alone.
 
 One thread, no date, and the settings of a camera's encoder (`zerolatency`: no B-frames, no lookahead). With B-frames,
 x264 reads memory that it has not written, and its output differs from run to run.
@@ -15,8 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic, read_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.video.video_output import X264, file_address, require_x264
+from mirrorcam.core.video.animation import X264, file_address, require_x264
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.settings import RenderSettings
 
 _X264 = {"preset": "veryfast", "tune": "zerolatency", "flags": "+bitexact"}
 _FULL_RANGE = 2  # AVCOL_RANGE_JPEG: 0 to 255, as in pictures
@@ -114,3 +118,27 @@ def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
     frame.color_range = _FULL_RANGE
     frame.pts, frame.time_base = number, 1 / rate
     return frame
+
+
+def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
+    """Raise InputError where the frames cannot be put into the requested video."""
+    video, sensor = settings.video, settings.sensor
+    if video is not None and rate_hz is None:
+        raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")
+    if video == "avi" and sensor.jpeg_quality is None:
+        raise InputError("video avi: holds the JPEG files of a sensor, expected one with jpeg_quality")
+    if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
+        size = f"{camera.width_px} x {camera.height_px}"
+        raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")
+
+
+def write_video(path: Path, out: Path, dataset: Dataset, on_picture: Callable[[int], None]) -> None:
+    """Write the video of the set in a folder; `on_picture` is called with the number of pictures written so far."""
+    assert dataset.rate_hz is not None
+    pictures = [out / name for name in dataset.frame_names]
+    settings = dataset.settings
+    if settings.video == "avi":
+        write_mjpeg(path, pictures, dataset.rate_hz, on_picture)
+    else:
+        crf = settings.video_crf if settings.sensor.h264_crf is None else settings.sensor.h264_crf
+        write_h264(path, pictures, dataset.rate_hz, crf, on_picture)

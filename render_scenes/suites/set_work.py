@@ -12,7 +12,8 @@ from tempfile import TemporaryDirectory
 
 from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.disk.program import program_of
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
@@ -26,8 +27,8 @@ CODE = (
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
     """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
-    asked = {"recipe": recipe.stated(), "variant": variant, "made_with": program_of(*CODE)}
-    return f"{recipe.name}-{value_digest(asked)[:16]}"
+    inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": program_of(*CODE)}
+    return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 
 class SetTask(Value):

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError, Value, Vector3
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value, Vector3
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.poses import ROOM_MM
-from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, based
-from mirrorcam.render_scenes.tabletop.textures import TextureName
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, based
 
 WALL_DEPTHS = 1.2  # depth of the wall, in depths of the farthest objects
 WALL_FIELDS = 3.2  # its width and height, in fields at that depth

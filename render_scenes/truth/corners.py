@@ -1,6 +1,6 @@
 """Ground truth of corners: the pixel of every corner of a board in a frame, and its visibility, in float64.
 
-The projection is that of the layout; renderers share no code with it.
+The projection is the layout's; renderers share no code with it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
-from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import image_px, reflected
-from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, image_px, reflected
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # of a fixed-point iteration; each reduces the error of a corner's time to about a tenth
@@ -139,7 +138,7 @@ class Oracle:
         return px, visible
 
     def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.motion.poses_at` takes them.
+        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.poses_at` takes them.
 
         Each corner is projected with the pose at which the row of its own image is read.
         """

@@ -1,4 +1,4 @@
-"""Ray tracing in float64 from the pupil via a mirror, surface by surface, flat or bent.
+"""Ray tracing in float64 from the pupil via a mirror, surface by surface, flat or bent, until an obstacle stops it.
 
 Nothing but the shape of a mirror is shared with the renderers.
 """
@@ -6,6 +6,7 @@ Nothing but the shape of a mirror is shared with the renderers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,30 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
+
+
+class Obstacles(Protocol):
+    """Opaque bodies around the mirrors of a device, in the frame of its camera."""
+
+    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+        """Length (...) that rays go before a body stops them.
+
+        Parameters
+        ----------
+        start
+            Origins (..., 3) in rig, mm.
+        direction
+            Unit vectors (..., 3) in rig.
+
+        Returns
+        -------
+        FloatArray
+            Lengths (...), mm; infinite where nothing stops a ray, NaN where its origin or direction is NaN.
+        """
+
+    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+        """Length (...), mm, that unit rays (..., 3) go from the pupil; the camera's own body stops none of them."""
+
 
 # Distance to the mirror, point of exit, direction there, and path length up to there.
 Reflected = tuple[FloatArray, FloatArray, FloatArray, FloatArray]

@@ -17,10 +17,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
-from mirrorcam.render_scenes.boards.printed_board import margin_mm
+from mirrorcam.render_scenes.boards import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import chief_rays, reflected
-from mirrorcam.render_scenes.truth.obstacles import Obstacles
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, reflected
 
 NO_MIRROR = -1
 CHANNELS = ("mirror", "board.x", "board.y", "path")
@@ -66,7 +65,7 @@ def pixel_rays(
     layout
         The device as built.
     mirrors
-        Whether rays go via the mirrors, or those of the bare camera are meant.
+        Whether rays go via the mirrors, or straight from the bare camera.
     step
         Every `step`-th row and column.
     finishes

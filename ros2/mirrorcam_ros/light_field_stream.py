@@ -28,7 +28,7 @@ class Settings:
     layout
         `layout.json` of `mirrorcam calibrate`.
     device
-        Number or address of the camera, as `mirrorcam decode --device` takes it.
+        Number or address of the camera, as `mirrorcam decode --live` takes it.
     depth
         Whether depth is measured.
     near_mm, far_mm

@@ -22,6 +22,7 @@ __all__ = [
     "Layout",
     "LightField",
     "RenderSettings",
+    "RequestedModel",
     "SetRequest",
     "build_parts",
     "calibrate",
@@ -37,9 +38,10 @@ __all__ = [
 if TYPE_CHECKING:
     from mirrorcam.cad.build import build_parts
     from mirrorcam.calibration.validation import validate
+    from mirrorcam.core.errors import InputError
     from mirrorcam.core.images.pictures import read_image
-    from mirrorcam.core.values import InputError
     from mirrorcam.optics.calibration.calibration import calibrate
+    from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
     from mirrorcam.optics.design.optimise import design
     from mirrorcam.optics.geometry.camera import Camera
     from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -61,10 +63,11 @@ else:
         "Checkerboard": "optics.geometry.targets",
         "Decoder": "optics.light_field.decoder",
         "DesignSpec": "optics.geometry.design_spec",
-        "InputError": "core.values",
+        "InputError": "core.errors",
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
         "RenderSettings": "render_scenes.settings",
+        "RequestedModel": "optics.calibration.diagnostics.requested_model",
         "SetRequest": "render_scenes.sets.set_request",
         "build_parts": "cad.build",
         "calibrate": "optics.calibration.calibration",

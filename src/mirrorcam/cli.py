@@ -1,280 +1,232 @@
-"""The `mirrorcam` command: parses, runs one command, and turns bad input into one line and an exit code."""
+"""The `mirrorcam` command: its commands and their groups, and how a command ends."""
 
 from __future__ import annotations
 
 import errno
+import inspect
 import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, suppress
-from dataclasses import dataclass
-from io import StringIO
+from collections.abc import Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any
 
-import tyro
-from tyro.conf import (
-    CascadeSubcommandArgs,
-    FlagCreatePairsOff,
-    OmitArgPrefixes,
-    OmitSubcommandPrefixes,
-    PositionalMetavarFromFieldName,
-    subcommand,
-)
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts.config import Dict, Env
 
 from mirrorcam import __version__
-from mirrorcam.bench import evaluate_command as evaluate
-from mirrorcam.bench import leaderboard_command as leaderboard
-from mirrorcam.bench import score_command as score
-from mirrorcam.bench import suite_command as suite
-from mirrorcam.calibration import calibrate_command as calibrate
-from mirrorcam.calibration import compare_command as compare
-from mirrorcam.calibration import drift_command as drift
-from mirrorcam.calibration import validate_command as validate
 from mirrorcam.core.console.refusals import one_line_message, refusal
+from mirrorcam.core.console.session import begin, session
 from mirrorcam.core.console.streams import make_readable, quieten_libraries
 from mirrorcam.core.console.system_libraries import missing_library_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes import interruption
-from mirrorcam.core.values import InputError
-from mirrorcam.designs import design_command as design
-from mirrorcam.designs import sweep_command as sweep
-from mirrorcam.device import adjust_command as adjust
-from mirrorcam.device import board_command as board
-from mirrorcam.device import cad_command as cad
-from mirrorcam.device import camera_command as camera
-from mirrorcam.device import cameras_command as cameras
-from mirrorcam.lightfield import decode_command as decode
-from mirrorcam.lightfield import depth_command as depth
-from mirrorcam.lightfield import epi_command as epi
-from mirrorcam.lightfield import export_command as export
-from mirrorcam.lightfield import features_command as features
-from mirrorcam.lightfield import filter_command as filter
-from mirrorcam.lightfield import refocus_command as refocus
-from mirrorcam.lightfield import track_command as track
-from mirrorcam.optics.geometry.arrangement import Pattern
-from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.run import doctor_command as doctor
-from mirrorcam.run import run_command as run
-from mirrorcam.simulation import picture_command as picture
-from mirrorcam.simulation import render_command as render
-from mirrorcam.simulation import scene_command as scene
-from mirrorcam.studio import studio_command as studio
-from mirrorcam.studio.live import live_command as live
 
 DONE, CHECK_FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""What the system says where a stream without a name, such as standard output, takes no more."""
+"""Errors of a stream without a name, such as standard output, that takes no more."""
+CONFIG = "mirrorcam.toml"
+"""File of the current folder with defaults of options: a table for each command."""
+LARGEST_CONFIG_BYTES = 4_000
+"""Parsing takes a time that grows with the square of the length of a list."""
+CONFIGURED = f"Defaults of options are read from {CONFIG} and the environment: docs/commands.md."
 
-RUNNERS: dict[type, Callable[[Any], int]] = {
-    run.RunOptions: run.run,
-    design.DesignOptions: design.run,
-    studio.StudioOptions: studio.run,
-    sweep.SweepOptions: sweep.run,
-    cad.CadOptions: cad.run,
-    camera.CameraOptions: camera.run,
-    board.BoardOptions: board.run,
-    render.RenderOptions: render.run,
-    suite.SuiteOptions: suite.run,
-    scene.SceneOptions: scene.run,
-    picture.PictureOptions: picture.run,
-    calibrate.CalibrateOptions: calibrate.run,
-    compare.CompareOptions: compare.run,
-    adjust.AdjustOptions: adjust.run,
-    decode.DecodeOptions: decode.run,
-    live.LiveOptions: live.run,
-    drift.DriftOptions: drift.run,
-    cameras.CamerasOptions: cameras.run,
-    refocus.RefocusOptions: refocus.run,
-    epi.EpiOptions: epi.run,
-    depth.DepthOptions: depth.run,
-    features.FeaturesOptions: features.run,
-    filter.FilterOptions: filter.run,
-    track.TrackOptions: track.run,
-    export.ExportOptions: export.run,
-    validate.ValidateOptions: validate.run,
-    evaluate.EvaluateOptions: evaluate.run,
-    score.ScoreOptions: score.run,
-    doctor.DoctorOptions: doctor.run,
-    leaderboard.LeaderboardOptions: leaderboard.run,
+# The group, name, function and summary of each command. A function is imported when its command runs; its docstring,
+# which begins with the summary, is the command's help.
+COMMANDS = {
+    "Start": {
+        "run": (
+            "run.run_command:run",
+            "Run the whole pipeline, from a design to a light field, and write a page of results.",
+        ),
+        "doctor": ("run.doctor_command:doctor", "List what is installed, and test each part."),
+    },
+    "Design": {
+        "design": ("designs.design_command:design", "Optimise a layout of mirrors."),
+        "sweep": (
+            "designs.sweep_command:sweep",
+            "Optimise layouts for all combinations of counts, depths, scales and trade-offs.",
+        ),
+        "studio": ("studio.studio_command:studio", "Change a design by hand, on a page in the browser."),
+        "live": ("studio.live.live_command:live", "Align, focus and calibrate a camera, on a page in the browser."),
+    },
+    "Build": {
+        "cad": ("device.cad_command:app", "Generate and check every part of a device; render it; adjust its mirrors."),
+        "camera": ("device.camera_command:app", "List, show, measure and export cameras."),
+        "board": ("device.board_command:board", "Draw a calibration board at true scale."),
+    },
+    "Simulate": {
+        "render": ("simulation.render_command:app", "Render frames of a calibration board, with ground truth."),
+        "scene": ("simulation.scene_command:scene", "Render a tabletop scene, with its true views and depths."),
+        "suite": ("bench.suite_command:suite", "Render the sets of a suite: many cameras, boards and hard cases."),
+    },
+    "Calibrate": {
+        "calibrate": ("calibration.calibrate_command:calibrate", "Calibrate a device from pictures of a board."),
+        "compare": ("calibration.compare_command:compare", "Compare two calibrations of one device."),
+        "drift": ("calibration.drift_command:drift", "Detect mirrors that moved since the calibration."),
+        "validate": ("calibration.validate_command:validate", "Calibrate a rendered set blind, and compare."),
+        "score": ("bench.score_command:app", "Score anyone's calibrations of rendered sets."),
+    },
+    "Use the light field": {
+        "decode": ("lightfield.decode_command:decode", "Decode frames, videos or a camera into light fields."),
+        "depth": ("lightfield.depth_command:depth", "Estimate depth maps of light fields."),
+        "refocus": ("lightfield.refocus_command:refocus", "Refocus light fields, and render other viewpoints."),
+        "features": ("lightfield.features_command:features", "Find features that all views agree on."),
+        "track": ("lightfield.track_command:track", "Track the camera past a static scene."),
+        "filter": ("lightfield.filter_command:filter", "Filter light fields in the frequency domain."),
+        "export": ("lightfield.export_command:export", "Convert a light field between formats."),
+    },
 }
-COMMANDS = {options.__module__.rpartition(".")[2].removesuffix("_command"): options for options in RUNNERS}
-"""The options of each command by its name."""
+NAMES = tuple(name for commands in COMMANDS.values() for name in commands)
+_SESSION = Group("Output and errors", sort_key=1000)
+Quiet = Annotated[bool, Parameter(("--quiet", "-q"), group=_SESSION, help="print errors alone")]
+Verbose = Annotated[
+    bool, Parameter(("--verbose", "-v"), group=_SESSION, help="also print warnings of libraries and tracebacks")
+]
+Json = Annotated[bool, Parameter("--json", group=_SESSION, help="print results as one JSON object instead")]
 
 
-@dataclass(frozen=True)
-class Command:
-    """MirrorCam: design, build, render, calibrate and decode a light field camera made of a webcam and flat mirrors."""
-
-    command: OmitSubcommandPrefixes[
-        Annotated[run.RunOptions, subcommand("run")]
-        | Annotated[design.DesignOptions, subcommand("design")]
-        | Annotated[studio.StudioOptions, subcommand("studio")]
-        | Annotated[sweep.SweepOptions, subcommand("sweep")]
-        | Annotated[cad.CadOptions, subcommand("cad")]
-        | Annotated[camera.CameraOptions, subcommand("camera")]
-        | Annotated[board.BoardOptions, subcommand("board")]
-        | Annotated[render.RenderOptions, subcommand("render")]
-        | Annotated[suite.SuiteOptions, subcommand("suite")]
-        | Annotated[scene.SceneOptions, subcommand("scene")]
-        | Annotated[picture.PictureOptions, subcommand("picture")]
-        | Annotated[calibrate.CalibrateOptions, subcommand("calibrate")]
-        | Annotated[compare.CompareOptions, subcommand("compare")]
-        | Annotated[adjust.AdjustOptions, subcommand("adjust")]
-        | Annotated[decode.DecodeOptions, subcommand("decode")]
-        | Annotated[live.LiveOptions, subcommand("live")]
-        | Annotated[drift.DriftOptions, subcommand("drift")]
-        | Annotated[cameras.CamerasOptions, subcommand("cameras")]
-        | Annotated[refocus.RefocusOptions, subcommand("refocus")]
-        | Annotated[epi.EpiOptions, subcommand("epi")]
-        | Annotated[depth.DepthOptions, subcommand("depth")]
-        | Annotated[features.FeaturesOptions, subcommand("features")]
-        | Annotated[filter.FilterOptions, subcommand("filter")]
-        | Annotated[track.TrackOptions, subcommand("track")]
-        | Annotated[export.ExportOptions, subcommand("export")]
-        | Annotated[validate.ValidateOptions, subcommand("validate")]
-        | Annotated[evaluate.EvaluateOptions, subcommand("evaluate")]
-        | Annotated[score.ScoreOptions, subcommand("score")]
-        | Annotated[doctor.DoctorOptions, subcommand("doctor")]
-        | Annotated[leaderboard.LeaderboardOptions, subcommand("leaderboard")]
-    ]
-    version: bool = False
-    """print the version, and do nothing else"""
-    debug: bool = False
-    """show the traceback of an error"""
-
-
-def camera_from_text(text: str) -> Camera:
-    """A camera of the library by its name, or read from a JSON or TOML file."""
-    from mirrorcam.optics.geometry.camera_library import read_camera
-
-    return read_camera(text)
-
-
-def _camera_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Camera] | None:
-    if info.type is not Camera:
-        return None
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="NAME|FILE",
-        instance_from_str=lambda texts: camera_from_text(texts[0]),
-        is_instance=lambda value: isinstance(value, Camera),
-        str_from_instance=lambda camera: ["c920" if camera == Camera.c920() else camera.name],
+def application(config: Path = Path(CONFIG)) -> App:
+    """The parser of command lines: defaults come from a configuration file and from MIRRORCAM_COMMAND_OPTION."""
+    app = App(
+        name="mirrorcam",
+        help="Design, build, simulate, calibrate and use a light field camera made of a webcam and flat mirrors.",
+        help_epilogue=CONFIGURED,
+        version=f"mirrorcam {__version__}",
+        config=[Env("MIRRORCAM_", show=False), *_configuration(config)],
+        default_parameter=Parameter(negative=(), consume_multiple=True, show_default=_stated),
+        help_format="plaintext",
+        exit_on_error=False,
+        print_error=False,
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,  # `main` ends the command
     )
-
-
-def pattern_from_text(text: str) -> Pattern | None:
-    """A pattern of views by its name, such as hex7, or read from a JSON or TOML file; "none" is None."""
-    if text == "none":
-        return None
-    named = Pattern.named(text)
-    if named is not None:
-        return named
-    from mirrorcam.core.disk.files import read_model
-
-    return read_model(Pattern, Path(text))
-
-
-def _pattern_rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Pattern | None] | None:
-    if info.type != Pattern | None:
-        return None
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="hexN|ringN|FILE",
-        instance_from_str=lambda texts: pattern_from_text(texts[0]),
-        is_instance=lambda value: value is None or isinstance(value, Pattern),
-        str_from_instance=lambda pattern: ["none" if pattern is None else pattern.name],
-    )
-
-
-def _help_command(arguments: Sequence[str]) -> str:
-    """The command line that prints the help of the command that was asked for, or of all where none was."""
-    first = next((argument for argument in arguments if not argument.startswith("-")), "")
-    return f"mirrorcam {first} --help" if first in COMMANDS else "mirrorcam --help"
-
-
-def _flush() -> None:
-    """Flush what was printed, so that an error of writing can still be reported."""
-    if sys.stdout is not None:
-        sys.stdout.flush()
-
-
-def parse(arguments: Sequence[str]) -> Command:
-    """The command line as a `Command`, or InputError in one line; --help prints and raises SystemExit(0)."""
-    if any("\x00" in argument for argument in arguments):
-        raise InputError("an argument contains a null character")
-    registry = ConstructorRegistry()
-    registry.primitive_rule(_camera_rule)
-    registry.primitive_rule(_pattern_rule)
-    printed = StringIO()
-    try:
-        with redirect_stderr(printed):
-            return tyro.cli(
-                Command,
-                prog="mirrorcam",
-                args=arguments,
-                config=(CascadeSubcommandArgs, FlagCreatePairsOff, OmitArgPrefixes, PositionalMetavarFromFieldName),
-                registry=registry,
+    app.meta.suppress_keyboard_interrupt = False
+    app.register_install_completion_command(group=_SESSION)
+    for number, (title, commands) in enumerate(COMMANDS.items()):
+        group = Group(title, sort_key=number)
+        for name, (function, summary) in commands.items():
+            app.command(
+                f"mirrorcam.{function}", name=name, help=summary, group=group, sort_key=list(commands).index(name)
             )
-    except SystemExit as error:
-        if not error.code:
-            _flush()
-            raise
-        reason = refusal(error, printed.getvalue(), arguments, COMMANDS)
-        raise InputError(one_line_message(reason, f" (see {_help_command(arguments)})")) from error
+    return app
 
 
-def _refuse(message: str, code: int, arguments: Sequence[str]) -> int:
-    """Say in one line on standard error why it ends (with --debug, also where it happened), and pass the code on."""
-    with suppress(OSError):  # where standard error takes nothing, the code says it alone
-        if "--debug" in arguments:
+def _stated(default: object) -> str | None:
+    """The default of an option in its help: none of flags, and lists as they are typed."""
+    if default is False or default is None or default == ():
+        return None
+    return " ".join(map(str, default)) if isinstance(default, tuple) else str(default)
+
+
+def _configuration(path: Path) -> list[Dict]:
+    """The configuration file, where there is one; raises InputError for one with tables of no command."""
+    if not path.is_file():
+        return []
+    from mirrorcam.core.disk.files import read_bytes, toml_of
+
+    tables = toml_of(path, read_bytes(path, LARGEST_CONFIG_BYTES))
+    known = (*NAMES, "quiet", "verbose", "json")
+    for key in tables:
+        if key not in known:
+            meant = get_close_matches(key, known, n=1)
+            raise InputError(f"{path}: {key!r} is no command" + (f", did you mean {meant[0]}?" if meant else ""))
+    return [Dict(tables, source=str(path))]
+
+
+def show_docstring(app: App, names: Sequence[str]) -> None:
+    """Make the docstring of the named command its help: paragraphs are wrapped, the examples at its end are not."""
+    for name in names[:2]:
+        if name not in (NAMES if app.name == ("mirrorcam",) else tuple(app)):
+            return
+        app = app[name]
+        if app.default_command is not None:
+            text, title, examples = (inspect.getdoc(app.default_command) or "").partition("\n\nExamples:\n")
+            app.help = "\n\n".join(paragraph.replace("\n", " ") for paragraph in text.split("\n\n"))
+            app.help_epilogue = f"{title.strip()}\n{examples}\n\n{CONFIGURED}" if examples else CONFIGURED
+
+
+def parse_and_run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; raises InputError in one line where it cannot be parsed."""
+    app = application()
+    show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
+
+    @app.meta.default
+    def launch(
+        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        quiet: Quiet = False,
+        verbose: Verbose = False,
+        json: Json = False,
+    ) -> Any:
+        begin(quiet=quiet, verbose=verbose, json=json)
+        if not verbose:
+            quieten_libraries()
+        if any("\x00" in token for token in tokens):
+            raise InputError("an argument contains a null character")
+        if not tokens:
+            raise InputError(f"expected a command, one of {', '.join(NAMES)} (see mirrorcam --help)")
+        return app(tokens)
+
+    try:
+        code = app.meta(list(arguments))
+    except CycloptsError as error:
+        raise refusal(error, NAMES) from error
+    return code if isinstance(code, int) else DONE  # of --help and --version
+
+
+def _refuse(message: str, code: int) -> int:
+    """Report in one line on standard error, with `--json` also as its result, why a command ends; return its code."""
+    line = one_line_message(message)
+    with suppress(OSError):  # a stream that takes nothing leaves the code to say it
+        if session().verbose:
             traceback.print_exc()
-        print(f"mirrorcam: {one_line_message(message)}", file=sys.stderr)
+        print(f"mirrorcam: {line}", file=sys.stderr)
+        if session().json:
+            print(session().text(code, line), flush=True)
     return code
 
 
-def _say_no_more() -> None:
-    """Let standard output go nowhere, also what is flushed to it at the end of this process."""
+def _print_no_more() -> None:
+    """Discard standard output, also what is flushed to it at the end of this process."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns 0 done, 1 a check failed, 2 bad input, 130 interrupted, 143 terminated."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    begin(quiet=False, verbose=False, json="--json" in arguments)  # until the arguments are parsed
     make_readable()
-    quieten_libraries()
     try:
         with interruption.remembered():
-            if "--version" in arguments:
-                print(f"mirrorcam {__version__}")
-                _flush()
-                return DONE
-            command = parse(arguments)
-            code = RUNNERS[type(command.command)](command.command)
-            _flush()
+            code = parse_and_run(arguments)
+            if session().json:
+                print(session().text(code))
+            if sys.stdout is not None:
+                sys.stdout.flush()  # so that an error of writing is still reported
             return code
     except (Exception, KeyboardInterrupt) as error:
-        return _end(error, arguments)
+        return _end(error)
 
 
-def _end(error: BaseException, arguments: Sequence[str]) -> int:
-    """Say why a command ends with an error, which is being handled, and return the exit code; raises a bug."""
+def _end(error: BaseException) -> int:
+    """Report why a command ends with an error, which is being handled, and return the exit code; raises a bug."""
     if interruption.ended(error):
         if interruption.asked() == signal.SIGTERM:
-            return _refuse("terminated; finished files are whole", TERMINATED, arguments)
-        return _refuse("interrupted; finished files are whole", INTERRUPTED, arguments)
+            return _refuse("terminated; finished files are complete", TERMINATED)
+        return _refuse("interrupted; finished files are complete", INTERRUPTED)
     if isinstance(error, InputError):
-        return _refuse(str(error), BAD_INPUT, arguments)
+        return _refuse(str(error), BAD_INPUT)
     if isinstance(error, BrokenPipeError):
-        _say_no_more()  # the reader of the output has closed it
+        _print_no_more()  # the reader of the output has closed it
         return CHECK_FAILED
     if isinstance(error, OSError) and error.filename is not None:
-        return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT, arguments)
+        return _refuse(f"{error.filename}: {error.strerror}", BAD_INPUT)
     if isinstance(error, OSError) and error.errno in FULL:
-        _say_no_more()
-        return _refuse(f"cannot write: {error.strerror}", BAD_INPUT, arguments)
+        _print_no_more()
+        return _refuse(f"cannot write: {error.strerror}", BAD_INPUT)
     if lacking := missing_library_of(error):
-        return _refuse(lacking, BAD_INPUT, arguments)
+        return _refuse(lacking, BAD_INPUT)
     raise error

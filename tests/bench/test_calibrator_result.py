@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench import calibrator_result
-from mirrorcam.bench.calibrator_result import LOG, calibration_of, take_result
-from mirrorcam.core.values import InputError
+from mirrorcam.bench import calibrator_run
+from mirrorcam.bench.calibrator_run import LOG, calibration_of, take_result
+from mirrorcam.core.errors import InputError
 from tests.small_set import contents
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="files of POSIX")
@@ -89,7 +89,7 @@ def test_what_is_no_calibration_is_refused_before_any_is_taken(
     folders: tuple[Path, Path], case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, place = folders
-    monkeypatch.setattr(calibrator_result, "MOST_FILES", 20)
+    monkeypatch.setattr(calibrator_run, "MOST_FILES", 20)
     name, make, expected = HOSTILE[case]
     try:
         make(result / name)

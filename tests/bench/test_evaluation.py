@@ -7,31 +7,31 @@ import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mirrorcam.bench import evaluation
-from mirrorcam.bench.calibrator_result import LOG, take_result
+from mirrorcam.bench.calibrator_run import LOG, take_result
 from mirrorcam.bench.evaluation import (
     RESULTS,
     Change,
     Evaluation,
-    EvaluationRequest,
     EvaluationStopped,
     _NoScore,
     _Reading,
     _scored,
     evaluate,
+    read_evaluation,
 )
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.score_request import EvaluationRequest, Reading
 from mirrorcam.bench.scores.score_report import NO_LIMITS
-from mirrorcam.bench.scoring import ScoreRequest
 from mirrorcam.bench.suite_folder import FinishedSuite, read_finished
 from mirrorcam.core.processes.worker_process import WorkerProcess
 
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 
-READING = ScoreRequest(sets=(), calibrations=())
+READING = Reading()
 NOMINAL = 'cp "$MIRRORCAM_SET/layout.json" "$MIRRORCAM_RESULT"'
 """A calibrator that takes the design for the device."""
 
@@ -41,9 +41,10 @@ def suite(finished_suite: Path) -> FinishedSuite:
     return read_finished(finished_suite)
 
 
-def evaluated(suite: FinishedSuite, folder: Path, command: str = NOMINAL, **stated: object) -> Evaluation:
-    request = EvaluationRequest(command=command, timeout_s=60.0, reading=READING)
-    return evaluate(suite, EvaluationRequest(**{**vars(request), **stated}), folder)[0]
+def evaluated(suite: FinishedSuite, folder: Path, command: str = NOMINAL, **stated: Any) -> Evaluation:
+    baseline, reading = stated.pop("baseline", None), stated.pop("reading", READING)
+    request = EvaluationRequest.model_construct(command=command, **{"timeout_s": 60.0, **stated})
+    return evaluate(suite, request, reading, folder, baseline=baseline)[0]
 
 
 def test_the_true_layout_has_no_error_and_the_design_that_of_its_assembly(suite: FinishedSuite, tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench.evaluation import Evaluation, EvaluationRequest, evaluate
+from mirrorcam.bench.evaluation import Evaluation, evaluate
 from mirrorcam.bench.evaluation_files import FILES, write_evaluation
-from mirrorcam.bench.scoring import ScoreRequest
+from mirrorcam.bench.score_request import EvaluationRequest, Reading
 from mirrorcam.bench.suite_folder import read_finished
 
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering 
 def test_each_file_is_one_of_the_patterns_and_reads_back(finished_suite: Path, tmp_path: Path) -> None:
     suite = read_finished(finished_suite)
     command = 'cp "$MIRRORCAM_SET/layout.json" "$MIRRORCAM_RESULT"'
-    request = EvaluationRequest(command=command, timeout_s=60.0, reading=ScoreRequest(sets=(), calibrations=()))
-    evaluation, scores = evaluate(suite, request, tmp_path)
+    request = EvaluationRequest(command=command, timeout_s=60.0)
+    evaluation, scores = evaluate(suite, request, Reading(), tmp_path)
     write_evaluation(evaluation, scores, suite, tmp_path)
     names = [each.name for each in suite.manifest.sets]
     written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from mirrorcam.bench.evaluation_reading import read_evaluation
+from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.leaderboard_files import read_leaderboard
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.bench.test_leaderboard_files import evaluation
 
 

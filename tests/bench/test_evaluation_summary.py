@@ -7,16 +7,15 @@ from xml.etree.ElementTree import fromstring
 import pytest
 
 from mirrorcam.bench.evaluation import Change, Evaluation
-from mirrorcam.bench.evaluation_summary import (
+from mirrorcam.bench.evaluation_files import (
     SHORT_COLUMNS,
     failed_lines,
     junit_text,
     set_rows,
     summary_text,
 )
-from mirrorcam.bench.scores.attempt import TriedSet
-from mirrorcam.bench.scores.figure_limits import Check
-from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
+from mirrorcam.bench.scores.leaderboard import TriedSet
+from mirrorcam.bench.scores.score_report import Check, ScoredSet, ScoreReport
 from mirrorcam.core.values import Metric
 
 LIMIT = Check(figure="rms_px", value=0.4, unit="px", limit=0.25, at_least=False, passed=False)

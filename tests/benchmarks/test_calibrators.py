@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.calibrators import opencv_joint, opencv_per_view
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
 from benchmarks.calibrators.view_poses import mean_pose, write_cameras
-from mirrorcam.bench.scores.stated_covariance import with_covariance
+from mirrorcam.bench.scores.consistency import with_covariance
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.targets import Charuco

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 
@@ -14,13 +15,17 @@ import pytest
 
 import mirrorcam.cad.build
 import mirrorcam.cad.checks.elasticity.elasticity_report
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.guide.picture_views import DevicePicture
-from mirrorcam.cad.plan.back_table import DeskBack
+from mirrorcam.cad.plan.back_table import BACKS, DeskBack, back_of
+from mirrorcam.cad.plan.device_names import files_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.core.disk.results import Results
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.shared import no_slicer, path_without_slicer
 
@@ -51,6 +56,32 @@ def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_su
     )
     assert names(again) == names(folder)
     assert [name for name in sorted(names(again)) if (again / name).read_bytes() != (folder / name).read_bytes()] == []
+
+
+def test_every_file_is_stated_beforehand(built_default: Built) -> None:
+    written = names(built_default[1])
+    found = {pattern: {name for name in written if fnmatchcase(name, pattern)} for pattern in files_of(HARDWARE)}
+    assert written == set().union(*found.values())
+    # One stock sheet, and every part fits the bed, so that no name has a number but those of plates.
+    assert [pattern for pattern, matching in found.items() if not matching and "_[0-9]*" not in pattern] == []
+
+
+@pytest.mark.parametrize("kind", BACKS)
+def test_a_back_has_the_parts_that_its_table_states(kind: str, device: Device) -> None:
+    hardware = HARDWARE.replaced(back=back_of(kind))
+    back = plan_back(device.clip, device.mount, hardware)
+    assert tuple(part.name for part in back.parts) == hardware.back.parts
+    assert (back.robot is not None) == hardware.back.on_arm
+    assert {f"parts/{part.name}.stl" for part in back.parts} <= set(files_of(hardware))
+    assert ("robot/mirrorcam.urdf" in files_of(hardware)) == hardware.back.on_arm
+
+
+def test_carriers_and_elasticity_have_files_only_where_they_are_asked_for() -> None:
+    screws = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
+    carrier, elastic = "parts/carrier_0-1.stl", "robot/gravity.json"
+    assert any(fnmatchcase(carrier, pattern) for pattern in files_of(screws))
+    assert not any(fnmatchcase(carrier, pattern) for pattern in files_of(HARDWARE))
+    assert set(files_of(HARDWARE, elastic=True)) - set(files_of(HARDWARE)) >= {elastic, "elasticity.md"}
 
 
 def refuse_to_make(*_: object) -> BuiltPart:

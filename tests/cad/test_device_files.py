@@ -8,7 +8,7 @@ from pathlib import Path
 import ezdxf.filemanagement
 import pytest
 
-from mirrorcam.cad.device_files import write_sheets
+from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.core.figures.figure_labels import LABELS

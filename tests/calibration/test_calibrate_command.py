@@ -23,18 +23,18 @@ from tests.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
 from tests.optics.layouts import faceted_parabola
 
-TOGETHER = "--direct-view goes with --mirrors N, without --layout"
+EITHER = "expected --layout FILE, or --direct-view N"
 
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("", "expected --layout LAYOUT, or --direct-view"),
-        ("--layout layout.json --mirrors 2", "expected --layout LAYOUT, or --direct-view"),
-        ("--direct-view", TOGETHER),
-        ("--direct-view --mirrors 2 --layout layout.json", TOGETHER),
-        ("--direct-view --mirrors 2 --lens fisheye", "--lens and --surface go with --layout"),
-        ("--direct-view --mirrors 145", "--mirrors 145: Input should be less than or equal to 144"),
+        ("", EITHER),
+        ("--direct-view 2 --layout layout.json", EITHER),
+        ("--direct-view 2 --model fisheye", "model: expected auto or joint, with any of sheet, turn, bow, board"),
+        ("--layout layout.json --model joint+turn", "model: turn needs a direct view"),
+        ("--layout layout.json --model pinhole", "unknown word 'pinhole' of a model, expected auto"),
+        ("--direct-view 145", "--direct-view '145': Input should be less than or equal to 144"),
         ("--layout nowhere.json", "no such file"),
     ],
 )
@@ -66,13 +66,13 @@ def test_pictures_without_a_corner_are_refused(
     assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
 
 
-@pytest.mark.parametrize("option", ["--base b.png", "--live-hint", "--direct-view --mirrors 2"])
+@pytest.mark.parametrize("option", ["--base b.png", "--live-hint"])
 def test_corners_take_the_place_of_pictures(
     option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     corners = "calibrate --corners a.csv --layout layout.json --board board.toml"
-    assert_refused_here(f"{corners} {option}".split(), capfd, "--corners goes without --base, --live-hint and --direct")
+    assert_refused_here(f"{corners} {option}".split(), capfd, "--corners")
     both = "calibrate a.png --corners a.csv --layout layout.json --board board.toml"
     assert_refused_here(both.split(), capfd, "expected pictures, or --corners FILE")
     nominal_layout().save(tmp_path / "layout.json")
@@ -93,7 +93,7 @@ def test_an_alarm_is_printed_and_ends_it_with_1(
     found = replace(sound, notes=("a note",), diagnostics=replace(sound.diagnostics, alarms=alarms))
     written: list[Path] = []
     files = "mirrorcam.calibration.calibration_files"
-    monkeypatch.setattr(f"{files}.calibrate_files", lambda *arguments: found)
+    monkeypatch.setattr(f"{files}.calibrate_files", lambda *arguments, **options: found)
     monkeypatch.setattr(f"{files}.write_calibration", lambda result, folder, command: written.append(folder))
     arguments = ["calibrate", "picture.png", "--board", "board.toml", "--layout", "layout.json", "--out", str(tmp_path)]
     assert cli.main(arguments) == len(alarms)

@@ -1,27 +1,38 @@
-"""A calibration request checks itself, a calibration becomes five files, and corners in files calibrate."""
+"""A calibration becomes five files, and corners in files calibrate."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+from scipy.ndimage import gaussian_filter
 
-from mirrorcam.calibration.calibration_files import CalibrationRequest, calibrate_files, write_calibration
-from mirrorcam.core.values import InputError
+from mirrorcam.calibration.calibration_files import (
+    SEARCHED,
+    calibrate_files,
+    calibration_pictures,
+    residual_figure,
+    write_calibration,
+)
+from mirrorcam.calibration.calibration_request import CalibrationRequest
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+from mirrorcam.optics.calibration.diagnostics.view_statistics import cell_means
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
+from mirrorcam.render_scenes.sets.video import write_mjpeg
 from mirrorcam.run.run_page import read_metrics
+from tests.core.video.videos import pictures, write_h264
+from tests.drawn import drawn
 from tests.optics.calibration.sound_calibration import BOARD, nominal_layout, sound_calibration
-
-
-def test_a_request_has_a_layout_or_a_number_of_mirrors() -> None:
-    board = Path("board.toml")
-    both: dict[str, Any] = {"layout": Path("layout.json"), "mirrors": 2}
-    for wrong in ({}, both):
-        with pytest.raises(InputError, match="expected a nominal layout, or the number of mirrors"):
-            CalibrationRequest(pictures=(Path("a.png"),), board=board, **wrong)
 
 
 def test_files_hold_the_calibration(tmp_path: Path) -> None:
@@ -32,14 +43,6 @@ def test_files_hold_the_calibration(tmp_path: Path) -> None:
     assert Layout.load(tmp_path / "layout.json") == calibration.layout
     assert read_metrics(tmp_path / "metrics.json") == calibration.metrics
     assert "mirrorcam test" in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_request_has_pictures_or_corners() -> None:
-    board, layout = Path("board.toml"), Path("layout.json")
-    both: dict[str, Any] = {"pictures": (Path("a.png"),), "corners": (Path("a.csv"),)}
-    for wrong in ({"layout": layout}, both | {"layout": layout}, {"corners": (Path("a.csv"),), "mirrors": 2}):
-        with pytest.raises(InputError, match="expected pictures, or tables of corners with a nominal layout"):
-            CalibrationRequest(board=board, **wrong)
 
 
 @pytest.fixture
@@ -57,15 +60,174 @@ def corner_request(tmp_path: Path) -> CalibrationRequest:
 
 
 def test_tables_of_corners_calibrate_as_their_pictures_did(corner_request: CalibrationRequest) -> None:
-    found, first = calibrate_files(corner_request), sound_calibration()
+    found, first = calibrate_files((), corner_request), sound_calibration()
     assert found.pictures == first.pictures
     assert found.metrics["corners"] == first.metrics["corners"]
     for mirror, same in zip(found.layout.mirrors, first.layout.mirrors, strict=True):
         assert mirror.virtual_centre_in_rig_mm == pytest.approx(same.virtual_centre_in_rig_mm, abs=0.01)
 
 
-def test_corners_without_mirrors_and_unknown_levels_are_refused(corner_request: CalibrationRequest) -> None:
+def test_corners_without_mirrors_are_refused(corner_request: CalibrationRequest) -> None:
     with pytest.raises(InputError, match=r"bare\.csv: all corners are seen directly, expected pictures through"):
-        calibrate_files(replace(corner_request, corners=corner_request.corners[1:]))
-    with pytest.raises(InputError, match="level"):
-        calibrate_files(replace(corner_request, level="most"))
+        calibrate_files((), corner_request.replaced(corners=corner_request.corners[1:]))
+
+
+def test_mirrors_of_another_surface_are_fitted_from_the_thickness_found_first(
+    corner_request: CalibrationRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first fit is of the layout as it is, the second of plates whose thickness is free."""
+    fits: list[tuple[Layout, RequestedModel]] = []
+
+    def fit(
+        seen: object, base: object, layout: Layout, corners: object, *, model: RequestedModel, names: object
+    ) -> Any:
+        fits.append((layout, model))
+        return sound_calibration()
+
+    monkeypatch.setattr("mirrorcam.calibration.calibration_files.calibrate_corners", fit)
+    calibrate_files((), corner_request.replaced(model=RequestedModel.parse("fisheye+bend+auto+second_surface")))
+    (plain, first), (plates, second) = fits
+    assert first == RequestedModel(lens="fisheye")
+    assert second == RequestedModel(lens="fisheye", additions=("sheet", "bend"), auto=True)
+    assert [layout.mirrors[0].is_second_surface for layout in (plain, plates)] == [False, True]
+    calibrate_files((), corner_request.replaced(model=RequestedModel.parse("joint+first_surface")))
+    assert fits[2:] == [(plain, RequestedModel())]
+
+
+@pytest.fixture(scope="module")
+def figure(tmp_path_factory: pytest.TempPathFactory) -> Figure:
+    path = tmp_path_factory.mktemp("figure") / "residuals.png"
+    return drawn(lambda: residual_figure(sound_calibration(), path), path)
+
+
+def test_an_arrow_for_every_cell_of_every_view(figure: Figure) -> None:
+    calibration = sound_calibration()
+    arrows = [item for item in figure.axes[0].collections if isinstance(item, Quiver)]
+    views = np.unique(calibration.observations.view)
+    assert len(arrows) == len(views) == 5
+    for item, view in zip(arrows, views, strict=True):
+        means = cell_means(calibration, int(view))
+        assert np.allclose(item.get_offsets(), means.at_px)
+        drawn_px, mean_px = np.hypot(item.U, item.V), np.linalg.norm(means.mean_px, axis=1)
+        assert np.allclose(drawn_px / drawn_px.max(), mean_px / mean_px.max())
+
+
+def test_all_residuals_that_count_are_in_the_distribution(figure: Figure) -> None:
+    calibration = sound_calibration()
+    used = int(calibration.inliers.sum())
+    assert figure.axes[1].get_title().startswith(f"{used} corners")
+    assert len(figure.axes[1].patches) == 2
+
+
+def test_the_same_calibration_gives_the_same_picture(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        residual_figure(sound_calibration(), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+FRAMES = 150
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """150 frames of 64 x 48 px; every second is sharp, and the number of each frame is its brightness."""
+    folder = tmp_path_factory.mktemp("clip")
+    texture = np.random.default_rng(0).uniform(-40.0, 40.0, (48, 64))
+    paths = []
+    for number in range(FRAMES):
+        grey = 60.0 + number + gaussian_filter(texture, 0.6 if number % 2 == 1 else 2.5)
+        paths.append(folder / f"{number:03d}.jpg")
+        write_image(paths[-1], np.repeat(np.clip(grey, 0, 255)[:, :, None], 3, axis=2).astype(np.uint8))
+    write_mjpeg(folder / "clip.avi", paths, 30.0, lambda done: None)
+    return folder / "clip.avi"
+
+
+def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
+    said: list[str] = []
+    picture = clip.with_name("007.jpg")
+    taken = calibration_pictures([picture, clip], 30, on_note=said.append)
+    assert taken.pictures[0] == picture
+    assert taken.names[0] == "007.jpg"
+    numbers = [int(name.removeprefix("clip.avi frame ")) for name in taken.names[1:]]
+    assert len(numbers) <= SEARCHED
+    assert all(number % 2 == 1 for number in numbers)
+    assert numbers == sorted(numbers)
+    for number, grey in zip(numbers, taken.read()[1:], strict=True):
+        assert grey.shape == (48, 64)
+        assert abs(grey.mean() - 60.0 - number) < 2.0
+    assert taken.most == 30
+    assert said[0].startswith(f"clip.avi: the {len(numbers)} sharpest of 150 frames, from all of the video, read in ")
+
+
+def test_frames_that_a_variable_rate_leaves_out_are_not_called_damaged(tmp_path: Path) -> None:
+    path, said = tmp_path / "slow.mkv", list[str]()
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for moment in (0, 1, 2, 6, 7, 8):
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 20 * moment, np.uint8)).reformat(format="yuv420p")
+            frame.pts, frame.time_base = moment, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    calibration_pictures([path], 30, on_note=said.append)
+    assert said[0].startswith(
+        "slow.mkv: the 6 sharpest of 6 frames, from all of the video, 3 more missing by its times"
+    )
+
+
+def test_pictures_alone_are_all_used(clip: Path) -> None:
+    taken = calibration_pictures([clip.with_name("001.jpg")], 30, on_note=lambda sentence: None)
+    assert taken.most is None
+
+
+def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) -> None:
+    camera = Camera(width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0)
+    with pytest.raises(InputError, match="64x48 px, expected 640x480 of the layout's camera"):
+        calibration_pictures([clip], 30, camera=camera, on_note=lambda sentence: None)
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(InputError, match="not a video that can be opened"):
+        calibration_pictures([tmp_path / "text.mp4"], 30, on_note=lambda sentence: None)
+
+
+@pytest.mark.parametrize("name", ["corners.csv", "corners.vnl"])
+def test_a_table_of_corners_among_pictures_is_refused_with_its_option(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("# filename x y level\n")
+    with pytest.raises(InputError, match=r"a table of corners, expected pictures: give it with --corners"):
+        calibration_pictures([tmp_path / name], 30, on_note=print)
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "2026-11-26T10:30:05.mkv"])
+def test_what_to_know_of_a_video_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_h264(tmp_path / name, pictures(3), interlaced=True)
+    said: list[str] = []
+    taken = calibration_pictures([Path(name)], 30, on_note=said.append)
+    assert len(taken.pictures) == 3
+    assert [line.startswith(f"{name} is interlaced: ") for line in said] == [True, False]
+    assert len(taken.beside([1])) == 1
+
+
+@pytest.mark.slow
+def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_path: Path) -> None:
+    """A flexing paper with hands over it, cut by the frame: planes, camera and board come out without help."""
+    (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 6\nsquare_mm = 25.0\n')
+    request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
+    found = calibrate_files([two_mirror_video], request)
+    assert found.diagnostics is not None
+    assert {"bow", "board"} < set(found.diagnostics.level.split("+"))
+    for axis in "xy":
+        assert found.metrics[f"rms_{axis}_px"].value < 0.25
+    assert found.metrics["corners"].value > 2000
+    assert found.metrics["outliers"].value < 0.05 * found.metrics["corners"].value
+    assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.5)
+    assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.1
+    assert found.notes[0].startswith("30 of 60 pictures used: first_200_frames.mp4 frames ")
+
+
+@pytest.mark.slow
+def test_a_smaller_board_than_stated_is_refused_by_its_size(two_mirror_video: Path, tmp_path: Path) -> None:
+    """Parts of what is seen are taken for the stated board, which leads to mirrors that overlap."""
+    (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 25.0\n')
+    request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
+    with pytest.raises(InputError, match=r"show a checkerboard of 8 x 6 squares, board\.toml says 8 x 7"):
+        calibrate_files([two_mirror_video], request)

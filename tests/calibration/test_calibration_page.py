@@ -24,7 +24,7 @@ from tests.optics.calibration.sound_calibration import (
     rows_of,
     sound_calibration,
 )
-from tests.run.test_run_report import outline
+from tests.run.test_run_page import outline
 
 
 @pytest.fixture
@@ -197,9 +197,9 @@ def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibra
     diagnostics = calibration.diagnostics
     assert diagnostics is not None
     for name, other, advice in (
-        ("joint+bend", None, "Calibrate again as joint+bend"),
-        ("joint+glass", OtherSurface(2.0, 0.01, second=True), "calibrate again with --surface second"),
-        ("joint+glass", OtherSurface(0.0, 0.01, second=False), "calibrate again with --surface first"),
+        ("joint+bend", None, "--model joint+bend"),
+        ("joint+glass", OtherSurface(2.0, 0.01, second=True), "--model second_surface+auto"),
+        ("joint+glass", OtherSurface(0.0, 0.01, second=False), "--model first_surface+auto"),
     ):
         comparison = replace(
             diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.calibration.calibration_tables import (
+from mirrorcam.calibration.calibration_page import (
     camera_table,
     chance_text,
     common_table,

@@ -22,7 +22,7 @@ printf '%s\\n' "$*" >> "{calls}"
 if [ "$1" = suite ] && [ -d "$4" ]; then
     touch "$4/mine.suite.json"
 fi
-if [ "$1" = evaluate ]; then
+if [ "$1" = score ]; then
     mkdir -p found
     printf 'first\\n![picture](pictures/a.png)\\nlast\\n' > found/summary.md
     exit {code}
@@ -46,7 +46,7 @@ def test_it_renders_the_suite_and_evaluates_the_command(tmp_path: Path) -> None:
         0,
         [
             "suite smoke --out mirrorcam-suites",
-            "evaluate mirrorcam-suites --command python a.py 'b c' --out found --format auto --timeout-s 600 --force",
+            "score suite mirrorcam-suites --command python a.py 'b c' --out found --timeout-s 600 --force",
         ],
     )
 
@@ -57,7 +57,7 @@ def test_other_suites_of_the_folder_are_left_alone(tmp_path: Path) -> None:
         (tmp_path / "s" / f"{name}.suite.json").touch()
         os.utime(tmp_path / "s" / f"{name}.suite.json", (1.0, 1.0))
     _, calls = run(tmp_path, COMMAND="x", SUITE="mine.toml", SUITES="s")
-    assert calls[1].startswith("evaluate s/mine.suite.json --command x ")
+    assert calls[1].startswith("score suite s/mine.suite.json --command x ")
 
 
 def test_settings_become_options(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_settings_become_options(tmp_path: Path) -> None:
     _, calls = run(tmp_path, COMMAND="x", SUITE="standard", SUITES="s", WORKERS="1", SETTINGS="--unit m", **settings)
     assert calls == [
         "suite standard --out s --workers 1",
-        "evaluate s --command x --out found --format ros --timeout-s 9 --force --limits a b.toml --baseline b.json "
+        "score suite s --command x --out found --timeout-s 9 --force --format ros --limits a b.toml --baseline b.json "
         "--worse-by 1.5 --unit m",
     ]
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, SEED, Bounds, DepthOrInf
-from mirrorcam.core.values import InvalidValue, Value
+from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, SEED, Bounds
+from mirrorcam.core.values import DepthOrInf, InvalidValue, Value
 
 
 class Numbers(Value):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from mirrorcam.cli import main, pattern_from_text
+from mirrorcam.cli import application, main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import figure_text
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_request import request_toml
+from mirrorcam.designs.design_command import DesignChanges
+from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
@@ -64,7 +67,7 @@ def test_a_spec_without_a_parabola_is_designed_all_the_same(
 ) -> None:
     assert main(["design", "--out", str(tmp_path)]) == 0
     assert "parabola.json" in results(tmp_path)
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", no_parabola)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", no_parabola)
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed
@@ -85,7 +88,8 @@ def test_nothing_is_written_where_no_layout_meets_the_spec(
 def test_a_design_is_kept_and_printed_where_no_device_can_be_built_so(
     solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["design", "--tolerance", "--tilt-deg", "40", "--out", str(tmp_path)]) == 2
+    (tmp_path / "design.toml").write_text("[tolerances]\ntilt_deg = 40.0\n")
+    assert main(["design", str(tmp_path / "design.toml"), "--tolerance", "--out", str(tmp_path)]) == 2
     printed = capsys.readouterr()
     assert printed.err.count("\n") == 1
     assert printed.err.startswith("mirrorcam: tolerances")
@@ -115,18 +119,42 @@ def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Pa
 def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('name = "mine"\npositions = [[0, 0], [1, 0], [0.4, 2]]\n')
-    assert pattern_from_text("hex7") == Pattern.hexagonal(1)
-    assert pattern_from_text(str(file)) == Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
-    assert pattern_from_text("none") is None
+    own = Pattern(name="mine", positions=[[0, 0], [1, 0], [0.4, 2]])
+    assert DesignChanges(pattern="hex7").of(DesignSpec()) == DesignSpec(pattern=Pattern.hexagonal(1))
+    assert DesignChanges(pattern=str(file)).of(DesignSpec()) == DesignSpec(pattern=own)
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
     with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 at one place"):
-        pattern_from_text(str(file))
+        DesignChanges(pattern=str(file)).of(DesignSpec())
 
 
-def test_a_request_in_a_file_is_designed(solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    request = tmp_path / "design.toml"
-    request.write_text(request_toml(DesignSpec(rows=2)), encoding="utf-8")
-    assert main(["design", str(request), "--out", str(tmp_path / "out")]) == 0
-    assert "2 x 3 mirrors" in capsys.readouterr().out
-    assert_refused_here(["design", str(request), "--rows", "4"], capsys, "expected one of the two")
-    assert_refused_here(["design", str(tmp_path / "none.toml")], capsys, "no such file")
+def test_the_help_states_the_defaults_of_a_request() -> None:
+    arguments = []
+    for each in application()["design"].assemble_argument_collection():
+        stated = re.search(r"\[default: (.+)\]", each.parameter.help or "")
+        if stated is not None and each.field_info.name in DesignSpec.model_fields:
+            arguments += [each.name, *stated[1].split()]
+    _, bound, _ = application().parse_args(["design", *arguments])
+    assert len(vars(bound.arguments["changes"])) == 8
+    assert bound.arguments["changes"].of(DesignSpec()) == DesignSpec()
+
+
+def test_options_replace_fields_of_a_request_in_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    designed: list[DesignSpec] = []
+
+    def write(spec: DesignSpec, folder: Path, calls: Calls) -> None:
+        designed.append(spec)
+        raise InputError("enough")
+
+    monkeypatch.setattr("mirrorcam.designs.design_files.write_design", write)
+    monkeypatch.chdir(tmp_path)
+    request = DesignSpec(rows=2, spacing_mm=1.5)
+    Path("design.toml").write_text(request_toml(request), encoding="utf-8")
+    assert_refused_here(["design", "design.toml"], capsys, "enough")
+    options = "--cols 4 --camera d435 --scale-mm 60 --depths-mm 280 400 --tradeoff 0 --fold-deg auto"
+    assert_refused_here(["design", "design.toml", *options.split()], capsys, "enough")
+    changes = {"cols": 4, "camera": read_camera("d435"), "scale_mm": 60.0, "depths_mm": (280.0, 400.0)}
+    assert designed == [request, request.replaced(**changes, tradeoff=0.0, fold_deg="auto")]
+    assert_refused_here(["design", "design.toml", "--pattern", "hex7"], capsys, "rows or cols are given with a pattern")
+    assert_refused_here(["design", "none.toml"], capsys, "none.toml: no such file")

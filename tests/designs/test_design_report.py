@@ -1,17 +1,20 @@
-"""The report of a design: one file with its figures, checks, pictures and what was asked for."""
+"""The report of a design: one file with its figures, checks, pictures and request."""
 
 from __future__ import annotations
 
+import base64
 import re
 
 import pytest
 
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.design_report import ReportPicture, design_report
+from mirrorcam.designs.design_report import ReportPicture, design_pictures, design_report
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
+from mirrorcam.optics.design.assess.monte_carlo import study
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.tolerances import Tolerances
 
 SPEC = DesignSpec()
 
@@ -63,3 +66,20 @@ def test_names_are_escaped(layout: Layout) -> None:
 def test_a_layout_without_a_request_has_no_report(layout: Layout) -> None:
     with pytest.raises(ValueError, match="without a spec"):
         design_report(layout.replaced(spec=None), None, [])
+
+
+def test_each_thing_has_its_picture(default_layout: Layout) -> None:
+    layout = default_layout.replaced(spec=DesignSpec())
+    built = study(layout, Tolerances.hobby(), (300.0, 500.0), devices=4)
+    pictures = design_pictures(layout, None, built)
+    assert [picture.title for picture in pictures] == ["Sensor, mirrors and coverage", "Focus", "Devices as built"]
+    contents = [base64.b64decode(picture.base64) for picture in pictures]
+    assert all(content.startswith(b"\x89PNG") and content.endswith(b"IEND\xaeB`\x82") for content in contents)
+    assert len(set(contents)) == 3
+    pinhole = layout.replaced(camera=layout.camera.replaced(aperture_mm=0.0))
+    assert [picture.title for picture in design_pictures(pinhole, None)] == ["Sensor, mirrors and coverage"]
+
+
+def test_a_layout_without_a_request_has_none(default_layout: Layout) -> None:
+    with pytest.raises(ValueError, match="without a spec"):
+        design_pictures(default_layout.replaced(spec=None), None)

@@ -19,11 +19,11 @@ import pytest
 
 from mirrorcam.core.disk.output_folder import HIDDEN
 from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
 from mirrorcam.designs import design_sweep, sweep_work
 from mirrorcam.designs.design_sweep import layout_name, table_of, write_table
-from mirrorcam.designs.sweep_run import design_here
+from mirrorcam.designs.sweep_files import design_here
 from mirrorcam.designs.sweep_work import Answer, answer, file_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -203,7 +203,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     if kill:
         assert process.returncode == -signal.SIGKILL
     else:
-        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are whole\n")
+        assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are complete\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
     before = {path.name: path.stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8

@@ -1,20 +1,21 @@
-"""`mirrorcam sweep`: its options as specs, what it refuses, what it sums up, and its exit code."""
+"""`mirrorcam sweep`: what it refuses, what it sums up, and its exit code."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.designs.design_sweep import Runner
-from mirrorcam.designs.sweep_command import SweepOptions, summary
+from mirrorcam.designs.sweep_command import summary
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.command_line import assert_refused_here
 from tests.designs.made_up_designs import SPECS, Counting, solved
+
+PAIRS = "counts = [[1, 2]]\n"
 
 
 def test_a_summary_names_what_bound_most_often_and_every_failure() -> None:
@@ -34,14 +35,15 @@ def test_a_summary_names_what_bound_most_often_and_every_failure() -> None:
 
 
 def stand_in(monkeypatch: pytest.MonkeyPatch, runner: Runner) -> None:
-    monkeypatch.setattr("mirrorcam.designs.sweep_command._runner", lambda options: (runner, "nobody"))
+    monkeypatch.setattr("mirrorcam.designs.sweep_files.design_here", lambda specs, workers: runner(specs))
 
 
 def test_the_command_ends_with_1_where_a_design_failed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     stand_in(monkeypatch, Counting(lambda spec: Outcome(spec=spec, status="failed", finding="RuntimeError: no")))
-    assert cli.main(["sweep", "--counts", "1x2", "--out", str(tmp_path / "out")]) == 1
+    (tmp_path / "sweep.toml").write_text(PAIRS)
+    assert cli.main(["sweep", str(tmp_path / "sweep.toml"), "--out", str(tmp_path / "out")]) == 1
     assert "0 solved, 0 infeasible, 9 failed" in capfd.readouterr().out
     assert (tmp_path / "out" / "sweep.csv").read_text().count("RuntimeError: no") == 9
 
@@ -52,7 +54,8 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
     stand_in(monkeypatch, Counting())
     with output_folder(tmp_path, "sweep") as output, output.staged() as folder:
         (folder / "pareto.png").write_bytes(b"of an earlier sweep")
-    assert cli.main(["sweep", "--counts", "1x2", "--table", "json", "--out", str(tmp_path)]) == 1
+    (tmp_path / "sweep.toml").write_text(PAIRS)
+    assert cli.main(["sweep", str(tmp_path / "sweep.toml"), "--table", "json", "--out", str(tmp_path)]) == 1
     printed = capfd.readouterr().out
     assert "infeasible for depth (9)" in printed
     assert "sweep.json written" in printed
@@ -62,21 +65,12 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("--counts 3by3", "--counts '3by3': expected rows x columns, like 3x5"),
-        ("--counts 0x3", "counts: 0x3: rows: Input should be greater than or equal to 1"),
-        ("--counts", "counts: no value"),
-        ("--counts 2x2 2x2", "counts: 2x2 is named twice"),
-        ("--depth-sets-mm 300;500", "--depth-sets-mm '300;500': expected depths with commas between them"),
-        ("--depth-sets-mm 300,-5", "depths_mm.1: Input should be greater than or equal to 0.001"),
-        ("--scales-mm nan", "--scales-mm nan: Input should be a finite number"),
-        ("--tradeoffs 1.5", "--tradeoffs 1.5: Input should be less than or equal to 1"),
-        ("--spacing-mm -1", "--spacing-mm -1.0: Input should be greater than or equal to 0"),
-        ("--rows 3", "Unrecognized options: --rows"),
-        ("--table xls", "invalid choice 'xls' for argument '--table'"),
-        ("--workers 0", "--workers 0: Input should be greater than or equal to 1"),
+        ("--table xls", "--table 'xls': expected one of csv, parquet, json"),
+        ("--workers 0", "--workers '0': expected 1 to 1024"),
         ("--workers 2 --scheduler tcp://host:1", "--workers and --scheduler: expected one of the two"),
-        ("--camera folding.json", "folds inside the sensor"),
+        ("folding.toml", "folds inside the sensor"),
         ("--out folding.json", "folding.json"),
+        ("none.toml", "none.toml: no such file"),
     ],
 )
 def test_a_bad_command_line_is_refused_in_one_line(
@@ -88,9 +82,11 @@ def test_a_bad_command_line_is_refused_in_one_line(
 ) -> None:
     camera = DesignSpec().camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
     (tmp_path / "folding.json").write_text(camera.model_dump_json())
+    (tmp_path / "folding.toml").write_text('[common]\ncamera = "folding.json"\n')
     monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
     assert_refused_here(["sweep", *arguments.split()], capfd, expected)
-    assert [path.name for path in tmp_path.iterdir()] == ["folding.json"]
+    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize(
@@ -105,15 +101,3 @@ def test_a_missing_extra_is_named_before_any_work(
     assert cli.main(["sweep", *arguments.split()]) == 2
     assert f'pip install "mirrorcam[{extra}]"' in capfd.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_the_sweep_varies_is_no_common_option() -> None:
-    options: Any = cli.parse(
-        ["sweep", "--spacing-mm", "2", "--surface", "second", "--sides", "5", "--counts", "2x4"]
-    ).command
-    assert isinstance(options, SweepOptions)
-    specs = options.specs()
-    assert len(specs) == 9
-    assert {(spec.rows, spec.cols, spec.spacing_mm, spec.surface, spec.sides) for spec in specs} == {
-        (2, 4, 2.0, "second", 5)
-    }

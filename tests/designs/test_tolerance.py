@@ -1,4 +1,4 @@
-"""What `mirrorcam design --tolerance` writes and prints."""
+"""What `mirrorcam design --tolerance` writes, draws and prints."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mirrorcam import cli
 from mirrorcam.core.console.progress import console
 from mirrorcam.core.figures.figure_texts import figures_alike
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.designs.design_command import print_tolerance
-from mirrorcam.designs.tolerance import tolerance_metrics, write_tolerance
-from mirrorcam.optics.design.assess.monte_carlo import Study
+from mirrorcam.designs.tolerance import COLOURS, tolerance_figure, tolerance_metrics, write_tolerance
+from mirrorcam.optics.design.assess.monte_carlo import Study, study
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -104,31 +107,71 @@ def test_the_option_alone_describes_a_hobby_printer(
 
 
 def test_tolerances_can_be_given(command: Callable[[str], tuple[int, str, str]], tmp_path: Path) -> None:
-    code, output, _ = command("--tolerance --tilt-deg 0.1 --sheet-thickness-mm 0 --centre-px 8")
+    (tmp_path / "design.toml").write_text("[tolerances]\ntilt_deg = 0.1\nsheet_thickness_mm = 0\ncentre_px = 8\n")
+    code, output, _ = command("design.toml --tolerance")
     assert code == 0
     metrics = json.loads((tmp_path / "out" / "tolerance.json").read_text())
-    assert metrics["tolerance.tilt_deg"]["value"] == 0.1
+    stated = [metrics[f"tolerance.{name}"]["value"] for name in ("tilt_deg", "camera_offset_mm", "sheet_thickness_mm")]
+    assert stated == [0.1, Tolerances.hobby().camera_offset_mm, 0.0]
     assert "share.sheet_thickness.grid_error" not in metrics
     assert metrics["share.camera_itself.off_sensor"]["value"] > 0.1
     assert "mirrors tilted 0.1°" in output
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("stated", "complaint"),
     [
-        ("--tolerance --tilt-deg -1", "--tilt-deg -1.0: Input should be greater than or equal to 0"),
-        ("--tolerance --camera-turn-deg nan", "--camera-turn-deg nan: Input should be a finite number"),
-        ("--tolerance --offset-mm wide", "--offset-mm: could not convert string to float"),
-        ("--tilt-deg 0.5", "tolerances are given, expected --tolerance with them"),
-        ("--tolerance --sheet-thickness-mm 0.4", "sheet_thickness_mm 0.4"),
+        ("tilt_deg = -1", "design.toml: tolerances.tilt_deg: Input should be greater than or equal to 0"),
+        ("camera_turn_deg = nan", "design.toml: tolerances.camera_turn_deg: Input should be a finite number"),
+        ("offset_mm = 'wide'", "design.toml: tolerances.offset_mm: Input should be a valid number"),
+        ("tilt_degree = 0.5", "design.toml: tolerances.tilt_degree: not known, did you mean tilt_deg?"),
+        ("sheet_thickness_mm = 0.4", "sheet_thickness_mm 0.4"),
     ],
 )
 def test_bad_tolerances_are_refused_in_one_line(
-    command: Callable[[str], tuple[int, str, str]], arguments: str, complaint: str, tmp_path: Path
+    command: Callable[[str], tuple[int, str, str]], stated: str, complaint: str, tmp_path: Path
 ) -> None:
-    code, _, errors = command(arguments)
+    (tmp_path / "design.toml").write_text(f"[tolerances]\n{stated}\n")
+    code, _, errors = command("design.toml --tolerance")
     assert code == 2
     assert errors.count("\n") == 1
     assert errors.startswith("mirrorcam: ")
     assert complaint in errors
     assert not any((tmp_path / "out" / name).exists() for name in FILES)
+
+
+@pytest.fixture
+def picture(found: Study, tmp_path: Path) -> NDArray[np.uint8]:
+    tolerance_figure(found, tmp_path / "tolerance.png")
+    return read_image(tmp_path / "tolerance.png")
+
+
+def share_of(picture: NDArray[np.uint8], colour: str) -> float:
+    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return float((np.abs(picture.astype(int) - wanted).max(axis=-1) < 12).mean())
+
+
+def test_bars_are_as_long_as_the_shares(picture: NDArray[np.uint8], found: Study) -> None:
+    """The lower part of the picture is one block of bars in the colours of the causes."""
+    bars = picture[picture.shape[0] * 62 // 100 :]
+    areas = np.array([share_of(bars, colour) for colour in COLOURS])
+    shares = np.array([sum(of_cause.values()) for of_cause in found.shares.values()])
+    np.testing.assert_allclose(areas[:5] / areas.sum(), shares / shares.sum(), atol=0.02)
+    assert areas.sum() > 0.3
+
+
+def test_nothing_is_cut_off_at_the_border(picture: NDArray[np.uint8]) -> None:
+    height, width, _ = picture.shape
+    assert 1400 < width < 2000
+    assert 1200 < height < 2200
+    border = np.concatenate([picture[:2].reshape(-1, 3), picture[-2:].reshape(-1, 3), picture[:, 0], picture[:, -1]])
+    assert (border > 250).all()
+
+
+@pytest.mark.parametrize("depths_mm", [(400.0,), (300.0, 400.0, 500.0)])
+def test_any_number_of_depths_and_no_cause_at_all(
+    default_layout: Layout, depths_mm: tuple[float, ...], tmp_path: Path
+) -> None:
+    nothing = study(default_layout, Tolerances.none(), depths_mm, devices=2)
+    tolerance_figure(nothing, tmp_path / "tolerance.png")
+    assert share_of(read_image(tmp_path / "tolerance.png"), COLOURS[0]) > 0.001

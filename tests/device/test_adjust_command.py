@@ -1,4 +1,4 @@
-"""`mirrorcam adjust`: a row for every mirror, files beside it, and refusals in one line."""
+"""`mirrorcam cad adjust`: a row for every mirror, files beside it, and refusals in one line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.device.test_adjustment import misaligned
 def test_turns_are_printed_written_and_drawn(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     misaligned(sigma_mm=0.01).save(tmp_path / "layout.json")
     write_source(tmp_path / "device", pair(), with_screws())
-    arguments = ["adjust", str(tmp_path / "layout.json"), "--device", str(tmp_path / "device")]
+    arguments = ["cad", "adjust", str(tmp_path / "layout.json"), str(tmp_path / "device")]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     said = capfd.readouterr().out
     assert all(text in said for text in ("0-0", "0-1", "turns of a", "calibrate again after any turn"))
@@ -27,7 +27,7 @@ def test_turns_are_printed_written_and_drawn(tmp_path: Path, capfd: pytest.Captu
 def test_a_mirror_out_of_reach_ends_with_1(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     misaligned(tilt_deg=4.0).save(tmp_path / "layout.json")
     write_source(tmp_path / "device", pair(), with_screws())
-    arguments = ["adjust", str(tmp_path / "layout.json"), "--device", str(tmp_path / "device")]
+    arguments = ["cad", "adjust", str(tmp_path / "layout.json"), str(tmp_path / "device")]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
     assert "beyond the travel of the screws: 0-0" in capfd.readouterr().out
 
@@ -35,6 +35,6 @@ def test_a_mirror_out_of_reach_ends_with_1(tmp_path: Path, capfd: pytest.Capture
 def test_a_device_with_glued_mirrors_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     misaligned().save(tmp_path / "layout.json")
     write_source(tmp_path / "device", pair(), HARDWARE)
-    arguments = ["adjust", str(tmp_path / "layout.json"), "--device", str(tmp_path / "device")]
+    arguments = ["cad", "adjust", str(tmp_path / "layout.json"), str(tmp_path / "device")]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
     assert 'expected holder.mirrors = "screws"' in capfd.readouterr().err

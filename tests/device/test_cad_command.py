@@ -28,11 +28,11 @@ def test_without_a_layout_it_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("--camera nikon", "camera 'nikon': expected one of arducam_b0196, board_38, brio, c920, c922, d435"),
-        ("--camera nikon.toml", "nikon.toml: no such file"),
+        ("--body nikon", "camera 'nikon': expected one of arducam_b0196, board_38, brio, c920, c922, d435"),
+        ("--body nikon.toml", "nikon.toml: no such file"),
         ("--hardware mine.toml", "mine.toml: no such file"),
-        ("--fasteners glue", "invalid choice 'glue' for argument '--fasteners'"),
-        ("--workers 0", "--workers 0: Input should be greater than or equal to 1"),
+        ("--mounting nut", "--mounting 'nut': Input should be 'glue' or 'screws'"),
+        ("--workers 0", "--workers '0': expected 1 to 1024"),
     ],
 )
 def test_bad_options_are_refused_in_one_line(
@@ -74,8 +74,8 @@ def test_a_body_that_cannot_be_compared_with_the_layout_is_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     default_layout.save(tmp_path / "layout.json")
-    monkeypatch.setattr("mirrorcam.device.device_folder.write_device", lambda *_, **__: {})
-    assert cli.main(["cad", "layout.json", "--camera", camera]) == 0
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda *_, **__: {})
+    assert cli.main(["cad", "layout.json", "--body", camera]) == 0
     line = "states no field_of_view_deg: not compared with that of the layout, 70.4 x 43.3 deg"
     assert (line in " ".join(capfd.readouterr().out.split())) == said
 
@@ -100,7 +100,7 @@ def test_it_prints_what_fails_and_the_device_as_a_whole(
         "holder.wall_mm": Metric(value=size_mm, unit="mm", limit=0.8, lower_is_better=False),
     }
     monkeypatch.setattr("mirrorcam.device.cad_command.require", lambda *extras: None)
-    monkeypatch.setattr("mirrorcam.device.device_folder.write_device", lambda *given, **options: checks)
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", lambda *given, **options: checks)
     small_layout.save(tmp_path / "layout.json")
     assert cli.main(["cad", str(tmp_path / "layout.json"), "--out", str(tmp_path / "cad")]) == code
     printed = capfd.readouterr().out

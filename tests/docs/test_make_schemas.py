@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from docs.make_schemas import FILES, FOLDER, schema, schema_text
-from mirrorcam.bench.blind_sets import described_views
+from mirrorcam.bench.calibrator_run import described_views
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.core.disk.files import write_json, write_metrics, write_text
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.design_request import request_toml
+from mirrorcam.designs.design_files import request_toml
 from mirrorcam.device.board_files import print_board
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera

@@ -16,9 +16,9 @@ import pytest
 import mirrorcam
 from docs.website.accessible import accessible
 from docs.website.api_pages import GROUPS, calls
-from docs.website.command_pages import FOLDER, Group, Help, Option, command_pages, help_text, in_markdown, read_help
+from docs.website.command_pages import FOLDER, command_pages, commands
 from docs.website.gather import ROOT, gather, outside_code, page_of
-from mirrorcam.cli import COMMANDS
+from mirrorcam.cli import NAMES, application
 from tests.shared import built_once
 from tests.studio.browser import FLAGS, browser_page, chromium
 
@@ -103,47 +103,6 @@ def test_parameters_on_lines_of_their_own_are_no_definitions() -> None:
     )
 
 
-def test_a_help_text_is_read() -> None:
-    text = """usage: mirrorcam x [-h] FILE
-
-One line.
-
- positional arguments
- ---------------------
-  FILE           a file
-                 of `x`
-
- spec options
- ---------------------
-  About all.
-  ---------------------
-  --long-name {a,b}
-                 which one (default: a)
-"""
-    assert read_help(text) == Help(
-        "mirrorcam x [-h] FILE",
-        ["One line."],
-        [
-            Group("positional arguments", "", [Option("FILE", "a file of `x`")]),
-            Group("spec options", "About all.", [Option("--long-name {a,b}", "which one (default: a)")]),
-        ],
-    )
-    with pytest.raises(ValueError, match="expected the usage"):
-        read_help("Traceback")
-
-
-def test_a_help_text_is_no_markup() -> None:
-    assert in_markdown("a * b_c `d_e` <f> (docs/cad.md)") == r"a \* b\_c `d_e` \<f\> ([cad](../../cad.md))"
-
-
-def test_files_and_values_are_not_capitalised_and_a_help_that_ends_in_dots_keeps_them() -> None:
-    pages = command_pages()
-    assert "\nlayout.json (required).\n" in pages[f"{FOLDER}/cad"]
-    assert "\nsmoke, standard, or a TOML file" in pages[f"{FOLDER}/suite"]
-    assert "s3://bucket/prefix, ...\n" in pages[f"{FOLDER}/suite"]
-    assert "\nFolder " in pages[f"{FOLDER}/run"]
-
-
 def test_what_is_said_of_a_parameter_is_no_type() -> None:
     pytest.importorskip("sphinx", reason="the extra docs is not installed")
     from docs.website.docstrings import stated_below
@@ -154,19 +113,24 @@ def test_what_is_said_of_a_parameter_is_no_type() -> None:
 
 def test_every_command_and_option_is_in_the_reference() -> None:
     pages = command_pages()
-    assert set(pages) == {f"{FOLDER}/index", *(f"{FOLDER}/{command}" for command in COMMANDS)}
-    for command in COMMANDS:
-        assert f"[mirrorcam {command}]({command}.md)" in pages[f"{FOLDER}/index"]
-        named = set(re.findall(r"^\s+(--[a-z][a-z0-9-]+)", help_text(command), flags=re.MULTILINE)) - {"--debug"}
-        written = re.findall(r"^:::\{option\} (.+)$", pages[f"{FOLDER}/{command}"], flags=re.MULTILINE)
-        assert {option for each in written for option in each.replace(",", "").split() if option[:2] == "--"} == named
-        assert "--out" in named or command in ("camera", "live", "doctor", "score"), command
+    assert set(pages) == {f"{FOLDER}/index", *(f"{FOLDER}/{name}" for name in NAMES)}
+    for words, command in commands(application()).items():
+        name = words.split()[0]
+        page = pages[f"{FOLDER}/{name}"]
+        assert f"[mirrorcam {name}]({name}.md)" in pages[f"{FOLDER}/index"]
+        assert f"# mirrorcam {words}\n" in page
+        written = set(re.findall(r"`(--[a-z][a-z0-9-]+)[ `,]", page))
+        options = command.assemble_argument_collection() if command.default_command is not None else ()
+        assert {each.name for each in options if each.name[:2] == "--"} <= written
+        assert not [option for option in written if option.startswith(("--no-force", "--empty-"))]
+    assert "```sh\nmirrorcam sweep\n" in pages[f"{FOLDER}/sweep"]
+    assert "([design](../../design.md))" in pages[f"{FOLDER}/sweep"]
 
 
 def test_every_public_name_and_call_is_in_the_reference() -> None:
     names = [name for names in GROUPS.values() for name in names]
     assert sorted(names) == sorted(mirrorcam.__all__)
-    assert sorted({*calls(), "camera"}) == sorted(COMMANDS)
+    assert {command.split()[0] for command in calls()} == {*NAMES}
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +192,7 @@ def test_what_is_not_there_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert command.main([str(tmp_path / "site"), "--toy", str(toy), "--devices", str(gallery)]) == 0
     assert [line[1:] for line in ran] == [
         ["-m", "mirrorcam", "studio", "--snapshot", str(toy)],
-        [str(ROOT / "docs" / "make_gallery.py"), str(gallery)],
+        ["-m", "docs.gallery", str(gallery)],
     ]
 
 
@@ -344,8 +308,8 @@ def test_the_toy_begins_where_its_picture_was(browser: Any, site: Path) -> None:
 @pytest.mark.slow
 def test_the_search_finds_an_option(browser: Any, site: Path) -> None:
     with browser_page(browser) as watched:
-        watched.page.goto((site / "search.html").as_uri() + "?q=robust-tilt-deg")
+        watched.page.goto((site / "search.html").as_uri() + "?q=mounting")
         # Results come one by one.
-        watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam design')")
+        watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam run')")
         results = watched.page.locator("#search-results li a").all_inner_texts()
-        assert any("mirrorcam design" in text for text in results)
+        assert any("mirrorcam run" in text for text in results)

@@ -126,7 +126,7 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
         running.send_signal(signal.SIGINT)
         said, complaint = running.communicate(timeout=60)
     assert running.returncode == 130
-    assert complaint == "mirrorcam: interrupted; finished files are whole\n"
+    assert complaint == "mirrorcam: interrupted; finished files are complete\n"
     assert {line.split()[0] for line in said.splitlines() if "re-used" in line} == {"design", "cad"}
     assert not (out / "set").exists()
     frames = {path.name: path.stat().st_mtime_ns for path in (unfinished / "frames").glob(f"*{SETTINGS.suffix}")}

@@ -30,7 +30,6 @@ from tests.command_line import results
 from tests.core.video.videos import cut, damage, pictures, write_h264, write_mjpeg
 from tests.optics.layouts import faceted_parabola
 
-ROOT = Path(__file__).parents[2]
 COUNT = 30
 
 
@@ -123,11 +122,8 @@ def test_an_interrupted_run_is_gone_on_with(here: Path, layout: Layout) -> None:
     count = 400
     write_mjpeg(here / "long.avi", pictures(40, 320, 192) * (count // 40))
     arguments = [sys.executable, "-m", "mirrorcam", "decode", "long.avi", "--layout", "layout.json", "--out"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     for number, stop in enumerate((signal.SIGINT, signal.SIGKILL)):
-        process = subprocess.Popen(
-            [*arguments, "cut"], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+        process = subprocess.Popen([*arguments, "cut"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         journal = here / "cut" / "long.zarr.partial" / "journal.jsonl"
         deadline = time.monotonic() + 60
         while not (journal.exists() and journal.read_bytes().count(b"\n") > 30 * (number + 1)):
@@ -138,7 +134,7 @@ def test_an_interrupted_run_is_gone_on_with(here: Path, layout: Layout) -> None:
         said, complaint = process.communicate(timeout=60)
         if stop == signal.SIGINT:
             assert process.returncode == 130
-            assert complaint == "mirrorcam: interrupted; finished files are whole\n"
+            assert complaint == "mirrorcam: interrupted; finished files are complete\n"
             assert "the same command resumes" in said
         assert 30 <= len(StoredLightFields(journal.parent)) < count
     assert cli.main(["decode", "long.avi", "--layout", "layout.json", "--out", "cut"]) == 0
@@ -161,9 +157,9 @@ def test_bad_videos_are_refused_in_one_line_before_anything_is_written(
     assert "small.mp4: 160x96 px, expected 320x192 of layout.json's camera" in refused("video.mp4 small.mp4", capfd)
     assert "words.mp4: not a video that can be opened" in refused("words.mp4", capfd)
     assert "nowhere.mp4: no such file" in refused("nowhere.mp4", capfd)
-    assert "expected frames, videos, or --device" in refused("video.mp4 --device 0", capfd)
+    assert "expected frames, videos, or --live" in refused("video.mp4 --live 0", capfd)
     assert "two frames are called 'video'" in refused("video.mp4 video.avi", capfd)
-    assert "camera 9 cannot be opened" in refused("--device 9", capfd)
+    assert "camera 9 cannot be opened" in refused("--live 9", capfd)
     assert "the plane at 1 mm lies nearer than mirror" in refused("video.mp4 --reference-depth-mm 1", capfd)
     assert sorted(here.rglob("*")) == before
 
@@ -253,14 +249,14 @@ def test_a_camera_is_recorded_until_it_is_interrupted(
     here: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cv2, "VideoCapture", Camera3Frames)
-    assert cli.main(["decode", "--device", "0", "--layout", "layout.json", "--out", "out"]) == 130
+    assert cli.main(["decode", "--live", "0", "--layout", "layout.json", "--out", "out"]) == 130
     assert "3 frames" in capfd.readouterr().out
     stored = StoredLightFields(here / "out" / "device0.zarr")
     assert stored.numbers == (0, 1, 2)
     assert np.array_equal(stored[1].samples, Decoder(layout).decode(pictures(3, 320, 192)[1]).samples)
     # What is there stays there.
-    assert "device0.zarr: exists and holds something else" in refused("--device 0 --out out", capfd)
-    assert cli.main(["decode", "--device", "0", "--limit", "2", "--layout", "layout.json", "--out", "other"]) == 0
+    assert "device0.zarr: exists and holds something else" in refused("--live 0 --out out", capfd)
+    assert cli.main(["decode", "--live", "0", "--limit", "2", "--layout", "layout.json", "--out", "other"]) == 0
     assert StoredLightFields(here / "other" / "device0.zarr").numbers == (0, 1)
 
 
@@ -274,7 +270,7 @@ def test_what_to_know_of_a_video_is_printed_once(here: Path, capfd: pytest.Captu
 
 @pytest.mark.skipif(os.name == "nt", reason="such names are none of a file on Windows")
 @pytest.mark.parametrize("name", ["2026-11-26T10:30:05.mp4", "concat:video.mp4"])
-@pytest.mark.parametrize("option", [(), ("--device",)])
+@pytest.mark.parametrize("option", [(), ("--live",)])
 def test_a_name_that_looks_like_an_address_is_a_file(here: Path, option: tuple[str, ...], name: str) -> None:
     write_h264(here / name, pictures(2, 320, 192))
     assert cli.main(["decode", *option, name, "--layout", "layout.json", "--out", "out"]) == 0
@@ -284,35 +280,44 @@ def test_a_name_that_looks_like_an_address_is_a_file(here: Path, option: tuple[s
 
 def test_a_playlist_is_refused_whatever_its_name(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (here / "list.mp4").write_text("ffconcat version 1.0\nfile video.mp4\n")
-    for arguments in ("list.mp4", "--device list.mp4", "video.mp4 --equalise list.mp4"):
+    for arguments in ("list.mp4", "--live list.mp4", "video.mp4 --equalise list.mp4"):
         assert "list.mp4: not a video in a supported format" in refused(arguments, capfd)
 
 
 def test_a_recording_by_its_address_is_decoded_like_a_camera(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     address = f"file://{here / 'video.mp4'}"
-    assert cli.main(["decode", "--device", address, "--layout", "layout.json", "--out", "out"]) == 0
+    assert cli.main(["decode", "--live", address, "--layout", "layout.json", "--out", "out"]) == 0
     assert f"out{os.sep}stream.zarr written: {COUNT} frames" in capfd.readouterr().out
     stored = StoredLightFields(here / "out" / "stream.zarr")
     assert stored.about["source"]["device"] == address
     assert stored.times_s == pytest.approx([number / 25 for number in range(COUNT)])
     for arguments, message in (
-        ("--device=", "--device '': expected a number from 0 to 255, or an address"),
-        ("--device 256", "--device 256: expected a number from 0 to 255, or an address"),
-        ("--device rtsp://me:secret@127.0.0.1:1/x", "rtsp://127.0.0.1:1/x cannot be opened: Connection refused"),
-        ("video.mp4 --mcap a.mcap --to hci", "--mcap and --to hci: expected one of them"),
-        ("video.mp4 --near-mm 500 --far-mm 400", "expected a nearest depth below the farthest"),
+        ("--live=", "--live '': expected a number from 0 to 255, or an address"),
+        ("--live 256", "--live 256: expected a number from 0 to 255, or an address"),
+        ("--live rtsp://me:secret@127.0.0.1:1/x", "rtsp://127.0.0.1:1/x cannot be opened: Connection refused"),
+        ("video.mp4 --epi", "--epi: expected at least one picture among the frames"),
     ):
         assert message in refused(arguments, capfd)
 
 
 def test_a_video_becomes_a_bag_that_other_commands_read(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rosbags", reason="needs rosbags, of the extra robot")
-    arguments = (
-        "decode video.mp4 --layout layout.json --mcap bags/out.mcap --limit 2 --no-depth --mcap-compression zstd"
-    )
-    assert cli.main(arguments.split()) == 0
-    assert results(here / "bags") == ["out.mcap", "out_drift.json"]
-    assert not (here / "output").exists()
-    assert cli.main(["epi", "bags/out.mcap", "--out", "epi"]) == 0
-    assert "out_000001_epi.png" in results(here / "epi")
-    assert "out.mcap: exists, and recordings are never replaced" in refused("video.mp4 --mcap bags/out.mcap", capfd)
+    arguments = "video.mp4 --to mcap --limit 2 --no-depth --out bags"
+    assert cli.main(f"decode {arguments} --layout layout.json".split()) == 0
+    assert results(here / "bags") == ["video.mcap", "video_drift.json"]
+    assert cli.main(["refocus", "bags/video.mcap", "--out", "focused"]) == 0
+    assert any(name.startswith("video_000001_focus_") for name in results(here / "focused"))
+    assert "video.mcap: exists, and recordings are never replaced" in refused(f"{arguments} --force", capfd)
+
+
+def test_an_epipolar_plane_image_is_written_of_each_picture(here: Path) -> None:
+    write_image(here / "grey.png", np.full((192, 320, 3), 90, np.uint8))
+    arguments = "grey.png video.mp4 --limit 2 --epi --out out"
+    assert cli.main(f"decode {arguments} --layout layout.json".split()) == 0
+    written = [name for name in results(here / "out") if "_epi" in name]
+    assert written == ["grey_epi.npz", "grey_epi.png"]
+    light_field = load_npz(here / "out" / "grey.npz")
+    with np.load(here / "out" / "grey_epi.npz") as arrays:
+        assert (arrays["axis"], arrays["line"]) == ("s", light_field.height_px // 2)
+        assert arrays["samples"].shape == (3, light_field.width_px, 3)
+        np.testing.assert_allclose(arrays["samples"][arrays["weights"] > 0.5], 90 / 255, atol=1e-3)

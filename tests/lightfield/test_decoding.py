@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +13,10 @@ from PIL import Image
 
 from mirrorcam.calibration.drift_check import DRIFT, drift_check
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.lightfield.decoding import EQUALISATION, DecodeRequest, decode_files, readable, spread
+from mirrorcam.lightfield.decoding import EQUALISATION, decode_files, readable, spread
+from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -40,13 +43,14 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def decoded(request: DecodeRequest, folder: Path) -> int:
-    return decode_files(request, folder, TERMINAL, make_check=drift_check)
+def decoded(frames: Sequence[Path], out: Path, layout: str = "layout.json", **settings: Any) -> int:
+    """Decode with a layout in the folder above `out`."""
+    request = DecodeRequest(**settings)
+    return decode_files(frames, out, request, TERMINAL, layout=out.parent / layout, make_check=drift_check)
 
 
 def test_light_fields_are_those_of_the_decoder(folder: Path) -> None:
-    request = DecodeRequest(folder / "layout.json", frames=(folder / "a.png", folder / "b.png"), width_px=60)
-    assert decoded(request, folder / "out") == 0
+    assert decoded((folder / "a.png", folder / "b.png"), folder / "out", width_px=60) == 0
     names = results(folder / "out")
     assert names == ["a.npz", "a_views.png", "b.npz", "b_views.png", DRIFT]
     decoder = Decoder(Layout.load(folder / "layout.json"), width_px=60)
@@ -57,19 +61,18 @@ def test_light_fields_are_those_of_the_decoder(folder: Path) -> None:
 def test_factors_are_written_where_they_are_measured_and_read_where_they_are_given(folder: Path) -> None:
     write_image(folder / "a.png", np.full((192, 320, 3), 180, np.uint8))
     frames = (folder / "a.png",)
-    decoded(DecodeRequest(folder / "layout.json", frames=frames, equalise=frames), folder / "one")
+    decoded(frames, folder / "one", equalise=frames)
     assert (folder / "one" / EQUALISATION).exists()
     known = (folder / "one" / EQUALISATION,)
-    decoded(DecodeRequest(folder / "layout.json", frames=frames, equalise=known), folder / "two")
+    decoded(frames, folder / "two", equalise=known)
     assert not (folder / "two" / EQUALISATION).exists()
     assert (folder / "one" / "a.npz").read_bytes() == (folder / "two" / "a.npz").read_bytes()
 
 
 def test_one_bad_frame_stops_all_before_anything_is_written(folder: Path) -> None:
     write_image(folder / "small.png", np.zeros((10, 10, 3), np.uint8))
-    request = DecodeRequest(folder / "layout.json", frames=(folder / "a.png", folder / "small.png"))
     with pytest.raises(InputError, match=r"small\.png: 10x10 px, expected 320x192"):
-        decoded(request, folder / "out")
+        decoded((folder / "a.png", folder / "small.png"), folder / "out")
     assert not (folder / "out").exists()
 
 
@@ -77,7 +80,7 @@ def test_a_damaged_picture_is_skipped_named_and_counted(folder: Path, capsys: py
     raw = (folder / "a.png").read_bytes()
     (folder / "a.png").write_bytes(raw[: len(raw) // 2])
     frames = (folder / "a.png", folder / "b.png")
-    assert decoded(DecodeRequest(folder / "layout.json", frames=frames), folder / "out") == 1
+    assert decoded(frames, folder / "out") == 1
     printed = capsys.readouterr().out
     assert f"{folder / 'a.png'}: image is truncated; skipped" in printed
     assert "1 of 2 pictures skipped as damaged" in printed
@@ -89,7 +92,7 @@ def test_nothing_but_damaged_pictures_is_refused(folder: Path) -> None:
         (folder / f"{name}.png").write_bytes(b"")
     frames = (folder / "a.png", folder / "b.png")
     with pytest.raises(InputError, match=r"a\.png: not an image .*; no picture is left to decode"):
-        decoded(DecodeRequest(folder / "layout.json", frames=frames), folder / "out")
+        decoded(frames, folder / "out")
     assert not (folder / "out").exists()
 
 
@@ -98,9 +101,8 @@ def test_a_picture_that_its_exif_data_turns_is_said_to_be_one(folder: Path) -> N
     exif = Image.Exif()
     exif[0x0112] = 6
     turned.save(folder / "turned.jpg", exif=exif)
-    request = DecodeRequest(folder / "layout.json", frames=(folder / "turned.jpg",))
     with pytest.raises(InputError, match=r"192x320 px as stored \(its EXIF data turns it\), expected 320x192 of"):
-        decoded(request, folder / "out")
+        decoded((folder / "turned.jpg",), folder / "out")
 
 
 def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
@@ -112,8 +114,7 @@ def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
     moved = turned(device().calibrated, 4, np.array([0.04, 0.0, 0.03]))
     for name, layout in (("moved", moved), ("still", device().calibrated)):
         layout.save(tmp_path / f"{name}.json")
-        request = DecodeRequest(tmp_path / f"{name}.json", frames=(tmp_path / "frame.png",), width_px=60)
-        assert decoded(request, tmp_path / name) == 0
+        assert decoded((tmp_path / "frame.png",), tmp_path / name, f"{name}.json", width_px=60) == 0
         figures = json.loads((tmp_path / name / DRIFT).read_text())
         assert figures["mirrors_moved"]["value"] == (name == "moved")
     said = capfd.readouterr().out
@@ -124,9 +125,18 @@ def test_a_mirror_that_moved_is_told_with_the_command_that_solves_it(
 def test_that_two_mirrors_are_not_tested_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     layout = Layout.load(folder / "layout.json")
     layout.replaced(rows=1, cols=2, mirrors=layout.mirrors[3:5], spec=None).save(folder / "two.json")
-    assert decoded(DecodeRequest(folder / "two.json", frames=(folder / "a.png",)), folder / "out") == 0
+    assert decoded((folder / "a.png",), folder / "out", "two.json") == 0
     assert "whether 2 mirrors moved is not tested: that takes 3 or more" in capsys.readouterr().out
     assert not (folder / "out" / DRIFT).exists()
+
+
+def test_an_epipolar_image_of_one_column_is_refused_before_anything_is_written(folder: Path) -> None:
+    layout = Layout.load(folder / "layout.json")
+    column = layout.replaced(rows=3, cols=1, mirrors=layout.mirrors[1::3], spec=None)
+    column.save(folder / "column.json")
+    with pytest.raises(InputError, match="one view along s, expected two or more for an epipolar-plane image"):
+        decoded((folder / "a.png",), folder / "out", "column.json", epi=True)
+    assert not (folder / "out").exists()
 
 
 def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,7 +149,7 @@ def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pyte
     monkeypatch.setattr(RerunViewer, "opened", Viewer)
     write_mjpeg(folder / "video.avi", pictures(3, 320, 192))
     frames = tuple(folder / name for name in ("a.png", "b.png", "video.avi"))
-    assert decoded(DecodeRequest(folder / "layout.json", frames=frames, view=True), folder / "out") == 0
+    assert decoded(frames, folder / "out", view=True) == 0
     assert [time_s for time_s, _, _ in shown] == pytest.approx([0.0, 1.0, 0.0, 1 / RATE, 2 / RATE])
     assert np.array_equal(shown[1][1].samples, load_npz(folder / "out" / "b.npz").samples)
     assert all(depth is not None and depth.valid.any() for _, _, depth in shown)
@@ -152,8 +162,7 @@ def test_what_is_decoded_is_shown_with_its_depth(folder: Path, monkeypatch: pyte
         assert depth is not None
         assert np.array_equal(depth.depth_mm, depth_mm, equal_nan=True)
     shown.clear()
-    plain = DecodeRequest(folder / "layout.json", frames=frames[2:], view=True, depth=False)
-    assert decoded(plain, folder / "plain") == 0
+    assert decoded(frames[2:], folder / "plain", view=True, no_depth=True) == 0
     assert [depth for _, _, depth in shown] == [None] * 3
 
 

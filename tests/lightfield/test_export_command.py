@@ -10,8 +10,10 @@ import pytest
 import trimesh
 
 from mirrorcam.cli import main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
+from mirrorcam.lightfield.export_command import ExportRequest, export_light_field
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
@@ -37,12 +39,6 @@ def point_cloud_in(path: Path) -> tuple[FloatArray, Any]:
 def off_surface_mm(points_in_rig: FloatArray, light_field: LightField) -> FloatArray:
     in_view = (points_in_rig - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
     return in_view[:, 2] - SURFACE.distance_mm - in_view[:, :2] @ SURFACE.slope
-
-
-def test_the_command_offers_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["export", "--help"])
-    assert f"{{{','.join(registry.NAMES)}}}" in "".join(capsys.readouterr().out.replace("│", "").split())
 
 
 def test_a_light_field_goes_through_every_format_and_comes_back(
@@ -75,18 +71,22 @@ def test_the_depth_command_reads_other_tools_files(scene: tuple[LightField, Floa
             assert np.nanmedian(np.abs(arrays["depth_mm"] - scene[1])) < 2.0
 
 
-def test_geometry_that_a_file_lacks_is_given_with_the_command(
+def test_geometry_that_a_file_lacks_is_in_its_views_toml(
     scene: tuple[LightField, FloatArray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     registry.write_light_field(tmp_path / "views_tiles.png", scene[0], "tiles")
     (tmp_path / "views_tiles.json").unlink()
-    arguments = ["epi", str(tmp_path / "views_tiles.png"), "--out", str(tmp_path)]
-    assert main(arguments) == 2
-    assert "expected --layout of the camera whose frame it is, or --rows and --cols" in capsys.readouterr().err
-    geometry = ["--rows", "3", "--cols", "3", "--step-mm", "20", "--focal-px", "400", "--reference-depth-mm", "500"]
-    assert main([*arguments, *geometry]) == 0
-    with np.load(tmp_path / "views_tiles_epi.npz") as found:
-        assert found["plane_depth_mm"] == 500.0
+    arguments = ["refocus", str(tmp_path / "views_tiles.png"), "--out", str(tmp_path / "out")]
+    sidecar = tmp_path / "views_tiles.views.toml"
+    expected = f"expected --layout of the camera whose frame it is, or rows and cols of its views in {sidecar.name}"
+    assert_refused_here(arguments, capsys, expected)
+    sidecar.write_text("rows = 3\ncols = 3\n", encoding="utf-8")
+    assert_refused_here(arguments, capsys, f"its step_mm, focal_px, reference_depth_mm: expected in {sidecar.name}")
+    sidecar.write_text("rows = 3\ncols = 3\nstep_mm = 20\nfocal_px = 400\nreference_depth_mm = 500\n", encoding="utf-8")
+    assert main(arguments) == 0
+    assert (tmp_path / "out" / "views_tiles_focus_500mm.png").exists()
+    assert main(["export", arguments[1], "--to", "npz", "--out", str(tmp_path / "out")]) == 0
+    assert load_npz(tmp_path / "out" / "views.npz").reference_depth_mm == 500.0
 
 
 def test_views_whose_disparity_is_zero_at_infinity_have_depth(
@@ -99,8 +99,9 @@ def test_views_whose_disparity_is_zero_at_infinity_have_depth(
     light_field, distance_mm, _ = photograph(unrectified, [SURFACE])
     for t, s in np.ndindex(3, 3):
         write_image(tmp_path / "set" / f"2067_{t + 1:02d}_{s + 1:02d}.png", light_field.samples[t, s].astype(np.uint8))
-    geometry = ["--step-mm", f"{positions[1, 2, 0]:g}", "--focal-px", "400", "--reference-depth-mm", "inf"]
-    arguments = ["depth", str(tmp_path / "set"), *geometry, "--far-mm", "900", "--out", str(tmp_path)]
+    geometry = f"step_mm = {positions[1, 2, 0]:g}\nfocal_px = 400\nreference_depth_mm = inf\n"
+    (tmp_path / "set" / "views.toml").write_text(geometry, encoding="utf-8")
+    arguments = ["depth", str(tmp_path / "set"), "--far-mm", "900", "--out", str(tmp_path)]
     assert main(arguments) == 2
     assert "the reference plane is at infinity, expected --near-mm" in capsys.readouterr().err
     assert main([*arguments, "--near-mm", "350"]) == 0
@@ -168,8 +169,25 @@ def test_bad_input_ends_in_one_line(
         ("dark.npz", "colmap", "dark_colmap/mine: was not written by this command"),
         ("a.txt", "npz", "no light field by its name"),
         ("missing", "npz", "no light field by its name"),
-        ("dark.npz", "jpeg", "invalid choice"),
+        ("dark.npz", "jpeg", "Input should be 'colmap', "),
     ):
         arguments = ["export", str(tmp_path / name), "--to", to, "--out", str(tmp_path / "out")]
         assert_refused_here(arguments, capsys, message)
     assert not (tmp_path / "out" / "dark.ply").exists()
+
+
+def test_what_was_written_is_named(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    save_npz(tmp_path / "wall.npz", scene[0])
+    found = export_light_field(tmp_path / "wall.npz", tmp_path / "out", ExportRequest(to="lftoolbox"))
+    assert found.path == tmp_path / "out" / "wall.mat"
+    assert found.path.exists()
+    assert found.source_format == "npz"
+    assert found.measured is None
+
+
+def test_depth_without_a_sure_pixel_is_no_point_cloud(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    blank = LightField.of(scene[0], np.full_like(scene[0].samples, 90), scene[0].weights)
+    save_npz(tmp_path / "blank.npz", blank)
+    with pytest.raises(InputError, match=r"no depth with confidence above 0\.5"):
+        export_light_field(tmp_path / "blank.npz", tmp_path, ExportRequest(to="ply"))
+    assert not (tmp_path / "blank.ply").exists()

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.cli import main
+from mirrorcam.lightfield.filter_command import write_filtered
+from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+from mirrorcam.lightfield.requests import FilterRequest
+from mirrorcam.optics.light_field.filters import Passband, filter_light_field
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
@@ -39,7 +43,6 @@ def test_filtered_light_fields_are_read_again(inputs: Path, tmp_path: Path, capf
     assert np.abs(np.diff(filtered.samples.astype(float), axis=3)).mean() < 0.6 * (
         np.abs(np.diff(given.samples.astype(float), axis=3)).mean()
     )
-    assert main(["epi", str(tmp_path / "noisy_filtered.npz"), "--out", str(tmp_path / "epi")]) == 0
 
 
 def test_depths_are_those_that_a_scene_states(inputs: Path, tmp_path: Path) -> None:
@@ -53,7 +56,7 @@ def test_depths_are_those_that_a_scene_states(inputs: Path, tmp_path: Path) -> N
         ("noisy.npz", "a hyperfan passes depths between two, expected a nearest and a farthest one"),
         ("noisy.npz --near-mm 500 --far-mm 400", "--near-mm 500 --far-mm 400: expected a nearest depth below"),
         ("noisy.npz --kind hypercone --near-mm 300", "--kind hypercone keeps all depths"),
-        ("noisy.npz --kind fan", "invalid choice 'fan' for argument '--kind'"),
+        ("noisy.npz --kind fan", "--kind 'fan': Input should be 'hyperfan'"),
         ("single.npz --kind hypercone", "one view, expected several"),
     ],
 )
@@ -68,3 +71,16 @@ def test_bad_input_is_refused_in_one_line(
     monkeypatch.chdir(inputs)
     assert_refused_here(["filter", *arguments.split(), "--out", str(tmp_path / "out")], capfd, message)
     assert not (tmp_path / "out" / "noisy_filtered.npz").exists()
+
+
+def test_what_is_written_is_what_the_filter_gives(tmp_path: Path) -> None:
+    light_field = photograph(grid_views(), [Surface(480.0, seed=1)])[0]
+    save_npz(tmp_path / "wall.npz", light_field)
+    request = FilterRequest(kind="dual-fan", near_mm=370.0, far_mm=450.0)
+    found = write_filtered(LightFieldInputs((tmp_path / "wall.npz",)), tmp_path / "out", request)
+    expected = filter_light_field(light_field, Passband.of(light_field, "dual-fan", 370.0, 450.0))
+    assert results(tmp_path / "out") == ["wall_filtered.npz", "wall_filtered_views.png"]
+    assert [(each.name, each.outside, each.left_out) for each in found] == [("wall", expected.outside, 0.0)]
+    written = load_npz(tmp_path / "out" / "wall_filtered.npz")
+    np.testing.assert_array_equal(written.samples, expected.light_field.samples)
+    np.testing.assert_array_equal(written.positions_mm, light_field.positions_mm)

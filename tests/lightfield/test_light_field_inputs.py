@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.light_field import LightField
@@ -34,6 +34,7 @@ def test_each_file_is_opened_and_counted(tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
     inputs = LightFieldInputs((tmp_path / "b.npz", tmp_path / "a.npz"))
     found = list(inputs.each(lambda done, total: seen.append((done, total))))
+    assert inputs.counted == "2 light fields"
     assert [each.name for each in found] == ["b", "a"]
     assert np.array_equal(found[0].light_field.samples, light_field.samples)
     assert seen == [(1, 2), (2, 2)]
@@ -69,7 +70,9 @@ def test_views_in_another_order_are_read_in_theirs_and_it_is_said(
     light_field = scene(2, 3)
     for t, s in np.ndindex(2, 3):
         write_image(tmp_path / "a" / f"{s}_{t}.png", light_field.samples[t, s].astype(np.uint8))
-    (found,) = LightFieldInputs((tmp_path / "a",), assumed=GIVEN, reporter=TERMINAL).each()
+    geometry = "".join(f"{name} = {value}\n" for name, value in GIVEN if value is not None)
+    (tmp_path / "a" / "views.toml").write_text(geometry, encoding="utf-8")
+    (found,) = LightFieldInputs((tmp_path / "a",), reporter=TERMINAL).each()
     assert np.array_equal(found.light_field.samples, light_field.samples)
     assert "a: the pictures show that views are column by column in 3 columns of 2" in capsys.readouterr().out
 

@@ -1,18 +1,11 @@
-"""What commands over light fields share: how many there are in words, and how many lines are printed of them."""
+"""Commands of light fields print a limited number of lines about them."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import pytest
 
 from mirrorcam.core.console.progress import console
-from mirrorcam.lightfield.light_fields import PRINTED_LINES, LightFieldsOptions, say_some
-
-
-def test_light_fields_are_counted_in_words() -> None:
-    assert LightFieldsOptions(light_fields=(Path("a.npz"),)).counted == "1 light field"
-    assert LightFieldsOptions(light_fields=(Path("a.npz"), Path("b.npz"))).counted == "2 light fields"
+from mirrorcam.lightfield.light_fields import PRINTED_LINES, say_some
 
 
 def test_of_very_many_lines_the_first_are_printed(capsys: pytest.CaptureFixture[str]) -> None:

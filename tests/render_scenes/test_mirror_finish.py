@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes, radius_mm, uniform_finishes
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest

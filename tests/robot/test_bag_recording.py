@@ -18,13 +18,14 @@ import pytest
 
 from mirrorcam.calibration.drift_check import drift_check
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield import decoding
-from mirrorcam.lightfield.decoding import DecodeRequest, decode_files
+from mirrorcam.lightfield.decoding import decode_files
+from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -56,13 +57,10 @@ def here(tmp_path: Path, layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Pat
     return tmp_path
 
 
-def asked(mcap: str = "out.mcap", **changes: Any) -> DecodeRequest:
-    given = {"frames": (Path("video.avi"),), "mcap": Path(mcap), **changes}
-    return DecodeRequest(Path("layout.json"), **given)
-
-
-def decoded(request: DecodeRequest) -> int:
-    return decode_files(request, Path("unused"), TERMINAL, make_check=drift_check)
+def decoded(*frames: str, **settings: Any) -> int:
+    """Decode into a bag of the folder."""
+    request, paths = DecodeRequest(to="mcap", **settings), tuple(map(Path, frames))
+    return decode_files(paths, Path(), request, TERMINAL, layout=Path("layout.json"), make_check=drift_check)
 
 
 def topics(path: Path) -> dict[str, int]:
@@ -74,13 +72,13 @@ def topics(path: Path) -> dict[str, int]:
 
 
 def test_a_video_becomes_a_bag_with_the_times_of_its_frames(here: Path, layout: Layout) -> None:
-    assert decoded(asked()) == 0
-    assert results(here) == ["layout.json", "out.mcap", "out_drift.json", "video.avi"]
-    counts = topics(here / "out.mcap")
+    assert decoded("video.avi") == 0
+    assert results(here) == ["layout.json", "video.avi", "video.mcap", "video_drift.json"]
+    counts = topics(here / "video.mcap")
     assert {counts.pop(name) for name in ("/tf_static", "/mirrorcam/views", "/mirrorcam/weights")} == {1}
     assert len(counts) == 21
     assert set(counts.values()) == {COUNT}
-    stored, decoder = StoredBag(here / "out.mcap"), Decoder(layout)
+    stored, decoder = StoredBag(here / "video.mcap"), Decoder(layout)
     assert stored.stamps_ns == tuple(round(number * 1e9 / RATE) for number in range(COUNT))
     for found, frame in zip(stored, Video(here / "video.avi").frames(), strict=True):
         assert isinstance(frame, Frame)
@@ -97,7 +95,7 @@ def test_depth_of_a_bag_is_that_of_a_video(here: Path, layout: Layout, monkeypat
             return found[-1]
 
     monkeypatch.setattr("mirrorcam.robot.bag_recording.VideoDepth", Kept)
-    assert decoded(asked(limit=3)) == 0
+    assert decoded("video.avi", limit=3) == 0
     decoder = Decoder(layout)
     read = islice(Video(here / "video.avi").frames(), 3)
     frames = [decoder.decode(each.pixels) for each in read if isinstance(each, Frame)]
@@ -107,35 +105,33 @@ def test_depth_of_a_bag_is_that_of_a_video(here: Path, layout: Layout, monkeypat
 
 
 def test_without_depth_a_bag_holds_views_only(here: Path) -> None:
-    assert decoded(asked(depth=False, limit=2, mcap_compression="zstd")) == 0
-    counts = topics(here / "out.mcap")
+    assert decoded("video.avi", no_depth=True, limit=2) == 0
+    counts = topics(here / "video.mcap")
     assert "/mirrorcam/points" not in counts
     assert counts["/mirrorcam/view_0_0/image_rect"] == 2
 
 
 def test_lost_frames_leave_a_gap_in_time_and_are_counted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damage(here / "video.avi", 2)
-    assert decoded(asked(depth=False)) == 1
-    assert StoredBag(here / "out.mcap").stamps_ns == tuple(n * 40_000_000 for n in (0, 1, 3, 4, 5))
+    assert decoded("video.avi", no_depth=True) == 1
+    assert StoredBag(here / "video.mcap").stamps_ns == tuple(n * 40_000_000 for n in (0, 1, 3, 4, 5))
     printed = capsys.readouterr().out
     assert "video: skipped 1 of 6 frames, each is damaged: 2" in printed
-    assert "out.mcap written: 5 frames" in printed
+    assert "video.mcap written: 5 frames" in printed
 
 
 def test_what_cannot_become_a_bag_is_refused_before_anything_is_written(here: Path) -> None:
     write_image(here / "a.png", pictures(1, 320, 192)[0])
     write_h264(here / "other.mp4", pictures(2, 320, 192))
-    (here / "there.mcap").write_text("mine", encoding="utf-8")
+    (here / "video.mcap").write_text("mine", encoding="utf-8")
     before = sorted(here.rglob("*"))
-    for request, message in (
-        (asked("out.bag"), r"--mcap out\.bag: expected a name that ends in \.mcap"),
-        (asked("there.mcap"), r"there\.mcap: exists, and recordings are never replaced: expected a new name"),
-        (asked(frames=(Path("a.png"),)), r"expected one video or --device; pictures have no times"),
-        (asked(frames=(Path("video.avi"), Path("other.mp4"))), r"expected one video or --device"),
-        (asked(near_mm=500.0, far_mm=400.0), "near_mm 500, far_mm 400: expected near_mm below far_mm"),
+    for frames, message in (
+        (("video.avi",), r"video\.mcap: exists, and recordings are never replaced: expected another --out"),
+        (("a.png",), r"expected one video or --live; pictures have no times"),
+        (("video.avi", "other.mp4"), r"expected one video or --live"),
     ):
         with pytest.raises(InputError, match=message):
-            decoded(request)
+            decoded(*frames)
         assert sorted(here.rglob("*")) == before
 
 
@@ -143,7 +139,7 @@ def test_a_video_without_a_good_frame_leaves_no_bag(here: Path) -> None:
     write_mjpeg(here / "bad.avi", pictures(1, 320, 192))
     damage(here / "bad.avi", 0)
     with pytest.raises(InputError, match="bad: not one frame could be decoded, expected at least one"):
-        decoded(asked(frames=(Path("bad.avi"),)))
+        decoded("bad.avi")
     assert results(here) == ["bad.avi", "layout.json", "video.avi"]
 
 
@@ -159,8 +155,8 @@ def test_a_camera_is_recorded_until_ctrl_c_in_a_whole_bag(here: Path, monkeypatc
     device = LiveCamera("camera 0", lambda: Connection(interrupted_after(4)), 320, 192)
     monkeypatch.setattr(decoding, "camera", lambda *_, **__: device)
     with pytest.raises(KeyboardInterrupt):
-        decoded(asked(frames=(), device="0", depth=False))
-    stored = StoredBag(here / "out.mcap")
+        decoded(live="0", no_depth=True)
+    stored = StoredBag(here / "device0.mcap")
     assert len(stored) == 4
     assert np.array_equal(np.diff(stored.stamps_ns), [40_000_000] * 3)
     assert abs(stored.stamps_ns[0] - device.started_ns) < 10 * 10**9
@@ -177,7 +173,7 @@ def test_a_video_that_is_interrupted_leaves_no_bag(here: Path, monkeypatch: pyte
 
     monkeypatch.setattr(Decoder, "decode", decode)
     with pytest.raises(KeyboardInterrupt):
-        decoded(asked(depth=False))
+        decoded("video.avi", no_depth=True)
     assert results(here) == ["layout.json", "video.avi"]
 
 
@@ -185,7 +181,7 @@ def test_ctrl_c_keeps_the_bag_of_a_camera_that_is_away(here: Path) -> None:
     write_mjpeg(here / "a.mjpeg", pictures(8, 320, 192))
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        arguments = f"decode --device {address} --layout layout.json --mcap out.mcap --no-depth".split()
+        arguments = f"decode --live {address} --layout layout.json --to mcap --no-depth --out .".split()
         process = subprocess.Popen(
             [sys.executable, "-m", "mirrorcam", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
@@ -203,32 +199,22 @@ def test_ctrl_c_keeps_the_bag_of_a_camera_that_is_away(here: Path) -> None:
     process.send_signal(signal.SIGINT)
     more, complaint = process.communicate(timeout=20)
     assert process.returncode == 130, complaint
-    assert "out.mcap written: " in more
-    assert len(StoredBag(here / "out.mcap")) >= 4
+    assert "stream.mcap written: " in more
+    assert len(StoredBag(here / "stream.mcap")) >= 4
 
 
 def test_ctrl_c_leaves_no_bag_of_a_video_and_no_other_file(here: Path) -> None:
     write_mjpeg(here / "long.avi", pictures(40, 320, 192) * 40)
-    arguments = [
-        sys.executable,
-        "-m",
-        "mirrorcam",
-        "decode",
-        "long.avi",
-        "--layout",
-        "layout.json",
-        "--mcap",
-        "out.mcap",
-    ]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    arguments = ["-m", "mirrorcam", "decode", "long.avi", "--layout", "layout.json", "--to", "mcap", "--out", "."]
+    process = subprocess.Popen([sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not any(path.stat().st_size > 100_000 for path in here.rglob("out.mcap")):
+    while not any(path.stat().st_size > 100_000 for path in here.rglob("long.mcap")):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.005)
-    assert not (here / "out.mcap").exists()
+    assert not (here / "long.mcap").exists()
     process.send_signal(signal.SIGINT)
     _, complaint = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert complaint == "mirrorcam: interrupted; finished files are whole\n"
+    assert complaint == "mirrorcam: interrupted; finished files are complete\n"
     assert sorted(path.name for path in here.rglob("*")) == ["layout.json", "long.avi", "video.avi"]

@@ -64,7 +64,8 @@ def test_a_part_that_fails_is_named_and_makes_it_fail(
     assert last == f"doctor       {'failed: cad' if wrong else '2 parts tried, all work'}"
     assert cli.main(["doctor", "--json"]) == code
     printed = json.loads(capsys.readouterr().out)
-    assert printed["version"] == __version__
+    assert (printed["version"], printed["exit_code"]) == (__version__, code)
+    assert "messages" not in printed
     assert [test["passed"] for test in printed["tests"]] == [True, not wrong]
 
 

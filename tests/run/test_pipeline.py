@@ -12,8 +12,9 @@ from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.stages import Stage
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.run import pipeline
 from mirrorcam.run.pipeline import full_recipe, quick_recipe, run_all, stages

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,12 @@ class Runs:
         ("", full_recipe(0), "output/default", "mirrorcam run --seed 0"),
         ("--quick --seed 3", quick_recipe(3), "output/quick", "mirrorcam run --quick --seed 3"),
         ("--out elsewhere", full_recipe(0), "elsewhere", "mirrorcam run --seed 0"),
+        (
+            "--adapter tripod --mounting screws",
+            replace(full_recipe(0), adapter="tripod", mounting="screws"),
+            "output/default",
+            "mirrorcam run --adapter tripod --mounting screws --seed 0",
+        ),
     ],
 )
 def test_options_choose_the_recipe_and_the_folder(
@@ -67,5 +74,6 @@ def test_a_seed_below_zero_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert_refused_here(["run", "--seed", "-1"], capfd, "--seed -1: Input should be greater than or equal to 0")
+    assert_refused_here(["run", "--seed", "-1"], capfd, "--seed '-1': expected 0 to 2^63 - 1")
+    assert_refused_here(["run", "--quick", "design.toml"], capfd, "--quick and design.toml: expected one of the two")
     assert list(tmp_path.iterdir()) == []

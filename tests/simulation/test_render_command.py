@@ -1,4 +1,4 @@
-"""`mirrorcam render`: what it refuses, what becomes of a set that is interrupted, and what --verify finds."""
+"""`mirrorcam render`: what it refuses, what becomes of a set that is interrupted, and what verify finds."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ from mirrorcam.core.disk.files import write_json
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
 from mirrorcam.render_scenes.sets.set_request import SetRequest
-from mirrorcam.render_scenes.settings import SensorModel, SurfaceFinish
-from mirrorcam.simulation.render_command import RenderOptions, reach_text, settings_of
+from mirrorcam.render_scenes.settings import SENSORS, SurfaceFinish
+from mirrorcam.simulation.render_command import reach_text
+from mirrorcam.simulation.render_request import RenderRequest
 from tests.command_line import assert_refused_here
 from tests.small_set import contents
 
@@ -52,11 +53,25 @@ def command(options: str, **settings: Any) -> subprocess.Popen[str]:
     )
 
 
-def test_maps_are_rendered_unless_left_out() -> None:
-    for line, left_out in (("render layout.json", False), ("render layout.json --no-maps", True)):
-        options = cli.parse(line.split()).command
-        assert isinstance(options, RenderOptions)
-        assert settings_of(options, SensorModel(), SurfaceFinish()).maps is not left_out
+def test_settings_come_from_a_file_and_the_options_beside_it(set_request: SetRequest, tmp_path: Path) -> None:
+    layout = set_request.layout
+    assert RenderRequest().read(layout) == SetRequest(layout=layout)
+    file = tmp_path / "settings.toml"
+    lines = (
+        'renderer = "fast"',
+        "spp = 4",
+        "maps = false",
+        "[sensor]",
+        "prnu_percent = 2.0",
+        "[finish]",
+        'bend = "cylinder"',
+    )
+    file.write_text("\n".join(lines))
+    read = RenderRequest(settings=file).read(layout).settings
+    assert (read.renderer, read.spp, read.maps, read.sensor.prnu_percent) == ("fast", 4, False, 2.0)
+    assert read.finish == SurfaceFinish(bend="cylinder")
+    given = RenderRequest.model_validate({"settings": file, "renderer": "mitsuba", "sensor": "poor"}).read(layout)
+    assert given.settings == read.replaced(renderer="mitsuba", sensor=SENSORS["poor"])
 
 
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
@@ -73,20 +88,20 @@ def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
         running.send_signal(ending)
         _, complaint = running.communicate(timeout=60)
     assert running.returncode == code
-    assert complaint == ("mirrorcam: interrupted; finished files are whole\n" if code == 130 else "")
+    assert complaint == ("mirrorcam: interrupted; finished files are complete\n" if code == 130 else "")
     kept = {name: content for name, content in contents(folder / "set").items() if "/." not in f"/{name}"}
     pictures = [name for name in kept if name.endswith(".jpg")]
     assert 1 <= len(pictures) < 8
     assert all(content == whole[name] for name, content in kept.items() if name != "dataset.json")
     written = {name: (folder / "set" / name).stat().st_mtime_ns for name in pictures}
 
-    assert cli.main(["render", "--verify", "set"]) == 1
+    assert cli.main(["render", "verify", "set"]) == 1
     assert cli.main(["render", "layout.json", *OPTIONS.split(), "--workers", "1"]) == 0
     assert contents(folder / "set") == whole
     recorded = [name for name in pictures if (folder / "set" / name).stat().st_mtime_ns == written[name]]
     # At most the last picture was written but not yet recorded.
     assert len(recorded) >= len(pictures) - 1
-    assert cli.main(["render", "--verify", "set"]) == 0
+    assert cli.main(["render", "verify", "set"]) == 0
 
 
 def test_where_no_scheduler_answers_it_is_said_in_one_line(
@@ -119,13 +134,13 @@ def test_verify_names_what_is_altered_and_what_is_missing(
     for name, content in contents(finished_set).items():
         (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "set" / name).write_bytes(content)
-    assert cli.main(["render", "--verify", "set"]) == 0
+    assert cli.main(["render", "verify", "set"]) == 0
     assert f"{len(Dataset.load(finished_set).files)} files as rendered" in capfd.readouterr().out
     altered = bytearray(contents(finished_set)["truth/maps/frames/0001.exr"])
     altered[-1] ^= 1
     (folder / "set" / "truth" / "maps" / "frames" / "0001.exr").write_bytes(altered)
     (folder / "set" / "frames" / "0002.jpg").unlink()
-    assert cli.main(["render", "--verify", "set"]) == 1
+    assert cli.main(["render", "verify", "set"]) == 1
     said = capfd.readouterr().out
     assert "set/truth/maps/frames/0001.exr is altered" in said
     assert "set/frames/0002.jpg is missing" in said
@@ -147,14 +162,14 @@ def test_verify_counts_what_has_not_been_rendered(
         (folder / "set" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "set" / name).write_bytes((finished_set / name).read_bytes())
     dataset.replaced(files=some).save(folder / "set")
-    assert cli.main(["render", "--verify", "set"]) == 1
+    assert cli.main(["render", "verify", "set"]) == 1
     assert "7 files not rendered yet, frames/0001.jpg first" in capfd.readouterr().out
 
 
 def test_poses_of_a_file_are_those_of_the_set(folder: Path, finished_set: Path) -> None:
     poses = json.loads((finished_set / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:3]
     write_json(folder / "poses.json", {"poses": poses})
-    options = "--poses poses.json --base-frames 0 --renderer fast --board board.toml --no-maps --workers 1"
+    options = "--poses poses.json --base-frames 0 --renderer fast --board board.toml --workers 1"
     assert cli.main(["render", "layout.json", *options.split(), "--out", "two"]) == 0
     assert json.loads((folder / "two" / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"] == poses
     assert Dataset.load(folder / "two").frame_names == ("frames/0000.jpg", "frames/0001.jpg")
@@ -165,7 +180,8 @@ def test_a_motion_through_poses_of_a_file_is_a_video(folder: Path, finished_set:
 
     poses = json.loads((finished_set / "truth" / "poses.json").read_text(encoding="utf-8"))["frames"][1:4]
     write_json(folder / "poses.json", {"poses": poses, "poses_hz": 4.0})
-    options = "--poses poses.json --rate-hz 12 --video avi --base-frames 0 --renderer fast --board board.toml --no-maps"
+    (folder / "settings.toml").write_text('renderer = "fast"\nvideo = "avi"\nmaps = false\n')
+    options = "--poses poses.json --rate-hz 12 --base-frames 0 --board board.toml --settings settings.toml"
     assert cli.main(["render", "layout.json", *options.split(), "--workers", "1", "--out", "moving"]) == 0
     # Two steps between poses at 4 poses and 12 frames a second.
     dataset = Dataset.load(folder / "moving")
@@ -190,9 +206,9 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--sensor c910", "--sensor 'c910': expected ideal, c920, poor, webcam or a .toml file"),
         ("--sensor none.toml", "none.toml: no such file"),
         ("--sensor both.toml", "both.toml: jpeg_quality and h264_crf: expected one of the two"),
-        ("--as-built tilt=0.3", "--as-built tilt: no such tolerance, expected tilt_deg, offset_mm"),
-        ("--as-built tilt_deg=-1", "--as-built tilt_deg=-1: Input should be greater than or equal to 0"),
-        ("--as-built tilt_deg", "--as-built tilt_deg=: Input should be a valid number"),
+        ("--as-built tilt=0.3", "--as-built 'tilt=0.3': no tolerance tilt, expected tilt_deg, offset_mm"),
+        ("--as-built tilt_deg=-1", "tilt_deg: Input should be greater than or equal to 0"),
+        ("--as-built tilt_deg", "tilt_deg: Input should be a valid number"),
         ("--as-built tilt_deg=40", "tolerances"),
         ("--poses nan.json", "nan.json: poses: holds a value that is NaN or infinite"),
         ("--poses scaled.json", "scaled.json: pose 1 turns by a matrix that is no rotation"),
@@ -200,18 +216,16 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--poses sheared.json", "sheared.json: pose 1 has the last row"),
         ("--poses unseen.json", "none of 2 poses shows a corner of the board to a mirror"),
         ("--rate-hz 30 --frames 1", "rate_hz: one pose is no motion"),
-        ("--rate-hz 0", "--rate-hz 0.0: Input should be greater than or equal to 0.01"),
-        ("--video mp4", "--video mp4: a video shows a motion, expected --rate-hz with it"),
-        ("--video avi --rate-hz 9 --sensor ideal", "video avi: holds the JPEG files of a sensor"),
-        ("--video gif --rate-hz 9", "invalid choice"),
-        ("--spp 100000", "--spp 100000: Input should be less than or equal to 65536"),
-        ("--finish mirrors.toml --renderer fast", "renderer fast: mirrors are smooth and flat, expected sag_mm 0"),
-        ("--finish none.toml", "none.toml: no such file"),
+        ("--rate-hz 0", "--rate-hz '0': Input should be greater than or equal to 0.01"),
+        ("--settings mp4.toml", "video mp4: a video shows a motion, expected --rate-hz with it"),
+        ("--settings avi.toml --rate-hz 9 --sensor ideal", "video avi: holds the JPEG files of a sensor"),
+        ("--settings bent.toml --renderer fast", "renderer fast: mirrors are smooth and flat, expected sag_mm 0"),
+        ("--settings wide.toml", "wide.toml: spp: Input should be less than or equal to 65536"),
+        ("--settings none.toml", "none.toml: no such file"),
         ("--parts .", ".: no assembly.glb and no .stl files, expected a folder that `mirrorcam cad` wrote"),
         ("--parts mine --renderer fast", "renderer fast: shows mirrors alone"),
-        ("--workers 0", "--workers 0"),
+        ("--workers 0", "--workers '0': expected 1 to 1024"),
         ("--workers 2 --scheduler tcp://x:1", "--workers and --scheduler: expected one of the two"),
-        ("--verify set", "expected LAYOUT or --verify SET, one of the two"),
         ("--out mine", "mine: has 'truth' but no dataset.json, expected a new or empty folder"),
         ("--out layout.json", "layout.json: is a file, expected a folder"),
     ],
@@ -225,7 +239,10 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(
     write_json(folder / "sheared.json", poses_with(0.5, 3, 0))
     write_json(folder / "unseen.json", poses_with(9.0, 0, 3))
     (folder / "both.toml").write_text("jpeg_quality = 90\nh264_crf = 20\n", encoding="utf-8")
-    (folder / "mirrors.toml").write_text("sag_mm = 0.1\n", encoding="utf-8")
+    (folder / "bent.toml").write_text("[finish]\nsag_mm = 0.1\n", encoding="utf-8")
+    (folder / "wide.toml").write_text("spp = 100000\n", encoding="utf-8")
+    for name in ("mp4", "avi"):
+        (folder / f"{name}.toml").write_text(f'video = "{name}"\n', encoding="utf-8")
     (folder / "mine" / "truth").mkdir(parents=True)
     before = contents(folder)
     arguments = ["render", "layout.json", "--board", "board.toml", "--base-frames", "0", *options.split()]
@@ -242,7 +259,7 @@ def test_a_full_disk_ends_it_in_one_line_without_a_part_of_a_picture(folder: Pat
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     assert len(contents(finished_set)["frames/0000.jpg"]) > limit
-    options = f"{OPTIONS} --no-maps --workers 1"
+    options = f"{OPTIONS} --workers 1"
     with command(options, preexec_fn=small_file_limit) as running:
         _, said = running.communicate(timeout=60)
     assert (running.returncode, said.count("\n")) == (2, 1)

@@ -14,16 +14,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.processes.worker_pool import run_local
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest
+from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
 from mirrorcam.simulation import rendering
-from mirrorcam.simulation.rendering import finished_frames, in_workers, on_cluster, write_product_picture, write_scene
+from mirrorcam.simulation.rendering import (
+    GAP_PX,
+    HEIGHT_PX,
+    SetCheck,
+    check_set,
+    finished_frames,
+    in_workers,
+    on_cluster,
+    overview,
+    write_scene,
+)
+from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 from tests.small_set import contents
 
 # Not by importing it: that would choose an LLVM.
@@ -110,20 +124,69 @@ def test_a_scene_gets_its_overview(small_layout: Layout, tmp_path: Path, monkeyp
     assert read_image(tmp_path / "truth" / "overview.jpg").shape == (40, 60, 3)
 
 
-@pytest.mark.parametrize(("name", "error"), [("device.png", 0), ("device.JPG", 2)])
-def test_a_picture_of_the_device_is_written_in_the_format_of_its_name(
-    name: str, error: int, small_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("altered", "lost", "unfinished", "passed"),
+    [((), (), (), True), (("a",), (), (), False), ((), ("a",), (), False), ((), (), ("a",), False)],
+)
+def test_any_file_that_is_not_right_fails_the_check(
+    altered: tuple[str, ...], lost: tuple[str, ...], unfinished: tuple[str, ...], passed: bool
 ) -> None:
-    picture = np.repeat(np.tile(np.arange(60, dtype=np.uint8), (40, 1))[..., None], 3, axis=2)
-    asked: list[tuple[Path, int]] = []
+    assert SetCheck(3, altered, lost, unfinished).passed == passed
 
-    def drawn(layout: Layout, parts: Path, *, spp: int) -> np.ndarray:
-        asked.append((parts, spp))
-        return picture
 
-    monkeypatch.setattr(rendering, "product_picture", drawn)
-    write_product_picture(small_layout, tmp_path / "cad", tmp_path / name, spp=5)
-    assert asked == [(tmp_path / "cad", 5)]
-    assert np.abs(read_image(tmp_path / name).astype(int) - picture).max() <= error
-    write_product_picture(small_layout, tmp_path / "cad", tmp_path / name.lower(), spp=5)
-    assert (tmp_path / name).read_bytes() == (tmp_path / name.lower()).read_bytes()
+@pytest.mark.parametrize("name", ["../secret", "/secret", "link/secret"])
+def test_no_file_outside_of_the_set_is_read(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    folder.mkdir()
+    (tmp_path / "secret").write_text("theirs")
+    (folder / "link").symlink_to(tmp_path)
+    name = str(tmp_path / "secret") if name == "/secret" else name
+    dataset_of_two_frames().replaced(files={name: file_digest(tmp_path / "secret")}).save(folder)
+    with pytest.raises(InputError, match=r"set: lists .*, expected the name of a file in this folder"):
+        check_set(folder)
+
+
+pytest.importorskip("OpenEXR", reason="rendering needs the extra render")
+LINEAR = 60  # of 255, in the frame and in the view
+MIDDLE_PX = (HEIGHT_PX - GAP_PX) // 2
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A set of uniform pictures; the left half of its central view is at 300 mm, the right one at 600 mm."""
+    scene = scene_of_two_depths()
+    sensor = SENSORS["ideal"].replaced(jpeg_quality=None)
+    scene.replaced(width_px=96, height_px=54, sensor=sensor, central_view=(1, 0)).save(tmp_path)
+    write_image(tmp_path / "frames/0000.png", np.full((54, 96, 3), LINEAR, np.uint8))
+    write_image(tmp_path / "truth/views/1_0.png", np.full((30, 40, 3), LINEAR, np.uint8))
+    depth_mm = np.full((30, 40), 300.0)
+    depth_mm[:, 20:] = 600.0
+    write_bytes(tmp_path / "truth/depth/1_0.exr", exr_bytes({"depth": depth_mm}, {}))
+    return tmp_path
+
+
+def test_pictures_are_brightened_and_near_is_red_far_is_blue(folder: Path) -> None:
+    picture = overview(folder).astype(int)
+    frame_px, view_px = round(HEIGHT_PX * 96 / 54), round(MIDDLE_PX * 40 / 30)
+    assert abs(picture.shape[1] - (frame_px + GAP_PX + view_px)) <= 1
+    assert picture.shape[0] == HEIGHT_PX
+    bright = round(255.0 * (LINEAR / 255.0) ** (1.0 / 2.2))
+    assert (picture[:, :frame_px] == bright).all()
+    assert (picture[:MIDDLE_PX, frame_px + GAP_PX :] == bright).all()
+    assert (picture[:, frame_px : frame_px + GAP_PX] == 255).all()
+    assert (picture[MIDDLE_PX:-MIDDLE_PX, frame_px:] == 255).all()
+    near, far = picture[-20, frame_px + GAP_PX + 20], picture[-20, -20]
+    assert near[0] > near[2] + 40
+    assert far[2] > far[0]
+
+
+def test_a_view_at_one_depth_has_one_colour(folder: Path) -> None:
+    write_bytes(folder / "truth/depth/1_0.exr", exr_bytes({"depth": np.full((30, 40), 400.0)}, {}))
+    nearness = overview(folder)[-MIDDLE_PX:, -100:]
+    assert (nearness == nearness[0, 0]).all()
+
+
+def test_a_set_without_its_depth_is_refused_in_one_line(folder: Path) -> None:
+    (folder / "truth/depth/1_0.exr").unlink()
+    with pytest.raises(InputError, match=r"1_0\.exr: no such file$"):
+        overview(folder)

@@ -14,16 +14,16 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.simulation.scene_command import SceneOptions, mesh_from_text
+from mirrorcam.simulation.render_request import mesh_from_text
 from tests.command_line import assert_refused_here
 
 # Not by importing it: that would choose an LLVM.
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
-OPTIONS = ("layout.json", "--out", "tabletop", "--spp", "4", "--seed", "2", "--depths-mm", "320", "450")
+OPTIONS = ("layout.json", "--out", "tabletop", "--seed", "2", "--depths-mm", "320", "450")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -80,9 +80,8 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
         (["none.json"], "none.json: no such file"),
         (["layout.json", "--depths-mm", "500", "300"], "depths 500, 300 mm: expected one or more, ascending"),
         (["layout.json", "--depths-mm", "60"], "depth 60 mm: an object there would touch the camera"),
-        (["layout.json", "--spp", "1"], "--spp"),
         (["layout.json", "--sensor", "best"], "--sensor 'best': expected ideal, c920, poor, webcam or a .toml file"),
-        (["layout.json", "--as-built", "tilt=1"], "--as-built tilt: no such tolerance"),
+        (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': no tolerance tilt"),
         (["layout.json", "--mesh", "gone.stl"], "gone.stl: no such file"),
         (["layout.json", "--mesh", "layout.json"], "layout.json: no mesh that can be read, expected .stl, .ply, .obj"),
         (["layout.json", "--mesh", "a.obj:0,0,90"], "a.obj: reaches to a depth of 60 mm, expected no less than 67"),
@@ -95,12 +94,6 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
 ) -> None:
     assert_refused_here(["scene", *options, "--out", "tabletop"], capsys, complaint)
     assert not (here / "tabletop").exists()
-
-
-def test_meshes_are_named_one_by_one() -> None:
-    command = cli.parse(["scene", "layout.json", "--mesh", "a.obj", "--mesh", "b.stl:1,2,3"]).command
-    assert isinstance(command, SceneOptions)
-    assert command.mesh == ("a.obj", "b.stl:1,2,3")
 
 
 def test_a_mesh_may_have_a_place() -> None:

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from shapely import Polygon, intersection_all
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view
-from mirrorcam.studio.drawing import design_drawing
+from mirrorcam.studio.drawing import design_drawing, tolerance_bars
 
 SPEC = DesignSpec()
 
@@ -94,3 +95,19 @@ def test_the_body_of_a_camera_is_drawn_only_where_it_is_known(default_layout: La
     assert len(design_drawing(default_layout, SPEC, "preview").body_mm) == 8
     bare = default_layout.replaced(camera=default_layout.camera.replaced(body_mm=None))
     assert design_drawing(bare, SPEC, "preview").body_mm == []
+
+
+def test_bars_lie_around_their_median(default_layout: Layout) -> None:
+    found = tolerance_bars(default_layout.replaced(spec=DesignSpec()))
+    assert "0.3" in found.assumed
+    assert 0.0 <= found.hidden <= 1.0
+    labels = [bar.label for bar in found.bars]
+    assert len(set(labels)) == len(labels) > 10
+    for bar in found.bars:
+        assert bar.low <= bar.median <= bar.high
+        assert " to " in bar.text
+
+
+def test_a_layout_without_depths_cannot_be_studied(default_layout: Layout) -> None:
+    with pytest.raises(ValueError, match="without a spec"):
+        tolerance_bars(default_layout.replaced(spec=None))

@@ -11,9 +11,10 @@ from queue import Queue
 
 import pytest
 
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_values import Found, RefusedDesign
-from mirrorcam.studio.look_ahead import LookAhead
+from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 
 FAILS, ENDS, LONG = DesignSpec(rows=4), DesignSpec(rows=5), DesignSpec(rows=6)
 ONE, TWO, THREE = (DesignSpec(rows=rows) for rows in (1, 2, 3))
@@ -106,3 +107,22 @@ def test_the_end_comes_at_once_and_is_no_error(ahead: Ahead, caplog: pytest.LogC
         assert not thread.is_alive()
     assert ahead.kept.empty()
     assert not caplog.records
+
+
+def test_counts_come_first_then_scale_and_trade_off() -> None:
+    found = nearby_requests(DesignSpec())
+    assert [(spec.rows, spec.cols) for spec in found[:4]] == [(4, 3), (3, 4), (2, 3), (3, 2)]
+    assert {spec.scale_mm for spec in found} == {80.0, 104.0, 62.0}
+    assert {spec.tradeoff for spec in found} == {0.1, 0.3, 0.5}
+
+
+def test_what_no_request_can_hold_is_left_out() -> None:
+    assert all(spec.rows * spec.cols > 1 for spec in nearby_requests(DesignSpec(rows=1, cols=2)))
+    assert all(0 <= spec.tradeoff <= 1 for spec in nearby_requests(DesignSpec(tradeoff=0.1)))
+    assert max(len(spec.arrangement.steps) for spec in nearby_requests(DesignSpec(rows=5, cols=5))) == 25
+
+
+def test_a_pattern_keeps_its_count() -> None:
+    found = nearby_requests(DesignSpec(pattern=Pattern.hexagonal(1)))
+    assert len(found) == 4
+    assert {spec.arrangement.text for spec in found} == {"hex7"}

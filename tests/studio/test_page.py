@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import pytest
 
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_request import request_toml
+from mirrorcam.core.errors import InputError
+from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.serve import opened

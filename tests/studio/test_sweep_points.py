@@ -5,7 +5,7 @@ from __future__ import annotations
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.sweep_points import sweep_points
+from mirrorcam.studio.page import sweep_points
 
 
 def outcome(scale_mm: float, grid_error: float, share: float, nearest_mm: float, fov_deg: float) -> Outcome:

@@ -3,13 +3,13 @@
 The parts are tied to each other around their screws, each of which holds both as a rigid disc, and the foot's screws to
 what does not move. Mirrors and camera are rigid. The camera's weight is spread over the nodes that it rests on, whose
 motion is its own. A mirror hangs in springs, as a layer of silicone has them, on the nodes of its seat's floor, and
-expands by itself.
+expands by itself. Plastics differ in modulus, expansion and creep.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,16 +21,72 @@ from shapely import Polygon, points
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import MIRRORS
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
-from mirrorcam.cad.checks.elasticity.plastics import MIRROR_PER_K
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
+from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, transform
+
+
+@dataclass(frozen=True)
+class Plastic:
+    """A plastic as printed, at 20 to 25 deg C.
+
+    `creep` is how much of the elastic strain is added in 1000 h under the same small stress, `swelling` the strain from
+    dry to the air of a room. Where `source` says "from memory", the number is from common data sheets, not looked
+    up.
+    """
+
+    name: str
+    modulus_mpa: float
+    density_g_per_cm3: float
+    strain_per_k: float
+    glass_c: float
+    creep: float
+    swelling: float
+    source: str
+
+
+PLASTICS = (
+    Plastic(
+        "PLA", 2300.0, 1.24, 68e-6, 60.0, 0.5, 3e-4,
+        "modulus: Polymaker PolyTerra, 2.0 to 2.2 GPa, Stratasys 2.5 to 3.0; Tg 60.6 C (PolyTerra), 63 C (Stratasys); "
+        "expansion from memory (Stratasys has 101e-6); creep from memory",
+    ),
+    Plastic(
+        "PETG", 1900.0, 1.27, 60e-6, 80.0, 0.5, 3e-4,
+        "modulus 2 to 3 GPa, density, Tg 75 to 85 C: additive.tools; expansion and creep from memory",
+    ),
+    Plastic("ASA", 1900.0, 1.07, 95e-6, 100.0, 0.6, 3e-4, "all from memory"),
+    Plastic("ABS", 1900.0, 1.04, 90e-6, 105.0, 0.7, 3e-4, "modulus 2.0 GPa: Wohlers 2011; the rest from memory"),
+    Plastic(
+        "PA-CF", 3500.0, 1.2, 60e-6, 60.0, 0.9, 5e-3,
+        "expansion 22e-6 along the lines, 248e-6 across layers, swelling .5 to 1.5 %: Faust et al. 2021, "
+        "doi 10.3390/polym13213637, of which this is a mean in a layer; the rest from memory, of moist nylon",
+    ),
+)  # fmt: skip
+MIRROR_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
+"""Expansion of mirrors, by their material: of cast acrylic and of float glass, from memory."""
+STEEL_PER_K = 12e-6
+"""Expansion of the support that the foot is screwed to."""
+
+
+def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Plastic:
+    """A plastic of the table with a printer's modulus and density; raises InputError where it is not in the table."""
+    for plastic in PLASTICS:
+        if plastic.name.casefold() == name.casefold():
+            return replace(plastic, modulus_mpa=modulus_mpa, density_g_per_cm3=density_g_per_cm3)
+    raise InputError(
+        f"printer.plastic = {name}: its expansion and creep are not known, expected one of "
+        f"{', '.join(plastic.name for plastic in PLASTICS)} for finite elements"
+    )
+
 
 G = 9.80665
 # A screw presses parts together about so far around its axis: what elements of solids hold as rigid.
@@ -99,15 +155,15 @@ def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     solids = {
         name: Solid(_meshed(part, name, size_mm))
         for name, part in {
-            "mirror_holder": make_holder(device.holder),
-            "mount": make_mount(mount),
-            "camera_clip": make_clip(clip),
+            HOLDER: make_holder(device.holder),
+            MOUNT: make_mount(mount),
+            CLIP: make_clip(clip),
         }.items()
     }
     parts = (
-        TiedPart(solids["mirror_holder"], heads, _mirrors(device, solids["mirror_holder"].nodes)),
-        TiedPart(solids["mount"], (*feet, *heads, *slides), {}),
-        TiedPart(solids["camera_clip"], slides, {CAMERA: _camera(device, solids["camera_clip"].nodes)}),
+        TiedPart(solids[HOLDER], heads, _mirrors(device, solids[HOLDER].nodes)),
+        TiedPart(solids[MOUNT], (*feet, *heads, *slides), {}),
+        TiedPart(solids[CLIP], slides, {CAMERA: _camera(device, solids[CLIP].nodes)}),
     )
     held = [discs(part.solid.nodes, at[list(part.screws)], axes[list(part.screws)]) for part in parts]
     return tied_motions(parts, held, at, feet, MIRROR_PER_K[device.hardware.cutting.material])
@@ -120,7 +176,7 @@ def tied_motions(
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Motions of all that parts carry against what is called `CAMERA`.
+    """Motions, against `CAMERA`, of everything that parts carry.
 
     Parameters
     ----------
@@ -133,7 +189,7 @@ def tied_motions(
     feet : sequence of int
         The screws that do not move.
     mirror_per_k : float
-        Expansion of what is glued, per K.
+        Expansion of the glued bodies, per K.
 
     Raises InputError where a screw holds too few nodes.
     """
@@ -205,7 +261,7 @@ def _solved(
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Join the parts at their screws; columns of loads are those of `DeviceMotions`, in its order."""
+    """Join the parts at their screws; columns of loads are in the order of `DeviceMotions`."""
     count = 6 * len(at)
     stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
     # Plastic of 1 g/cm3 weighs so many N/mm3.
@@ -223,15 +279,15 @@ def _solved(
     free = np.setdiff1d(np.arange(count), ground)
     pulled = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
     motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], pulled)
-    told = {
+    carried = {
         name: solid.by_screws[name] @ motions[own] + solid.by_loads[name] @ loads
         for part, own, solid in zip(parts, dofs, condensed, strict=True)
         for name in part.carried
     }
     points_at = {name: each.at for part in parts for name, each in part.carried.items()}
-    camera = told.pop(CAMERA)
+    camera = carried.pop(CAMERA)
     against = {}
-    for name, motion in told.items():
+    for name, motion in carried.items():
         arm = points_at[name] - points_at[CAMERA]
         shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
         against[name] = np.vstack([shift, motion[3:] - camera[3:]])

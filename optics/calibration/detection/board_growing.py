@@ -39,7 +39,7 @@ MIN_CONTRAST = 0.6  # relative to that of the corners around
 MIN_EXPLAINED = 0.8  # of the variance around a corner
 MAX_SIGMA_PX = 0.3
 UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
-JUDGED = 20  # corners by which to tell, at least, where there are as many
+JUDGED = 20  # corners by which a board is judged, at least, where there are as many
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 RIGHT = np.array([1.0, 0.0])

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.core.disk.results import Results
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target

@@ -13,8 +13,7 @@ from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.results import Results
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.targets import Target
 

@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, IntArray, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout

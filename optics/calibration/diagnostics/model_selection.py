@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
+from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
-from mirrorcam.optics.calibration.diagnostics.lens_additions import LENS_ADDITIONS, further_lenses
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     SUPPORTED_CHANCE,
     ModelComparison,
@@ -19,17 +18,19 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
+    LENS_ADDITIONS,
     PLATE_INDEX,
     Fitted,
-    additions_of,
     fit_as,
     fit_with,
     foreseen_gain,
+    further_lenses,
     joint_model,
     paper_model,
     plate_thickness,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model
@@ -60,11 +61,11 @@ class OtherSurface:
         if self.second:
             return (
                 f"the mirrors look second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout has "
-                "first-surface ones; --surface second calibrates them so"
+                "first-surface ones; --model second_surface+auto calibrates them so"
             )
         return (
             f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface "
-            "ones; --surface first calibrates them so"
+            "ones; --model first_surface+auto calibrates them so"
         )
 
 
@@ -119,12 +120,10 @@ def select_model(
     observations: Observations,
     corners_in_board_mm: FloatArray,
     *,
-    level: str | None = None,
-    extend: bool = False,
-    lens_stated: bool = False,
+    model: RequestedModel = AUTO,
     prior: CentresPrior | None = None,
 ) -> ModelSelection:
-    """Fit a given level, or select one by forward selection.
+    """Fit the requested model, and where it is automatic select a larger one by forward selection.
 
     The camera was found from the same corners as the rest, so that `joint` is the smallest model whose uncertainty is
     right: `paper` is used only on request, or where the corners do not determine the intrinsics. From `joint` on, the
@@ -139,11 +138,9 @@ def select_model(
         The corners, by frame and view.
     corners_in_board_mm
         The board's corners (c, 3) as drawn.
-    level
-        Model to fit (`nested_models.additions_of`); None selects one. An alarm is raised where a larger model than the
-        given one is supported, unless `extend` has it made.
-    lens_stated
-        Whether the start has the lens model of the camera for certain, so that no other is tried.
+    model
+        Model to fit; the start has its lens. An alarm is raised where a larger model is supported, unless it is
+        automatic.
     prior
         Of the virtual centres, in every model.
 
@@ -152,30 +149,29 @@ def select_model(
     UndeterminedError
         Where the corners do not suffice.
     InputError
-        Where `level` is unknown, or names plates that the layout does not have.
+        Where plates are requested that the layout does not have.
     """
-    asked = None if level is None else additions_of(level)
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest(paper)]
     try:
         start = paper.solution.estimate
         current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm, prior))
     except UndeterminedError:
-        if asked is not None and level != "paper":
+        if not model.paper and (not model.auto or model.additions):
             raise
         note = "the corners leave the intrinsics open: they are held as they were"
         return conclude(paper, comparisons, observations, notes=[note])
     comparisons.append(compare(current, paper, observations))
-    if level == "paper":
+    if model.paper:
         note = "the intrinsics are held: what they may be off is in no uncertainty"
         doubts = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return conclude(paper, comparisons, observations, doubts, [note])
-    additions = [name for name in ADDITIONS if not (lens_stated and name in LENS_ADDITIONS)]
-    for name in asked or ():
+    additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
+    for name in model.additions:
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward(current, observations, additions, extend=extend or level is None)
+    current, further, alarms, notes = forward(current, observations, additions, extend=model.auto)
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
     return conclude(current, [*comparisons, *further], observations, alarms, notes)

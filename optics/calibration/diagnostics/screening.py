@@ -13,17 +13,16 @@ import numpy as np
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
-from mirrorcam.optics.calibration.diagnostics.lens_additions import (
+from mirrorcam.optics.calibration.diagnostics.nested_models import (
     free_intrinsics,
     further_lenses,
+    joint_model,
     with_addition,
 )
-from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
-from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.layout import Layout
 

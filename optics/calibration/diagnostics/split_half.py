@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.cross_validation import (
+from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     balanced_folds,
     frames_of,
     is_mirrored,

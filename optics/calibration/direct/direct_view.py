@@ -14,9 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text, names_together
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
@@ -26,13 +27,11 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
-    DIRECT_ADDITIONS,
     Fitted,
-    additions_of,
     fit_as,
     fit_with,
 )
-from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
@@ -46,8 +45,14 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     start_of,
 )
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.motion import (
+    at_middle_row,
+    camera_rotations,
+    corner_velocities,
+    rolling_shutter,
+    stabilised,
+)
 from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
-from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
@@ -67,7 +72,7 @@ def calibrate_with_direct_view(
     base: Sequence[Grey] = (),
     base_names: Sequence[str] = (),
     most: int | None = None,
-    level: str | None = None,
+    model: RequestedModel = AUTO,
     beside: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
     progress: Progress = no_progress,
     on_hint: Callable[[str, NextPose], None] | None = None,
@@ -90,8 +95,8 @@ def calibrate_with_direct_view(
         Their names, for messages.
     most
         Number of pictures to use: those whose boards cover the picture and differ in pose; None: all.
-    level
-        Model to fit, `joint` with any of `DIRECT_ADDITIONS`; None selects the largest one that the pictures support.
+    model
+        Model to fit, with any of `DIRECT_ADDITIONS`. Default: the largest one that the pictures support.
     beside
         Gives of some pictures, by number, the frames before and after them, where they are of a video: a rolling
         shutter is searched for.
@@ -114,8 +119,7 @@ def calibrate_with_direct_view(
     if not pictures:
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
-    if level is not None:
-        additions_of(level, DIRECT_ADDITIONS)  # refused before pictures are searched
+    model.check_direct()
     boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
     # The first pictures may show no board yet.
     telling = [pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_shown(boards[number]))]
@@ -159,7 +163,7 @@ def calibrate_with_direct_view(
         flat = fit_as("joint", plain, observations, rigid)
         flat, observations, turns = _steadied(shown, flat, observations)
         flat, observations = _with_base(flat, observations, alone)
-        selection, drawn = select_direct_model(flat, observations, level=level)
+        selection, drawn = select_direct_model(flat, observations, model=model)
         shutter = None
         if beside is not None:
             numbers = [used[number] for number in start.pictures]
@@ -168,7 +172,7 @@ def calibrate_with_direct_view(
             if shutter is not None and shutter.supported:
                 observations = at_middle_row(observations, velocity, shutter.readout, height)
                 flat = fit_as("joint", flat.solution.estimate, observations, rigid)
-                selection, drawn = select_direct_model(flat, observations, level=level)
+                selection, drawn = select_direct_model(flat, observations, model=model)
         found = direct_result(
             selection, drawn, observations, pictures=start.pictures, names=names, turns=turns, shutter=shutter
         )
@@ -239,9 +243,9 @@ def _steadied(
 
 
 def select_direct_model(
-    flat: Fitted, observations: Observations, *, level: str | None = None
+    flat: Fitted, observations: Observations, *, model: RequestedModel = AUTO
 ) -> tuple[ModelSelection, Solution]:
-    """Fit a given level, or select one by forward selection among `DIRECT_ADDITIONS`.
+    """Fit the requested model, and where it is automatic select a larger one among `DIRECT_ADDITIONS`.
 
     Parameters
     ----------
@@ -249,8 +253,8 @@ def select_direct_model(
         The fit of first-surface mirrors with the board as drawn.
     observations
         The corners.
-    level
-        Model to fit, `joint` with any of the additions; None selects one.
+    model
+        Model to fit, with any of the additions.
 
     Returns
     -------
@@ -260,12 +264,12 @@ def select_direct_model(
         The fit of the same mirrors and camera with the board as drawn, in all frames.
     """
     comparisons, current = [smallest(flat)], flat
-    for name in () if level is None else additions_of(level, DIRECT_ADDITIONS):
+    for name in model.additions:
         larger = fit_with("plates" if name == "sheet" else name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
     current, further, alarms, notes = forward(
-        current, observations, DIRECT_ADDITIONS, extend=level is None, unplated="plates"
+        current, observations, DIRECT_ADDITIONS, extend=model.auto, unplated="plates"
     )
     terms = replace(current.model.frame_terms, bow_per_mm=None)
     as_drawn = replace(current.model, board=flat.model.board, frame_terms=terms)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.array_files import read_npz, refusing
 from mirrorcam.core.disk.files import write_npz
 from mirrorcam.core.disk.fingerprint import digest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 

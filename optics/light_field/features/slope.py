@@ -104,8 +104,8 @@ def fit(
 ) -> SlopeFit:
     """The consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
 
-    `about_inverse_mm` (n,) tells the units of the equations well enough: (1 - z_i w) hardly differs from one.
-    `precision` (n, 2, 2) tells how well each point is located along u and v, of mean one.
+    `about_inverse_mm` (n,) gives the units of the equations well enough: (1 - z_i w) hardly differs from one.
+    `precision` (n, 2, 2) is how well each point is located along u and v, of mean one.
     A point that is used in no view but the reference has information 0 and slope NaN.
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)

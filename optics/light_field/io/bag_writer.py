@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from mirrorcam.core.disk.files import TEMPORARY
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
 
 NAMESPACE = "/mirrorcam/"
 """What stands before topics that are below the namespace of the camera."""
-Compression = Literal["none", "zstd"]
 _VERSION: Literal[8] = 8
 """Of rosbag2's metadata: from 9 on, older distributions cannot read the quality of service."""
 
@@ -34,8 +33,6 @@ class BagWriter:
     ----------
     path
         The file, .mcap; one that is there is replaced.
-    compression
-        `zstd` compresses chunks of messages.
 
     Raises
     ------
@@ -43,13 +40,12 @@ class BagWriter:
         Where rosbags is not installed, and where nothing can be written.
     """
 
-    def __init__(self, path: Path, compression: Compression = "none") -> None:
+    def __init__(self, path: Path) -> None:
         need_rosbags()
-        self.path, self._compression = path, compression
-        self._topics: dict[str, Any] = {}
+        self.path, self._topics = path, dict[str, Any]()
 
     def __enter__(self) -> Self:
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+        from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
 
         self._store = get_typestore(Stores.ROS2_HUMBLE)
@@ -58,8 +54,6 @@ class BagWriter:
             self._folder = Path(tempfile.mkdtemp(dir=self.path.parent, prefix=TEMPORARY))
             # rosbags writes a folder, with a file of its name in it.
             self._writer = Writer(self._folder / self.path.stem, version=_VERSION, storage_plugin=StoragePlugin.MCAP)
-            if self._compression == "zstd":
-                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
         except OSError as error:
             raise self._not_written(error) from None

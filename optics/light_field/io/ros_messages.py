@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 CAMERA_FRAME = "mirrorcam_camera_optical_frame"
-"""The frame `rig`, as the URDF of `mirrorcam cameras` and the xacro of `mirrorcam cad` call it."""
+"""The frame `rig`, as the URDF of `mirrorcam camera export` and the xacro of `mirrorcam cad` call it."""
 TF_STATIC, VIEWS_TOPIC, WEIGHTS_TOPIC, POINTS_TOPIC = "/tf_static", "views", "weights", "points"
 SURE = 0.5
 """Confidence above which a depth is given to a robot."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.core.disk.array_files import read_npy
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.io.views_file import VIEWS, check_weights, even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
@@ -62,7 +62,7 @@ def read_arrays(path: Path, largest: float, assumed: Assumed) -> LightField:
         np.clip(samples, 0.0, 1.0, out=samples)
         samples *= np.float32(255.0)
         samples = np.rint(samples, out=samples).astype(np.uint8)
-    views = even_views(path, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
+    views = even_views(path.parent, assumed, (rows, cols), (width, height)) if stated is None else stated[0]
     try:
         check_weights(weights)
         return LightField.of(views, samples, weights)

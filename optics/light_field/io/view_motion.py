@@ -80,7 +80,7 @@ def texture_repeats(grey: NDArray[np.float32]) -> bool:
 
 
 def measured_motion(light_field: LightField) -> Motion | None:
-    """The motion between neighbouring views of the grid of arrays; None where the pictures do not tell.
+    """The motion between neighbouring views of the grid of arrays; None where the pictures do not show it.
 
     Each cell of a view has an unknown disparity, and each pair of views a displacement that scales it: the best
     product of the two (a matrix of rank one) through the corners that optical flow follows there and back.

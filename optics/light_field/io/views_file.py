@@ -15,8 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of, write_json
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -182,8 +183,8 @@ def parallel_views(
 
 
 def even_views(path: Path, assumed: Assumed, grid: tuple[int, int], size: tuple[int, int]) -> Views:
-    """Views (rows, cols) with even steps, as assumed for a file."""
+    """Views (rows, cols) with even steps, as assumed for the light field at a path."""
     down, across = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
-    places = np.stack([across, down], axis=-1).astype(np.float64) * float(assumed.need("step_mm", path))
-    focal_px, distance_mm = assumed.need("focal_px", path), assumed.need("reference_depth_mm", path)
+    step_mm, focal_px, distance_mm = assumed.need(path, "step_mm", "focal_px", "reference_depth_mm")
+    places = np.stack([across, down], axis=-1).astype(np.float64) * step_mm
     return parallel_views(places, size, focal_px, distance_mm)

@@ -1,17 +1,107 @@
-"""A calibrator's command, run on one set: how long it took, why it failed, and what it printed."""
+"""A calibrator tried on one set: what it sees of the set, its command, and the files that it leaves."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+import stat
 import subprocess
 import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from pydantic import Field
+
+from mirrorcam.core.disk.files import inside, is_inside, stored_bytes, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import TREE_ENDING_S, adopting_orphans, supervised
+from mirrorcam.core.values import Matrix3, Value
+from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, virtual_cameras
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.render_scenes.sets.dataset import KNOWN, Dataset
+
+VIEWS = "views.json"
+
+
+class DescribedView(Value):
+    """A mirror as a camera of the flipped frame: the part that shows it, and its camera by the data sheet.
+
+    Attributes
+    ----------
+    x, y, width, height
+        The pixels of the flipped frame that hold the view.
+    outline_px
+        Corners (n, 2) of what the mirror shows, px of the flipped frame.
+    camera_matrix
+        3 x 3, of the whole flipped frame.
+    """
+
+    name: str
+    x: int
+    y: int
+    width: int
+    height: int
+    outline_px: tuple[tuple[float, float], ...]
+    camera_matrix: Matrix3
+
+    @classmethod
+    def of(cls, view: VirtualCamera) -> DescribedView:
+        """The description of a mirror's camera."""
+        part = view.sub_image
+        return cls(
+            name=view.name,
+            x=part.x,
+            y=part.y,
+            width=part.width,
+            height=part.height,
+            outline_px=view.outline_px.tolist(),
+            camera_matrix=view.camera.matrix,
+        )
+
+
+class DescribedViews(Value):
+    """`views.json` of a set: the views of a device as designed, for calibrators that know nothing of mirrors.
+
+    The `views.json` beside an exported light field is another file, of the schema `mirrorcam.views/1`.
+    `flip_code` is that of `cv2.flip`, with which a frame becomes the picture of every view's camera.
+    """
+
+    schema_id: Literal["mirrorcam.device_views/1"] = Field(default="mirrorcam.device_views/1", alias="schema")
+    width_px: int
+    height_px: int
+    flip_code: Literal[0, 1]
+    views: tuple[DescribedView, ...]
+
+
+def described_views(layout: Layout) -> DescribedViews:
+    """The views of a nominal layout."""
+    views = virtual_cameras(layout)
+    return DescribedViews(
+        width_px=layout.camera.width_px,
+        height_px=layout.camera.height_px,
+        flip_code=1 if views[0].flip == "left-right" else 0,
+        views=tuple(map(DescribedView.of, views)),
+    )
+
+
+def write_blind_set(folder: Path, place: Path) -> None:
+    """Copy a set's pictures, nominal layout and board into a new folder, with `views.json`; no truth.
+
+    Raises InputError in one line where the set lacks one of its files.
+    """
+    dataset = Dataset.load(folder)
+    names = (*KNOWN, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
+    for name in names:
+        source = inside(folder, name)
+        stored_bytes(source)
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, place / name)
+    write_text(place / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")
+
 
 HEAD_BYTES, TAIL_BYTES = 1_000_000, 100_000
 """Bytes from the beginning, and from the end, of what a command prints that its log keeps."""
@@ -122,3 +212,80 @@ class _Printed:
             left_out = self._count - len(self._head) - len(tail)
             between = b"\n[%d bytes are left out here]\n" % left_out if left_out else b""
             return bytes(self._head) + between + tail
+
+
+LOG = "log.txt"
+"""The log of the command, as which no file of its own is taken."""
+COVARIANCE = "covariance.json"
+MOST_FILES, MOST_BYTES, DEEPEST = 10_000, 1_000_000_000, 10
+"""Of all files and folders that a command may leave, and how deep these may nest."""
+
+
+def take_result(result: Path, place: Path) -> None:
+    """Copy the files in a folder that a command has filled into another, which is there and empty.
+
+    Raises InputError in one line, before anything is copied, where the folder or anything in it is not what a
+    calibration is: a link, a pipe, a name that cannot be printed, or more than a calibration takes.
+    """
+    for name in _names(result):
+        path = result / name
+        try:
+            source = path.open("rb")
+        except OSError as error:
+            raise InputError(f"${RESULT}/{name}: cannot be read: {error.strerror}") from None
+        with source:
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            with (place / name).open("wb") as copy:
+                shutil.copyfileobj(source, copy)
+
+
+def calibration_of(place: Path) -> Path:
+    """The one file that a command has left, or the folder of several; raises InputError for none."""
+    names = [path for path in sorted(place.iterdir()) if path.name not in (LOG, COVARIANCE)]
+    if not names:
+        raise InputError(f"the command left no file in ${RESULT}, expected its calibration there")
+    return names[0] if len(names) == 1 else place
+
+
+def _names(result: Path) -> list[str]:
+    """Paths of all files in a folder that a command has filled; raises InputError for anything else in it."""
+    if not os.path.lexists(result):
+        raise InputError(f"the command removed ${RESULT}, expected its calibration there")
+    if not stat.S_ISDIR(result.lstat().st_mode):
+        raise InputError(f"the command replaced ${RESULT}, expected its calibration in this folder")
+    found: list[str] = []
+    waiting, count, total = [""], 0, 0
+    while waiting:
+        folder = waiting.pop()
+        try:
+            entries = os.scandir(result / folder)
+        except OSError as error:
+            raise InputError(f"${RESULT}/{folder}: cannot be read: {error.strerror}") from None
+        with entries:
+            for entry in entries:
+                name = f"{folder}/{entry.name}" if folder else entry.name
+                status = entry.stat(follow_symlinks=False)
+                count, total = count + 1, total + status.st_size
+                if count > MOST_FILES or total > MOST_BYTES:
+                    raise InputError(
+                        f"the command left more than {MOST_FILES} files or {MOST_BYTES // 10**9} GB in ${RESULT}, "
+                        "expected its calibration alone"
+                    )
+                _refuse(result, name, status.st_mode)
+                if stat.S_ISDIR(status.st_mode):
+                    waiting.append(name)
+                elif name != LOG:
+                    found.append(name)
+    return sorted(found)
+
+
+def _refuse(result: Path, name: str, mode: int) -> None:
+    """Raise InputError for what is not a file or folder of a calibration."""
+    shown = name[-80:].encode("unicode_escape", "surrogatepass").decode()
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        what = "a link" if stat.S_ISLNK(mode) else "not a regular file"
+        raise InputError(f"${RESULT}/{shown}: is {what}, expected the files of a calibration")
+    if not name.isprintable() or not is_inside(result, name):
+        raise InputError(f"the command left a file named '{shown}', expected a name of printable characters")
+    if name.count("/") >= DEEPEST:
+        raise InputError(f"${RESULT}/{shown}: is nested too deeply, expected the files of a calibration")

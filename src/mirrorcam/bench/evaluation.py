@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from mirrorcam.bench.blind_sets import write_blind_set
-from mirrorcam.bench.calibrator_result import COVARIANCE, LOG, calibration_of, take_result
-from mirrorcam.bench.calibrator_run import RESULT, run_calibrator
-from mirrorcam.bench.scores.attempt import TriedSet
+from mirrorcam.bench.calibrator_run import (
+    COVARIANCE,
+    LOG,
+    RESULT,
+    calibration_of,
+    run_calibrator,
+    take_result,
+    write_blind_set,
+)
+from mirrorcam.bench.score_request import EvaluationRequest, Reading
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
-from mirrorcam.bench.scores.figure_limits import Limits
+from mirrorcam.bench.scores.leaderboard import TriedSet
 from mirrorcam.bench.scores.matched_views import ViewsFile
-from mirrorcam.bench.scores.score_report import NO_LIMITS, ScoredSet, ScoreReport, report_of
-from mirrorcam.bench.scoring import ScoreRequest, score_set
+from mirrorcam.bench.scores.score_report import NO_LIMITS, Limits, ScoredSet, ScoreReport, report_of
+from mirrorcam.bench.scoring import score_set
 from mirrorcam.bench.suite_folder import FinishedSuite, SuiteSet
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.disk.work_folder import remove_stale, work_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 RESULTS = "results"
 READING_S = 10.0
@@ -81,31 +90,6 @@ class Evaluation(Value):
         return self.model_dump_json(indent=1, by_alias=True) + "\n"
 
 
-@dataclass(frozen=True)
-class EvaluationRequest:
-    """A command, and how its results are judged.
-
-    Attributes
-    ----------
-    command
-        A line for the shell, which finds the set in $MIRRORCAM_SET, and puts its calibration into $MIRRORCAM_RESULT.
-    timeout_s
-        Time that it may take on one set, with that in which its result is read and scored: READING_S at least.
-    reading
-        How its results are read; sets and calibrations in it are not used.
-    baseline
-        An earlier evaluation; None: none.
-    worse_by
-        The factor by which the RMS error of a set may exceed that of the baseline; None: any.
-    """
-
-    command: str
-    timeout_s: float
-    reading: ScoreRequest
-    baseline: Evaluation | None = None
-    worse_by: float | None = None
-
-
 class EvaluationStopped(InputError):
     """An evaluation that could not go on, because this machine has no more room or lost a folder; the message says why.
 
@@ -121,15 +105,20 @@ class EvaluationStopped(InputError):
 
 
 def evaluate(
-    suite: FinishedSuite, request: EvaluationRequest, folder: Path, progress: Progress = no_progress
+    suite: FinishedSuite,
+    request: EvaluationRequest,
+    reading: Reading,
+    folder: Path,
+    *,
+    baseline: Evaluation | None = None,
+    progress: Progress = no_progress,
 ) -> tuple[Evaluation, dict[str, CalibrationScore]]:
     """Run a command on each set of a suite, in temporary folders, and score what it leaves.
 
-    Logs and results go to `folder / RESULTS`. Returns the evaluation, and the scores by the names of the sets. A
-    command that fails, or whose result cannot be read, fails the set, not the evaluation. Raises InputError for limits
-    or views that cannot be read, and EvaluationStopped.
+    `baseline` is the earlier evaluation that the request names. Logs and results go to `folder / RESULTS`. Returns the
+    evaluation, and the scores by the names of the sets. A command that fails, or whose result cannot be read, fails
+    the set, not the evaluation. Raises InputError for limits or views that cannot be read, and EvaluationStopped.
     """
-    reading = request.reading
     views = None if reading.views is None else ViewsFile.load(reading.views)
     limits = NO_LIMITS if reading.limits is None else Limits.load(reading.limits)
     tried: list[TriedSet] = []
@@ -167,7 +156,7 @@ def evaluate(
         worker.close()
         reserve.unlink()
     report = report_of(scored, list(scores.values()), limits) if scored else None
-    changes = changes_of(request, suite, {each.name: each for each in scored})
+    changes = changes_of(baseline, request.worse_by, suite, {each.name: each for each in scored})
     passed = len(scored) == len(tried) and (report is None or report.passed) and all(each.passed for each in changes)
     evaluation = Evaluation(
         suite=suite.manifest.name,
@@ -183,12 +172,14 @@ def evaluate(
     return evaluation, scores
 
 
-def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping[str, ScoredSet]) -> tuple[Change, ...]:
+def changes_of(
+    baseline: Evaluation | None, worse_by: float | None, suite: FinishedSuite, scored: Mapping[str, ScoredSet]
+) -> tuple[Change, ...]:
     """The watched figure of each set that the baseline has, too; none for sets rendered otherwise."""
-    if request.baseline is None:
+    if baseline is None:
         return ()
-    before = request.baseline.scored
-    the_same = {each.name: each.dataset_sha256 for each in request.baseline.tried}
+    before = baseline.scored
+    the_same = {each.name: each.dataset_sha256 for each in baseline.tried}
     found = []
     for entry in suite.manifest.sets:
         if entry.name not in scored or entry.name not in before or the_same.get(entry.name) != entry.dataset_sha256:
@@ -197,8 +188,8 @@ def changes_of(request: EvaluationRequest, suite: FinishedSuite, scored: Mapping
         if not all(figure.known for figure in watched):
             continue
         now, then = (figure.value for figure in watched)
-        passed = request.worse_by is None or now <= request.worse_by * then
-        found.append(Change(set=entry.name, figure=WATCHED, before=then, now=now, most=request.worse_by, passed=passed))
+        passed = worse_by is None or now <= worse_by * then
+        found.append(Change(set=entry.name, figure=WATCHED, before=then, now=now, most=worse_by, passed=passed))
     return tuple(found)
 
 
@@ -247,7 +238,7 @@ class _Reading:
     name: str
     place: Path
     kept: Path
-    reading: ScoreRequest
+    reading: Reading
     views: ViewsFile | None
     limits: Limits
 
@@ -294,3 +285,39 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
     finally:
         timer.cancel()
         timer.join()
+
+
+def read_evaluation(path: Path) -> Evaluation:
+    """Read an evaluation; raises InputError in one line where it is none.
+
+    A set whose RMS error is not a number from 0 on has no score, but a failure that says so.
+    """
+    tables = tables_of(path, read_bytes(path, LARGEST_LAYOUT_BYTES))
+    scores = tables.get("scores") if isinstance(tables, dict) else None
+    sets = scores.get("sets") if isinstance(scores, dict) else None
+    if isinstance(scores, dict) and isinstance(sets, list):
+        invalid = {name: why for each in sets if (name := _name_of(each)) and (why := _invalid(each))}
+        scores["sets"] = [each for each in sets if _name_of(each) not in invalid]
+        for each in tables["tried"] if isinstance(tables.get("tried"), list) else []:
+            if (name := _name_of(each)) in invalid:
+                each["failure"] = invalid[name]
+    return model_from(Evaluation, path, tables)
+
+
+def _name_of(table: Any) -> str:
+    """The name of a set that a table states; empty where it does not."""
+    name = table.get("name") if isinstance(table, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _invalid(scored: dict[str, Any]) -> str:
+    """Why the score in a table is none; empty where it is one, and where the table has no figures."""
+    figures = scored.get("figures")
+    if not isinstance(figures, dict):
+        return ""
+    figure = figures.get(WATCHED)
+    value = figure.get("value") if isinstance(figure, dict) else None
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value < math.inf:
+        return ""
+    shown = shortened("".join(each for each in repr(value) if each.isprintable()), 40)
+    return f"invalid result: {WATCHED} is {shown}, expected a number from 0 on"

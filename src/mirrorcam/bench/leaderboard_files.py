@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
-from mirrorcam.bench.evaluation import Evaluation
-from mirrorcam.bench.evaluation_reading import read_evaluation
-from mirrorcam.bench.leaderboard_page import leaderboard_page
-from mirrorcam.bench.scores.attempt import Attempt
-from mirrorcam.bench.scores.leaderboard import Leaderboard, leaderboard
-from mirrorcam.bench.scores.leaderboard_texts import markdown
-from mirrorcam.core.disk.output_folder import refuse_texts, write_texts
+from markupsafe import Markup
+
+from mirrorcam.bench.evaluation import Evaluation, read_evaluation
+from mirrorcam.bench.scores.leaderboard import (
+    HOW_TO_READ,
+    RANKED,
+    Attempt,
+    BoardRow,
+    Leaderboard,
+    board_rows,
+    common_text,
+    leaderboard,
+    markdown,
+    reasons,
+    set_rows,
+    set_text,
+)
+from mirrorcam.bench.scores.report_texts import value_text
+from mirrorcam.calibration.inline_svg import Scale, coordinate, drawing, line, text
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.html.templates import Table, Tile, render
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import LONGEST
-from mirrorcam.core.values import InputError
 
-COMMAND = "leaderboard"
+FILES = ("leaderboard.html", "leaderboard.md", "leaderboard.json")
+"""Names of the files of a leaderboard."""
 MOST_CHARS = 500
 
 
@@ -61,18 +78,106 @@ def _pair(given: str, form: str) -> tuple[str, str]:
     return name, rest
 
 
-def texts(board: Leaderboard, page: Path, markdown_file: Path | None, json_file: Path | None) -> Mapping[Path, str]:
-    """The files of a board by their paths; raises InputError where a path appears twice."""
-    found = {page: leaderboard_page(board)}
-    for path, content in ((markdown_file, markdown(board)), (json_file, board.text())):
-        if path is not None:
-            if path in found:
-                raise InputError(f"{path}: is to be written twice, expected different files")
-            found[path] = content
-    return found
+def write_leaderboard(board: Leaderboard, folder: Path) -> None:
+    """Write the files of a board into a folder, each atomically."""
+    for name, content in zip(FILES, (leaderboard_page(board), markdown(board), board.text()), strict=True):
+        write_text(folder / name, content)
 
 
-def write_leaderboard(files: Mapping[Path, str], *, force: bool) -> None:
-    """Write the files, each atomically; raises InputError before any where one would replace a file of the user's."""
-    refuse_texts(files, COMMAND, force=force)
-    write_texts(files, COMMAND, force=force)
+TEMPLATES = Path(__file__).parent
+WIDTH, ROW, TOP, BOTTOM, EDGE = 480.0, 46.0, 8.0, 46.0, 14.0
+"""Of the drawing: it is narrow so that a telephone shows its letters large enough."""
+LONGEST_LABEL = 44
+SMALLEST_PX = 1e-6
+"""Smaller errors are drawn here: the axis is logarithmic."""
+
+
+def leaderboard_page(board: Leaderboard) -> str:
+    """The page."""
+    count = count_text(len(board.rows), "calibrator")
+    return render(
+        TEMPLATES,
+        "leaderboard_page.html",
+        title="Leaderboard of calibrators",
+        lead=f"{count}, each run on rendered sets of pictures without their ground truth, and compared with it.",
+        tiles=_tiles(board),
+        table=Table(*_split(board_rows(board)), style="figures"),
+        how_to_read=HOW_TO_READ,
+        common=common_text(board),
+        chart=rms_chart(board),
+        sets=_set_table(board),
+        reasons=[(calibrator, ", ".join(names), why) for calibrator, why, names in reasons(board)],
+        not_run=tuple(board.not_run.items()),
+        commands=[(row.calibrator, row.command) for row in board.rows],
+        about=[(each.name, each.why) for each in board.sets],
+    )
+
+
+def _split(rows: list[list[str]]) -> tuple[list[str], list[list[str]]]:
+    heads, *others = rows
+    return heads, others
+
+
+def _tiles(board: Leaderboard) -> list[Tile]:
+    tiles = [
+        Tile(f"{len(board.sets)}", "sets"),
+        Tile(f"{len(board.common)}", "of them scored by all calibrators"),
+    ]
+    best = board.rows[0] if board.rows else None
+    if best is not None and RANKED in best.over_common:
+        tiles.append(Tile(f"{value_text(best.over_common[RANKED], 3)} px", f"RMS error of the best, {best.calibrator}"))
+    return tiles
+
+
+def _set_table(board: Leaderboard) -> Table:
+    """RMS px of every set and calibrator, the best of a set in bold, and failures marked."""
+    heads, *_ = set_rows(board)
+    rows: list[tuple[str | Markup, ...]] = []
+    for each in board.sets:
+        errors = [row.rms_px[each.name] for row in board.rows if each.name in row.rms_px]
+        best = min(errors) if len(errors) > 1 else None
+        rows.append((each.name, *(_cell(row, each.name, best) for row in board.rows)))
+    return Table(heads, rows, style="figures")
+
+
+def _cell(row: BoardRow, name: str, best: float | None) -> str | Markup:
+    shown = set_text(row, name)
+    if name in row.failures:
+        return Markup('<b class="fail" title="{}">{}</b>').format(row.failures[name], shown)
+    return Markup("<b>{}</b>").format(shown) if best is not None and row.rms_px.get(name) == best else shown
+
+
+def rms_chart(board: Leaderboard) -> Markup:
+    """Draw the RMS error of each calibrator: a dot for a set, and a bar to the mean over common sets; none: no score.
+
+    The axis is logarithmic.
+    """
+    shown = [row for row in board.rows if row.rms_px]
+    if not shown:
+        return Markup()
+    logs = [_log(value) for row in shown for value in row.rms_px.values()]
+    x = Scale(math.floor(min(logs)), max(math.ceil(max(logs)), math.floor(min(logs)) + 1), EDGE, WIDTH - EDGE)
+    end = TOP + ROW * len(shown)
+    parts = []
+    for power in range(int(x.low), int(x.high) + 1):
+        parts.append(line(x(power), TOP, x(power), end, "grid"))
+        parts.append(text(x(power), end + 18, f"{10.0**power:g}", style="tick"))
+    parts.append(text((x.start + x.end) / 2, end + 38, "RMS error, px", style="name"))
+    for number, row in enumerate(shown):
+        y = TOP + ROW * number + 14
+        label = row.calibrator if len(row.calibrator) <= LONGEST_LABEL else f"{row.calibrator[: LONGEST_LABEL - 1]}…"
+        mean = row.over_common.get(RANKED)
+        if mean is not None:
+            size = f'x="{x.start:g}" y="{y + 8:g}" width="{coordinate(x(_log(mean)) - x.start)}" height="14"'
+            parts.append(f'<rect {size} class="key" fill-opacity=".25"/>')
+            label += f": {value_text(mean, 3)} px"
+        parts += [
+            f'<circle cx="{coordinate(x(_log(value)))}" cy="{y + 15:g}" r="3.5" class="dot"/>'
+            for value in row.rms_px.values()
+        ]
+        parts.append(text(x.start, y + 2, label, anchor="start", style="on"))
+    return drawing(WIDTH, end + BOTTOM, "".join(parts), "RMS error of every calibrator and set")
+
+
+def _log(value: float) -> float:
+    return math.log10(max(abs(value), SMALLEST_PX))

@@ -1,97 +1,166 @@
-"""`mirrorcam score`: anyone's calibration of a rendered set, compared with the set's ground truth."""
+"""`mirrorcam score`: anyone's calibrations of rendered sets against their truth; calibrators, alone and compared."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import App, Parameter
 
-from mirrorcam.core.bounds import DEPTH_MM
-from mirrorcam.core.console.option_texts import (
-    AUTO,
-    FILE,
-    FORCE,
-    FormatOption,
-    LimitsOption,
-    PicturesOption,
-    UnitOption,
-    ViewsOption,
-)
-from mirrorcam.core.console.progress import print_table, say
-from mirrorcam.core.values import Value
+from mirrorcam.bench.score_request import EvaluationRequest, Reading, ScoreRequest
+from mirrorcam.core.console.options import Force
+from mirrorcam.core.console.progress import long_work, print_table, say
 
 if TYPE_CHECKING:
+    from mirrorcam.bench.evaluation import Evaluation
     from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
 
 LEFT_OUT = ("median_px", "bias_x_px", "bias_y_px")
 """Figures of views that a terminal is too narrow for; the files of the report have them."""
+OutputFolder = Annotated[Path, Parameter(help="output folder")]
+
+app = App(name="score")
 
 
-class ScoreOptions(Value):
-    """Score anyone's calibration of a rendered set against its ground truth; exit 1 past a limit."""
+@app.default
+def score(
+    sets: Annotated[
+        tuple[Path, ...],
+        Parameter(name="SET...", help="folders of sets that mirrorcam render wrote, or folders of such folders"),
+    ],
+    /,
+    *,
+    request: ScoreRequest,
+    reading: Reading = Reading(),
+    out: OutputFolder = Path("output/score"),
+    force: Force = False,
+) -> int:
+    """Score anyone's calibrations of rendered sets.
 
-    sets: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="SET...", help_behavior_hint="")] = (
-        Field(min_length=1, description="folders of sets that `mirrorcam render` wrote, or folders of such folders")
-    )
-    calibration: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE|FOLDER...")] = Field(
-        min_length=1,
-        description="the calibration of each set; or one folder that holds one for each, by the name of the set",
-    )
-    format: FormatOption = AUTO
-    unit: UnitOption = AUTO
-    pictures: PicturesOption = AUTO
-    views: ViewsOption = None
-    covariance: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...", help_behavior_hint="")] = Field(
-        default=(), description="covariance of the calibration's parameters, JSON, for NEES; a layout.json has its own"
-    )
-    distance_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(that of the set's layout)")
-    ] = DEPTH_MM.field(None, "working distance from each view")
-    limits: LimitsOption = None
-    json_file: Annotated[Path | None, tyro.conf.arg(name="json", metavar="FILE", help_behavior_hint="")] = Field(
-        default=None, description="file to write the report to as JSON"
-    )
-    markdown: Annotated[Path | None, FILE] = Field(default=None, description="file to write it to as Markdown")
-    junit: Annotated[Path | None, FILE] = Field(
-        default=None, description="file to write its limits to as tests of JUnit"
-    )
-    set_name: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...", help_behavior_hint="")] = Field(
-        default=(), description="names of the sets in reports, instead of their folders'"
-    )
-    force: bool = FORCE
+    Compares calibrations of Kalibr, OpenCV, ROS, COLMAP, mrcal, Anipose or MirrorCam with the truth of the sets. Writes
+    score.json, score.md, and the limits as tests in junit.xml. Exit code 1: a figure exceeds its limit.
 
+    Examples:
+        mirrorcam score output/set --calibration camchain.yaml
+        mirrorcam score sets/ --calibration results/ --limits limits.toml
+        mirrorcam score suite suites --command 'python calibrate.py'
+    """
+    from mirrorcam.bench.scoring import FILES, score, write_report
+    from mirrorcam.core.disk.output_folder import output_folder
 
-def run(options: ScoreOptions) -> int:
-    """Score, print the figures, and write the files; 1 where a figure is past its limit."""
-    from mirrorcam.bench.scoring import ScoreFiles, ScoreRequest, refuse_files, score, write_report
-
-    files = ScoreFiles(options.json_file, options.markdown, options.junit)
-    refuse_files(files, force=options.force)
-    request = ScoreRequest(
-        sets=options.sets,
-        calibrations=options.calibration,
-        covariances=options.covariance,
-        names=options.set_name,
-        format=None if options.format == AUTO else options.format,
-        unit=None if options.unit == AUTO else options.unit,
-        pictures=None if options.pictures == AUTO else options.pictures,
-        views=options.views,
-        distance_mm=options.distance_mm,
-        limits=options.limits,
-    )
-    report = score(request)
+    with output_folder(out, "score", force=force) as output:
+        output.refuse_others(*FILES)
+        report = score(sets, request, reading)
+        with output.staged(result="score.json") as folder:
+            write_report(report, folder)
     for scored in report.sets:
         _print(scored)
     if len(report.sets) > 1:
         _print_means(report)
-    write_report(report, files, force=options.force)
-    if files.paths:
-        say("score", f"{', '.join(map(str, files.paths))} written")
-    if options.limits is not None:
+    say("score", f"{', '.join(str(out / name) for name in FILES)} written")
+    if reading.limits is not None:
         say("score", "passed" if report.passed else "failed: a figure exceeds its limit, or is not given")
     return 0 if report.passed else 1
+
+
+@app.command
+def suite(
+    rendered: Annotated[
+        Path,
+        Parameter(name="SUITE", help="NAME.suite.json that mirrorcam suite wrote, or the folder that holds no other"),
+    ],
+    /,
+    *,
+    request: EvaluationRequest,
+    reading: Reading = Reading(),
+    out: OutputFolder = Path("output/evaluation"),
+    force: Force = False,
+) -> int:
+    """Run a calibrator on every set of a suite, and score its results.
+
+    The calibrator does not see the truth. Writes evaluation.json, summary.md, junit.xml, and pictures/ and results/ of
+    the sets. Exit code 1: a set has no score, or a figure exceeds its limit.
+
+    Examples:
+        mirrorcam score suite suites --command 'python calibrate.py' --limits limits.toml
+    """
+    from mirrorcam.bench.evaluation import EvaluationStopped, evaluate, read_evaluation
+    from mirrorcam.bench.evaluation_files import FILES, write_evaluation
+    from mirrorcam.bench.suite_folder import read_finished
+    from mirrorcam.core.disk.output_folder import output_folder
+
+    finished = read_finished(rendered)
+    baseline = None if request.baseline is None else read_evaluation(request.baseline)
+    stopped = None
+    # Absolute: the command may remove the folder that this process works in.
+    with output_folder(out.absolute(), "evaluate", force=force) as output:
+        output.refuse_others(*FILES)
+        with output.staged(result="evaluation.json") as folder:
+            try:
+                with long_work("score", request.command, "sets") as advance:
+                    evaluation, scores = evaluate(
+                        finished, request, reading, folder, baseline=baseline, progress=advance
+                    )
+            except EvaluationStopped as error:
+                evaluation, scores, stopped = error.evaluation, error.scores, error
+            write_evaluation(evaluation, scores, finished, folder)
+    _print_sets(evaluation)
+    if stopped is not None:
+        raise stopped
+    say("score", f"{out} written: {'passed' if evaluation.passed else 'failed'}")
+    return 0 if evaluation.passed else 1
+
+
+@app.command
+def leaderboard(
+    evaluations: Annotated[
+        tuple[str, ...],
+        Parameter(
+            name="NAME=FILE...",
+            help="name of a calibrator and its evaluation.json by mirrorcam score suite; those of one name are put "
+            "together",
+        ),
+    ],
+    /,
+    *,
+    not_run: Annotated[
+        tuple[str, ...], Parameter(metavar="NAME=WHY...", help="calibrators that the page names as not run, and why")
+    ] = (),
+    out: OutputFolder = Path("output/leaderboard"),
+    force: Force = False,
+) -> int:
+    """Compare calibrators by their evaluations, on a page.
+
+    Writes leaderboard.html, leaderboard.md and leaderboard.json.
+
+    Examples:
+        mirrorcam score leaderboard mine=mine/evaluation.json theirs=theirs/evaluation.json
+    """
+    from mirrorcam.bench.leaderboard_files import FILES, read_leaderboard, write_leaderboard
+    from mirrorcam.bench.scores.leaderboard import board_rows, reasons
+    from mirrorcam.core.disk.output_folder import output_folder
+
+    board = read_leaderboard(evaluations, not_run)
+    with output_folder(out, "leaderboard", force=force) as output:
+        output.refuse_others(*FILES)
+        with output.staged(result="leaderboard.json") as folder:
+            write_leaderboard(board, folder)
+    heads, *rows = board_rows(board)
+    shown = [place for place, head in enumerate(heads) if head in ("calibrator", "sets scored", "NEES") or "px" in head]
+    print_table([heads[place] for place in shown], [[row[place] for place in shown] for row in rows])
+    for calibrator, why, names in reasons(board):
+        say("leaderboard", f"{calibrator} failed on {', '.join(names)}: {why}")
+    say("leaderboard", f"{out / 'leaderboard.html'} written")
+    return 0
+
+
+def _print_sets(evaluation: Evaluation) -> None:
+    from mirrorcam.bench.evaluation_files import SHORT_COLUMNS, failed_lines, set_rows
+
+    heads, *rows = set_rows(evaluation, SHORT_COLUMNS)
+    print_table(heads, rows)
+    for line in failed_lines(evaluation):
+        say("score", line)
 
 
 def _print(scored: ScoredSet) -> None:

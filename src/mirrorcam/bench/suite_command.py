@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import Parameter
 
-from mirrorcam.core.bounds import PICTURES, WORKERS
+from mirrorcam.core.bounds import PICTURES
+from mirrorcam.core.console.options import Scheduler, Workers, bounded
 from mirrorcam.core.console.progress import long_work, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.progress import no_progress
-from mirrorcam.core.values import InputError, InvalidValue, Value
+from mirrorcam.core.values import InvalidValue
 
 if TYPE_CHECKING:
-    from mirrorcam.bench.suite_run import Plan, Workers
+    from mirrorcam.bench.suite_run import Plan
+    from mirrorcam.bench.suite_run import Workers as Renderers
     from mirrorcam.bench.suite_store import Store
     from mirrorcam.core.disk.output_folder import OutputFolder
     from mirrorcam.render_scenes.suites.suite import Suite
@@ -26,74 +28,74 @@ if TYPE_CHECKING:
 COPIES = PICTURES.cut(least=1)
 
 
-class SuiteOptions(Value):
-    """Render the sets of a suite that are not there yet: many cameras, boards and hard cases, each with its truth.
+def suite(
+    name: Annotated[
+        str | None,
+        Parameter(
+            name="NAME|FILE", help="smoke, standard, or a TOML file like theirs. [default: list those of the program]"
+        ),
+    ] = None,
+    /,
+    *,
+    copies: Annotated[int, bounded(COPIES, "number of copies of each set, which differ in their seeds alone")] = 1,
+    plan: Annotated[
+        bool, Parameter(help="render nothing; list the sets, which of them are there, and what the others take")
+    ] = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    fetch: Annotated[
+        str | None,
+        Parameter(metavar="URL", help="copy sets from a folder, s3://bucket/prefix, ..., instead of rendering them"),
+    ] = None,
+    publish: Annotated[
+        str | None, Parameter(metavar="URL", help="copy the rendered suite there; sets that are there stay as they are")
+    ] = None,
+    out: Annotated[
+        Path, Parameter(help="folder that suites share, for their sets and manifests; an interrupted suite is resumed")
+    ] = Path("output/suites"),
+) -> int:
+    """Render the sets of a suite: many cameras, boards and hard cases.
 
-    Without a name, list the suites that come with the program.
+    Sets that are there are kept, each with its truth. Without a name, list the suites of the program. Exit code 1: a
+    set could not be rendered.
+
+    Examples:
+        mirrorcam suite
+        mirrorcam suite standard --plan
+        mirrorcam suite smoke --out suites
     """
-
-    name: Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[NAME|FILE]", help_behavior_hint="")] = (
-        Field(default=None, description="smoke, standard, or a TOML file like theirs")
-    )
-    copies: int = COPIES.field(1, "render so many of each set, which differ in their seeds alone")
-    plan: bool = Field(default=False, description="render nothing; list the sets, what is there, and what they take")
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
-        None, "number of sets rendered at the same time on this machine"
-    )
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = Field(
-        default=None, description="Dask scheduler whose workers render them instead, such as tcp://host:8786"
-    )
-    fetch: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
-        default=None,
-        description="copy sets that are there instead of rendering them: a folder, s3://bucket/prefix, ...",
-    )
-    publish: Annotated[str | None, tyro.conf.arg(metavar="URL", help_behavior_hint="")] = Field(
-        default=None, description="copy the suite there when it is rendered; sets that are there stay as they are"
-    )
-    out: Path = Field(
-        default=Path("output/suites"),
-        description="folder that suites share, for their sets and manifests; an interrupted suite is resumed",
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.workers is not None and self.scheduler is not None:
-            raise ValueError("--workers and --scheduler: expected one of the two")
-        if self.name is None and self.plan:
-            raise ValueError("--plan: expected the name of a suite, or a .toml file")
-        return self
-
-
-def run(options: SuiteOptions) -> int:
-    """Plan the suite and render what is missing; 1 where a set could not be rendered."""
-    if options.name is None:
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler: expected one of the two")
+    if name is None:
+        if plan:
+            raise InputError("--plan: expected the name of a suite, or a .toml file")
         return show_suites()
-    suite = suite_of(options.name, options.copies)
-    require("render", *(["cluster"] if options.scheduler is not None else []))
+    chosen = suite_of(name, copies)
+    require("render", *(["cluster"] if scheduler is not None else []))
     from mirrorcam.bench.suite_run import planned, workers_here, workers_of
     from mirrorcam.bench.suite_store import Store
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.render_scenes.variant import choose_variant
 
-    count = None if options.scheduler is not None else options.workers or cores()
-    source = None if options.fetch is None else Store(options.fetch)
-    target = None if options.publish is None else Store(options.publish)
-    if options.plan:
-        plan = planned(suite, options.out, choose_variant(), source)
-        print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(plan))
-        say("suite", plan_text(plan, count))
+    count = None if scheduler is not None else workers or cores()
+    source = None if fetch is None else Store(fetch)
+    target = None if publish is None else Store(publish)
+    if plan:
+        found = planned(chosen, out, choose_variant(), source)
+        print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(found))
+        say("suite", plan_text(found, count))
         return 0
-    workers = workers_here(count) if count is not None else workers_of(f"{options.scheduler}")
-    who = f"the workers of {options.scheduler}" if count is None else count_text(count, "worker")
-    with output_folder(options.out, "suite") as output:
-        plan = planned(suite, options.out, choose_variant(), source)
-        say("suite", plan_text(plan, count))
-        return render_planned(plan, output, workers, who, source, target)
+    renderers = workers_here(count) if count is not None else workers_of(f"{scheduler}")
+    who = f"the workers of {scheduler}" if count is None else count_text(count, "worker")
+    with output_folder(out, "suite") as output:
+        found = planned(chosen, out, choose_variant(), source)
+        say("suite", plan_text(found, count))
+        return render_planned(found, output, renderers, who, source, target)
 
 
 def render_planned(
-    plan: Plan, output: OutputFolder, workers: Workers, who: str, source: Store | None, target: Store | None
+    plan: Plan, output: OutputFolder, workers: Renderers, who: str, source: Store | None, target: Store | None
 ) -> int:
     """Fetch, design and render what is missing, say what came of it, and publish it; 1 where a set is missing."""
     from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
@@ -167,7 +169,7 @@ def plan_rows(plan: Plan) -> list[tuple[str, ...]]:
 
 def plan_text(plan: Plan, workers: int | None) -> str:
     """What a suite takes: sets, pictures, size, and the time of workers of this machine, or of one core for others."""
-    from mirrorcam.render_scenes.suites.costs import design_seconds, elapsed_s, slowness
+    from mirrorcam.render_scenes.suites.suite import design_seconds, elapsed_s, slowness
 
     suite, missing = plan.suite, plan.unfinished
     states = Counter(each.state for each in plan.sets)

@@ -25,17 +25,16 @@ from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_sweep import Runner, layout_name, sweep
-from mirrorcam.designs.sweep_run import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
-from mirrorcam.render_scenes.suites.costs import Cost, set_cost
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
     CODE,
@@ -45,7 +44,7 @@ from mirrorcam.render_scenes.suites.set_work import (
     render_in_turn,
     render_on_one_core,
 )
-from mirrorcam.render_scenes.suites.suite import Suite
+from mirrorcam.render_scenes.suites.suite import Cost, Suite, set_cost
 
 SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetAnswer | Died]]]
 LARGEST_ANSWER_BYTES = 1_000_000_000

@@ -2,107 +2,99 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Protocol
 
-from mirrorcam.calibration.calibration_figure import residual_figure
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from mirrorcam.calibration.calibration_page import write_report
-from mirrorcam.calibration.calibration_pictures import calibration_pictures
-from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.calibration.calibration_request import CalibrationRequest
+from mirrorcam.core.disk.files import atomic, write_metrics
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import check_size, is_picture, pictures_in, read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
+from mirrorcam.core.video.frames import Frame
+from mirrorcam.core.video.video import MISSING, Video
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_files import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
 from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner, pose_by_layout
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.nested_models import additions_of
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import Target, load_board
 
 FILES = ("layout.json", "metrics.json", "report.html", "residuals.png", "corners.csv")
 """Names of the files of a calibration."""
 MOST_FRAMES, MOST_BASE_FRAMES = 30, 15
 """Frames of videos that a calibration uses, with and without mirrors."""
-
-
-@dataclass(frozen=True)
-class CalibrationRequest:
-    """Inputs of a calibration from files.
-
-    Parameters
-    ----------
-    board
-        `board.toml` of the target.
-    pictures
-        Pictures and videos of the board through the mirrors, or folders of such pictures.
-    corners
-        Tables of corners, in place of pictures with and without mirrors.
-    layout
-        Nominal `layout.json`; None where the camera sees the board directly, too.
-    base_pictures
-        Pictures and videos of the board by the camera without mirrors, or folders of pictures.
-    mirrors
-        Number of mirrors, where there is no layout.
-    level
-        Model to fit; None: the one that the pictures support.
-    lens
-        Lens model of the camera; None: the layout's, or the one that the pictures support.
-    surface
-        Which surface of the mirrors reflects, where that is not what the layout says; None: as it says.
-    detections
-        Folder that keeps found corners, so that no picture is searched twice.
-    """
-
-    board: Path
-    pictures: tuple[Path, ...] = ()
-    corners: tuple[Path, ...] = ()
-    layout: Path | None = None
-    base_pictures: tuple[Path, ...] = ()
-    mirrors: int | None = None
-    level: str | None = None
-    lens: LensName | None = None
-    surface: Literal["first", "second"] | None = None
-    detections: Path | None = None
-
-    def __post_init__(self) -> None:
-        if (self.layout is None) == (self.mirrors is None):
-            raise InputError(
-                "expected a nominal layout, or the number of mirrors where the board is also seen directly"
-            )
-        if bool(self.pictures) == bool(self.corners) or (self.corners and self.layout is None):
-            raise InputError("expected pictures, or tables of corners with a nominal layout")
+SEARCHED = 60
+"""Frames of a video in which boards are searched."""
+ARROW_CELLS = 0.8  # length at which the rms of those averages is drawn
 
 
 def calibrate_files(
+    pictures: Sequence[Path],
     request: CalibrationRequest,
+    *,
+    detections: Path | None = None,
     progress: Progress = no_progress,
     on_hint: Callable[[str, NextPose], None] | None = None,
-    tell: Callable[[str], None] = lambda sentence: None,
+    on_note: Callable[[str], None] = lambda sentence: None,
 ) -> Calibration:
     """Calibrate from files; every picture is read when its turn comes, and of every video some frames are used.
 
-    `progress` is called with the numbers of pictures done and of all; `on_hint`, where given, after each picture
-    through the mirrors (without a layout, after all of them) with its name and the pose that the next one should show;
-    `tell` with a sentence on the frames of each video, and on files left out. Raises InputError where a
-    file cannot be read or the pictures do not suffice.
+    Parameters
+    ----------
+    pictures
+        Pictures and videos of the board through the mirrors, or folders of such pictures; empty with tables of corners.
+    request
+        The other inputs, and the model to fit.
+    detections
+        Folder that keeps found corners, so that no picture is searched twice.
+    progress
+        Called with the numbers of pictures done and of all.
+    on_hint
+        Called after each picture through the mirrors (without a layout, after all of them) with its name and the pose
+        that the next one should show.
+    on_note
+        Called with a sentence on the frames of each video, and on files left out.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be read or the pictures do not suffice.
     """
+    if bool(pictures) == bool(request.corners):
+        raise InputError("expected pictures, or --corners FILE")
+    if request.corners and on_hint is not None:
+        raise InputError("--live-hint goes with pictures, expected it without --corners")
     target = load_board(request.board)
+    if request.direct_view is not None:
+        return _calibrate_directly(pictures, request, request.direct_view, target, progress, on_hint, on_note)
     if request.layout is None:
-        return _calibrate_directly(request, target, progress, on_hint, tell)
+        raise InputError("expected a layout, or the number of mirrors")
     layout = Layout.load(request.layout)
     if request.corners:
-        fit_corners = _fit_to_corners(request, layout, target)
-        return fit_corners(_model(request, layout, fit_corners))
+        return _of_surface(layout, request.model, _fit_to_corners(request, layout, target))
     seen, base = (
-        calibration_pictures(paths, most, camera=layout.camera, tell=tell)
-        for paths, most in ((request.pictures, MOST_FRAMES), (request.base_pictures, MOST_BASE_FRAMES))
+        calibration_pictures(paths, most, camera=layout.camera, on_note=on_note)
+        for paths, most in ((pictures, MOST_FRAMES), (request.base, MOST_BASE_FRAMES))
     )
     planner = None if on_hint is None else NextPosePlanner.designed(layout, target)
 
@@ -113,47 +105,46 @@ def calibrate_files(
                 planner.add(pose, found[-1])
             on_hint(seen.names[len(found) - 1], planner.next())
 
-    def fit(model: _Model, on_seen: Callable[[Sequence[Observations]], None] = lambda found: None) -> Calibration:
+    def fit(layout: Layout, model: RequestedModel, *, last: bool) -> Calibration:
         return calibrate(
             seen.pictures,
             base.pictures,
-            model.layout,
+            layout,
             target,
-            level=model.level,
-            extend=model.extend,
-            lens=request.lens,
-            detections=request.detections,
+            model=model,
+            detections=detections,
             workers=cores(),
             most=(seen.most, base.most),
             names=(seen.labels, base.labels),
             on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
-            on_seen=on_seen,
+            on_seen=hint if last else lambda found: None,
         )
 
-    return fit(_model(request, layout, fit), on_seen=hint)
+    return _of_surface(layout, request.model, fit)
 
 
-@dataclass(frozen=True)
-class _Model:
-    """What is fitted: mirrors as of a layout, a level (None: chosen by evidence), and whether levels above it count."""
+class _Fit(Protocol):
+    """A fit of a model to mirrors as in a layout; `last` is false where its result only starts another one."""
 
-    layout: Layout
-    level: str | None
-    extend: bool = False
+    def __call__(self, layout: Layout, model: RequestedModel, *, last: bool) -> Calibration: ...
 
 
-def _model(request: CalibrationRequest, layout: Layout, fit: Callable[[_Model], Calibration]) -> _Model:
-    """The model for mirrors of the requested surface; `fit` is called where the thickness of plates is to be found."""
-    if request.surface == "second" and not layout.mirrors[0].is_second_surface:
-        # The thickness decides where ghost images are; the pictures tell it better than the drawing of a plate.
-        first = fit(_Model(layout, "joint"))
+def _of_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calibration:
+    """The calibration with mirrors of the requested surface; the thickness of new plates is fitted beforehand."""
+    model = replace(requested, surface=None)
+    if requested.surface == "second" and not layout.mirrors[0].is_second_surface:
+        # The thickness decides where ghost images are; the pictures determine it better than the drawing of a plate.
+        first = fit(layout, RequestedModel(lens=model.lens), last=False)
         other_surface = first.diagnostics.other_surface if first.diagnostics is not None else None
         layout = layout.with_surface("second", None if other_surface is None else other_surface.thickness_mm)
-        return _Model(layout, "joint+sheet", extend=True) if request.level is None else _Model(layout, request.level)
-    return _Model(layout.with_surface("first") if request.surface == "first" else layout, request.level)
+        if model.auto and "sheet" not in model.additions:
+            model = replace(model, additions=("sheet", *model.additions))
+    elif requested.surface == "first":
+        layout = layout.with_surface("first")
+    return fit(layout, model, last=True)
 
 
-def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target) -> Callable[[_Model], Calibration]:
+def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target) -> _Fit:
     """A function that fits a model to the corners in the tables of a request."""
     corners_mm = target.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
@@ -161,18 +152,14 @@ def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target)
     base = [picture for table in tables for picture in table.base.items()]
     if not seen:
         raise InputError(f"{request.corners[0]}: all corners are seen directly, expected pictures through the mirrors")
-    if request.level is not None:
-        additions_of(request.level)
 
-    def fit(model: _Model) -> Calibration:
+    def fit(layout: Layout, model: RequestedModel, *, last: bool) -> Calibration:
         found = calibrate_corners(
             [corners for _, corners in seen],
             [corners for _, corners in base],
-            model.layout,
+            layout,
             corners_mm,
-            level=model.level,
-            extend=model.extend,
-            lens=request.lens,
+            model=model,
             names=[name for name, _ in (*seen, *base)],
         )
         return replace(found, notes=(*(note for table in tables for note in table.notes), *found.notes))
@@ -181,25 +168,25 @@ def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target)
 
 
 def _calibrate_directly(
+    pictures: Sequence[Path],
     request: CalibrationRequest,
+    mirrors: int,
     target: Target,
     progress: Progress,
     on_hint: Callable[[str, NextPose], None] | None,
-    tell: Callable[[str], None],
+    on_note: Callable[[str], None],
 ) -> Calibration:
-    if request.mirrors is None:
-        raise InputError("expected the number of mirrors")
-    taken = calibration_pictures(request.pictures, MOST_FRAMES, tell=tell)
-    base = calibration_pictures(request.base_pictures, MOST_BASE_FRAMES, tell=tell)
+    taken = calibration_pictures(pictures, MOST_FRAMES, on_note=on_note)
+    base = calibration_pictures(request.base, MOST_BASE_FRAMES, on_note=on_note)
     return calibrate_with_direct_view(
         taken.read(),
         target,
-        mirrors=request.mirrors,
+        mirrors=mirrors,
         names=taken.names,
         base=base.read(),
         base_names=base.labels,
         most=taken.most,
-        level=request.level,
+        model=request.model,
         beside=taken.beside if any(taken.sources) else None,
         progress=progress,
         on_hint=on_hint,
@@ -216,3 +203,184 @@ def write_calibration(calibration: Calibration, folder: Path, *, command: str) -
     save_corners(folder / "corners.csv", calibration)
     residual_figure(calibration, folder / "residuals.png")
     write_report(calibration, folder / "report.html", command=command)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationPictures:
+    """Pictures to search, each a file or the grey values (h, w) of a frame, and their names.
+
+    `most` is the number of them to use, where there are frames of a video among them; else None, all. `sources` has the
+    video and frame number of each; None for a picture.
+    """
+
+    pictures: list[Path | Grey]
+    names: list[str]
+    most: int | None
+    sources: list[tuple[Path, int] | None]
+
+    @property
+    def labels(self) -> list[str]:
+        """Names that tell pictures of several folders apart: paths as given, and frames of videos."""
+        return [
+            each.as_posix() if source is None and isinstance(each, Path) else name
+            for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)
+        ]
+
+    def read(self) -> list[Grey]:
+        """All of them in grey; raises InputError for a file that cannot be read."""
+        return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]
+
+    def beside(self, numbers: Sequence[int]) -> list[tuple[Grey, Grey] | None]:
+        """The frames before and after some pictures; None for one that is no frame of a video, or lacks either."""
+        wanted: dict[Path, set[int]] = {}
+        for source in (self.sources[number] for number in numbers):
+            if source is not None:
+                wanted.setdefault(source[0], set()).update((source[1] - 1, source[1] + 1))
+        found = {path: _frames(path, frames) for path, frames in wanted.items()}
+        pairs: list[tuple[Grey, Grey] | None] = []
+        for source in (self.sources[number] for number in numbers):
+            of_video = {} if source is None else found[source[0]]
+            before, after = (None if source is None else of_video.get(source[1] + step) for step in (-1, 1))
+            pairs.append(None if before is None or after is None else (before, after))
+        return pairs
+
+
+def calibration_pictures(
+    paths: Sequence[Path], most: int, *, camera: Camera | None = None, on_note: Callable[[str], None]
+) -> CalibrationPictures:
+    """The pictures of files, folders and videos, in order.
+
+    Parameters
+    ----------
+    paths
+        Picture files, folders of them, and videos.
+    most
+        Number of pictures to use where there is a video among them.
+    camera
+        Whose size videos must have; None for any.
+    on_note
+        Called with a sentence about each video: what to know of it, how many of its frames were chosen, and how long it
+        took; and about files of folders that are left out, and pictures of 16 bits.
+
+    Raises
+    ------
+    InputError
+        For a folder without pictures, and for a file that is neither a picture nor a video, or of another size.
+    """
+    pictures: list[Path | Grey] = []
+    names: list[str] = []
+    sources: list[tuple[Path, int] | None] = []
+    for path in pictures_in(paths, on_note):
+        if is_picture(path):
+            pictures.append(path)
+            names.append(path.name)
+            sources.append(None)
+            continue
+        if path.suffix.lower() in (".csv", MRCAL_SUFFIX):
+            raise InputError(f"{path}: a table of corners, expected pictures: give it with --corners")
+        for frame in _sharp_frames(path, camera, on_note):
+            pictures.append(frame.picture)
+            names.append(f"{path.name} frame {frame.number}")
+            sources.append((path, frame.number))
+    return CalibrationPictures(pictures, names, most if any(sources) else None, sources)
+
+
+def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], None]) -> list[SharpFrame]:
+    started = time.monotonic()
+    video, kept, count, damaged, missing = Video(path, on_note), SharpestFrames(SEARCHED), 0, 0, 0
+    if camera is not None:
+        check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
+    if video.sample_bits.largest:
+        on_note(f"{path.name}: {video.sample_bits}")
+    for frame in video.frames():
+        count += 1
+        if not isinstance(frame, Frame):
+            missing += frame.reason == MISSING
+            damaged += frame.reason != MISSING
+            continue
+        kept.add(SharpFrame.of(frame.number, _grey(frame)))
+    chosen = kept.chosen()
+    if not chosen:
+        raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
+    lost = f", {damaged} of them damaged" if damaged else ""
+    lost += f", {missing} more missing by its times" if missing else ""
+    on_note(
+        f"{path.name}: the {len(chosen)} sharpest of {count - missing} frames, from all of the video{lost}, "
+        f"read in {time.monotonic() - started:.1f} s"
+    )
+    return chosen
+
+
+def _frames(path: Path, numbers: set[int]) -> dict[int, Grey]:
+    """Frames of a video by their numbers, without those that are not there or damaged."""
+    found: dict[int, Grey] = {}
+    for frame in Video(path).frames():
+        if frame.number > max(numbers):
+            break
+        if frame.number in numbers and isinstance(frame, Frame):
+            found[frame.number] = _grey(frame)
+    return found
+
+
+def _grey(frame: Frame) -> Grey:
+    return np.asarray(cv2.cvtColor(frame.pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+
+def residual_figure(calibration: Calibration, path: Path) -> None:
+    """Write a PNG: mean residuals in each part of the sensor, by view, beside their distribution.
+
+    Averages over a cell show what the model misses; where it misses nothing, the directions of the arrows are random.
+    """
+    figure, (sensor, plot) = plt.subplots(1, 2, figsize=(13, 5), width_ratios=(2.3, 1), layout="constrained")
+    _arrows(sensor, calibration)
+    _distribution(plot, calibration)
+    _save(figure, path)
+
+
+def _arrows(axes: Axes, calibration: Calibration) -> None:
+    camera = calibration.layout.camera
+    cell_px = camera.width_px / ARROWS_ACROSS
+    means = {int(view): cell_means(calibration, int(view)) for view in np.unique(calibration.observations.view)}
+    rms = float(np.sqrt(np.mean(np.concatenate([cells.mean_px for cells in means.values()]) ** 2)))
+    gain = ARROW_CELLS * cell_px / max(rms, 1e-12)
+    colours = plt.get_cmap("tab10")
+    for view, cells in means.items():
+        name = "direct" if view == DIRECT else f"mirror {calibration.layout.mirror_names[view]}"
+        colour = "0.65" if view == DIRECT else colours(view % 10)
+        axes.quiver(
+            *cells.at_px.T,
+            *(gain * cells.mean_px.T),
+            color=colour,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.0015,
+            label=name,
+            zorder=1 if view == DIRECT else 2,
+        )
+    axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5), aspect="equal")
+    title = f"Mean residual in cells of {cell_px:.0f} px, scale {gain:.0f}:1 (rms {rms:.3f} px)"
+    axes.set(xlabel="x px", ylabel="y px", title=title)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=5, frameon=False, fontsize=8)
+
+
+def _distribution(axes: Axes, calibration: Calibration) -> None:
+    used = calibration.residuals_px[calibration.inliers]
+    reach = 4.0 * float(used.std())
+    for axis, values in zip("xy", used.T, strict=True):
+        axes.hist(
+            values,
+            bins=np.linspace(-reach, reach, 61).tolist(),
+            histtype="step",
+            label=f"{axis}: {values.std():.3f} px",
+        )
+    axes.set(
+        xlabel="residual px", ylabel="corners", title=f"{len(used)} corners, {int((~calibration.inliers).sum())} out"
+    )
+    axes.legend(frameon=False)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+    plt.close(figure)

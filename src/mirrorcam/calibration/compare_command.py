@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
 from mirrorcam.core.bounds import DEPTH_MM
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import print_table, say
 from mirrorcam.core.figures.figure_texts import SIGMA, figure_text, figures_alike
-from mirrorcam.core.values import Value
 
 if TYPE_CHECKING:
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import CalibrationDifference
@@ -29,34 +27,40 @@ COLUMNS = {
 }
 
 
-class CompareOptions(Value):
-    """Compare two calibrations of one device: a map of their difference, without the motion of the whole rig."""
+def compare(
+    a: Annotated[Path, Parameter(name="A", help="layout.json of one calibration")],
+    b: Annotated[Path, Parameter(name="B", help="layout.json of the other")],
+    /,
+    *,
+    distance_mm: Annotated[
+        float | None,
+        bounded(DEPTH_MM, "distance of the points that are compared, from each view", unset="where A's board was"),
+    ] = None,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/compared"),
+    force: Force = False,
+) -> int:
+    """Compare two calibrations of one device.
 
-    a: tyro.conf.Positional[Path] = Field(description="layout.json of one calibration")
-    b: tyro.conf.Positional[Path] = Field(description="layout.json of the other")
-    distance_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(where A's board was)")] = (
-        DEPTH_MM.field(None, "distance of the points that are compared, from each view")
-    )
-    out: Path = Field(default=Path("output/compared"), description="folder for difference.png and metrics.json")
-    force: bool = FORCE
+    The motion of the whole rig is taken out, and what is left is compared with the uncertainties. Writes
+    difference.png, a map of the difference in every view, and metrics.json.
 
-
-def run(options: CompareOptions) -> int:
-    """Compare, write the map and the figures, and print them."""
+    Examples:
+        mirrorcam compare calibrated/layout.json again/layout.json
+    """
     from mirrorcam.calibration.comparison import FILES, compare_files, read_compared, write_comparison
     from mirrorcam.core.disk.output_folder import output_folder
 
-    with output_folder(options.out, "compare", force=options.force) as output:
+    with output_folder(out, "compare", force=force) as output:
         output.refuse_others(*FILES)
-        layout = read_compared(options.a)
-        difference = compare_files(options.a, options.b, options.distance_mm)
+        layout = read_compared(a)
+        difference = compare_files(a, b, distance_mm)
         with output.staged(result="metrics.json") as folder:
             write_comparison(difference, layout, folder)
     _print(difference, layout)
-    for name, path, predicted in zip("AB", (options.a, options.b), difference.predicted, strict=True):
+    for name, path, predicted in zip("AB", (a, b), difference.predicted, strict=True):
         if not predicted:
             say("compare", f"{path} has no covariance: {SIGMA} is without that of {name}")
-    say("compare", f"{options.out / 'difference.png'} and {options.out / 'metrics.json'} written")
+    say("compare", f"{out / 'difference.png'} and {out / 'metrics.json'} written")
     return 0
 
 

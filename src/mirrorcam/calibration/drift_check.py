@@ -1,4 +1,4 @@
-"""What a recording tells of mirrors that moved since the calibration: found, in words, and as files."""
+"""Mirrors that moved since the calibration, from a recording: the test, its result in words and as files."""
 
 from __future__ import annotations
 
@@ -7,43 +7,34 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.console.reporter import Reporter
-from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_json, write_metrics
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image
-from mirrorcam.core.values import InputError, Metric
-from mirrorcam.core.video.spread_frames import SpreadFrames, WatchedSource
+from mirrorcam.core.values import Metric
+from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, tells_drift
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, resolved_layout, shows_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.light_field.frame_checks import check_frames
 
 DRIFT = "drift.json"
+TILT = "mount.tilt_deg"
+SURE = 3.5
+"""A common turn counts as more than bending where it is beyond it by this many standard deviations."""
+FILES = (DRIFT, "layout.json")
 
 
 def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | None = None) -> Drift:
     """What frames of one recording tell; raises InputError where the views have no field in common."""
     matcher = PointMatcher(layout, reference_depth_mm)
     return find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
-
-
-def drift_of_files(layout: Layout, paths: Sequence[Path], on_video: Callable[[str], None] | None = None) -> Drift:
-    """What pictures and videos, taken as one recording, tell; of more than a few frames, a few spread evenly are used.
-
-    `on_video` is called with what the user should know of a video. Raises InputError for a file that cannot be read or
-    is damaged.
-    """
-    seen = SpreadFrames()
-    for path in paths:
-        if is_picture(path):
-            seen.add(read_image(path))
-        else:
-            for item in WatchedSource(Video(path, on_video), seen).frames():
-                del item
-    if not seen.kept:
-        raise InputError(f"{paths[0]}: not one frame could be decoded, expected at least one")
-    return drift_of(layout, seen.kept)
 
 
 @dataclass(frozen=True)
@@ -81,7 +72,7 @@ def drift_check(
     layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
 ) -> DriftReporter | None:
     """The check of recordings for mirrors that moved; None where the layout does not allow one."""
-    if tells_drift(layout):
+    if shows_drift(layout):
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
@@ -147,3 +138,75 @@ def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
 def write_drift(layout: Layout, drift: Drift, path: Path) -> None:
     """Write the figures as JSON, atomically."""
     write_metrics(path, drift_metrics(layout, drift))
+
+
+@dataclass(frozen=True)
+class MountTilt:
+    """How far gravity turns all mirrors together by bending the mount, at worst, and where that is from."""
+
+    deg: float
+    source: str
+
+
+def mount_tilt(checks: Path | None) -> MountTilt:
+    """The figure of a device's `checks.json`, or the limit that mounts are designed to.
+
+    Raises InputError where the file does not have it.
+    """
+    if checks is None:
+        return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed to")
+    found = read_json(checks, LARGEST_LAYOUT_BYTES)
+    entry = found.get(TILT) if isinstance(found, dict) else None
+    value = entry.get("value") if isinstance(entry, dict) else None
+    if not isinstance(value, int | float) or not 0.0 <= value <= 180.0:
+        raise InputError(f"{checks}: no angle {TILT} in it, expected checks.json of mirrorcam cad")
+    return MountTilt(float(value), str(checks))
+
+
+def bending_line(drift: Drift, tilt: MountTilt) -> str:
+    """Whether the common turn of all mirrors is what bending of the mount allows."""
+    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors alike"
+    turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
+    beyond = np.abs(turn) - SURE * sigma > tilt.deg
+    if beyond.any():
+        axis = int(np.argmax(np.abs(turn) / sigma))
+        return (
+            f"all mirrors together have turned by {abs(turn[axis]):.2g}° ± {sigma[axis]:.2g}° about {'xyz'[axis]} of "
+            f"the rig: more than bending, has the camera slipped? {bound}"
+        )
+    return f"{bound}; a mirror that turned against the others did not do so by bending"
+
+
+def find_drift_files(
+    paths: Sequence[Path], layout: Layout, layout_path: Path, on_note: Callable[[str], None] = lambda line: None
+) -> Drift:
+    """Test the mirrors of a calibrated layout by pictures and videos of one recording.
+
+    Of more than a few frames, a few spread evenly are used. `on_note` is called with what the user should know of a
+    video, and of pictures of 16 bits. Raises InputError for a layout that states no measured mirrors, and for files
+    that cannot be read, are damaged or are not of its camera.
+    """
+    if not shows_drift(layout):
+        nominal = layout.kind == "nominal"
+        what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
+        raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")
+    check_frames(paths, layout, layout_path, on_note)
+    seen = SpreadFrames()
+    for path in paths:
+        if is_picture(path):
+            seen.add(read_image(path))
+        else:
+            for item in WatchedSource(Video(path, on_note), seen).frames():
+                del item
+    if not seen.kept:
+        raise InputError(f"{paths[0]}: not one frame could be decoded, expected at least one")
+    return drift_of(layout, seen.kept)
+
+
+def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Sequence[str], folder: Path) -> None:
+    """Write drift.json, how far the mount bends among it, and, where a mirror moved, the re-solved layout.json."""
+    bending = {"mount_tilt_deg": Metric(value=tilt.deg, unit="deg")}
+    write_metrics(folder / DRIFT, drift_metrics(layout, drift) | bending)
+    if drift.moved:
+        more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
+        resolved_layout(layout, drift, f"a scene in {sources[0][:80]}{more}").save(folder / "layout.json")

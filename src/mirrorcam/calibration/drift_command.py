@@ -1,4 +1,4 @@
-"""`mirrorcam drift`: whether mirrors moved since the calibration, told from pictures of any scene."""
+"""`mirrorcam drift`: whether mirrors moved since the calibration, from pictures of any scene."""
 
 from __future__ import annotations
 
@@ -6,75 +6,85 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force, Layout
 from mirrorcam.core.console.progress import print_table, say
 from mirrorcam.core.figures.figure_texts import SIGMA
-from mirrorcam.core.values import Value
 
 if TYPE_CHECKING:
     from mirrorcam.optics.drift.drift import Drift, MirrorMove
-    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry import layout as layouts
 
 
-class DriftOptions(Value):
-    """Tell from pictures of any scene whether mirrors moved since the calibration, and re-solve those that did."""
-
-    frames: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FRAME|VIDEO...")] = Field(
-        min_length=1,
-        description="frames of the camera (PNG, JPEG, TIFF or BMP), or videos, of one recording of a textured scene",
-    )
-    layout: Path = Field(description="calibrated layout.json")
+def drift(
+    frames: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            name="FRAME|VIDEO...",
+            help="frames (PNG, JPEG, TIFF or BMP) or videos of one recording of a textured scene",
+        ),
+    ],
+    /,
+    *,
+    layout: Layout,
     checks: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(the limit that parts are designed to)")
-    ] = Field(default=None, description="checks.json of the device by `mirrorcam cad`: how far gravity bends its mount")
-    out: Path = Field(
-        default=Path("output/drift"), description="folder for drift.json, and layout.json where mirrors are re-solved"
+        Path | None,
+        Parameter(
+            metavar="FILE",
+            help="checks.json of the device by mirrorcam cad: how far gravity bends its mount. [default: the limit "
+            "that parts are designed to]",
+        ),
+    ] = None,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/drift"),
+    force: Force = False,
+) -> int:
+    """Detect mirrors that moved since the calibration.
+
+    Any scene with detail will do. Writes drift.json, and layout.json with the mirrors that moved solved again. Exit
+    code 1: a mirror moved, or the pictures do not determine whether one did.
+
+    Examples:
+        mirrorcam drift recording.mp4 --layout calibrated/layout.json
+    """
+    from mirrorcam.calibration.drift_check import (
+        FILES,
+        bending_line,
+        drift_line,
+        find_drift_files,
+        mount_tilt,
+        write_drift_files,
     )
-    force: bool = FORCE
-
-
-def run(options: DriftOptions) -> int:
-    """Test, write and print; 1 where a mirror moved, or pictures do not tell."""
-    from mirrorcam.calibration.drift_check import drift_line
-    from mirrorcam.calibration.drift_files import FILES, find_drift_files, write_drift_files
-    from mirrorcam.calibration.stiffness import bending_line, mount_tilt
     from mirrorcam.core.disk.output_folder import output_folder
-    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry.layout import Layout as DeviceLayout
 
-    layout = Layout.load(options.layout)
-    tilt = mount_tilt(options.checks)
-    with output_folder(options.out, "drift", force=options.force) as output:
+    calibrated = DeviceLayout.load(layout)
+    tilt = mount_tilt(checks)
+    with output_folder(out, "drift", force=force) as output:
         output.refuse_others(*FILES)
-        drift = find_drift_files(options.frames, layout, options.layout, partial(say, "drift"))
+        found = find_drift_files(frames, calibrated, layout, partial(say, "drift"))
         with output.staged(result="drift.json") as folder:
-            write_drift_files(layout, drift, tilt, [path.name for path in options.frames], folder)
-    _print(layout, drift)
-    say("drift", drift_line(layout, drift))
-    say("drift", bending_line(drift, tilt))
-    resolved = f"; {options.out / 'layout.json'} has the mirrors where they are now" if drift.moved else ""
-    say("drift", f"{options.out / 'drift.json'} written{resolved}")
-    return 1 if drift.moved or drift.untold else 0
+            write_drift_files(calibrated, found, tilt, [path.name for path in frames], folder)
+    _print(calibrated, found)
+    say("drift", drift_line(calibrated, found))
+    say("drift", bending_line(found, tilt))
+    resolved = f"; {out / 'layout.json'} has the mirrors where they are now" if found.moved else ""
+    say("drift", f"{out / 'drift.json'} written{resolved}")
+    return 1 if found.moved or found.untold else 0
 
 
-def _print(layout: Layout, drift: Drift) -> None:
+def _print(layout: layouts.Layout, found: Drift) -> None:
     """Print a row for each mirror."""
     rows = [
-        (
-            f"mirror {layout.mirror_names[mirror.index]}",
-            *_figures(mirror),
-            str(mirror.points),
-        )
-        for mirror in drift.mirrors
+        (f"mirror {layout.mirror_names[mirror.index]}", *_figures(mirror), str(mirror.points))
+        for mirror in found.mirrors
     ]
     print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "tells from °", "points"], rows)
     say("drift", "of threshold: over 1, the mirror has moved; tells from: a turn of this size would show")
 
 
 def _figures(mirror: MirrorMove) -> tuple[str, ...]:
-    """Turn and its sigma, shift, statistic and what is told, as far as pictures tell."""
+    """Turn and its sigma, shift, statistic and smallest turn that would show, as far as pictures determine them."""
     if not mirror.tested:
         return ("-",) * 5
     return (

@@ -4,36 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, print_metrics, say
-from mirrorcam.core.values import Metric, Value
+from mirrorcam.core.values import Metric
 
 
-class ValidateOptions(Value):
-    """Calibrate and decode a rendered set blind, then compare with its ground truth; exit 1 past any limit."""
+def validate(
+    rendered: Annotated[Path, Parameter(name="SET", help="folder of a set that mirrorcam render wrote")],
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/validated"),
+    force: Force = False,
+) -> int:
+    """Calibrate a rendered set blind, and compare.
 
-    set: tyro.conf.Positional[Path] = Field(description="folder of a set that `mirrorcam render` wrote")
-    out: Path = Field(
-        default=Path("output/validated"),
-        description="folder for layout.json (calibrated), metrics.json, report.html, residuals.png and corners.csv",
-    )
-    force: bool = FORCE
+    The set is calibrated and decoded from its pictures alone, then compared with its ground truth. Writes layout.json
+    (calibrated), metrics.json, report.html, residuals.png and corners.csv. Exit code 1: a figure exceeds its limit.
 
-
-def run(options: ValidateOptions) -> int:
-    """Validate, and print every figure beside its limit."""
+    Examples:
+        mirrorcam validate output/set
+    """
     from mirrorcam.calibration.calibration_files import FILES
     from mirrorcam.calibration.validation import validate, write_validation
     from mirrorcam.core.disk.output_folder import output_folder
 
-    with output_folder(options.out, "validate", force=options.force) as output:
+    with output_folder(out, "validate", force=force) as output:
         output.refuse_others(*FILES)
         with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
-            validation = validate(options.set, advance)
+            validation = validate(rendered, advance)
         with output.staged(result="layout.json") as folder:
             write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})

@@ -1,12 +1,10 @@
-"""Physical ranges of numbers, shared by options and by values in files."""
+"""Physical ranges of numbers, shared by options and by values in files. Light to import: help states them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Annotated, Any
-
-import numpy as np
-from pydantic import AfterValidator, Field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -20,14 +18,19 @@ class Bounds:
     def __str__(self) -> str:
         return self.text or f"{_plain(self.least)} to {_plain(self.most)}"
 
-    def field(self, default: Any = ..., description: str = "") -> Any:
-        """A field of a number in this range; without a default it is required."""
+    def field(self, default: Any = ..., description: str = "", unset: str = "") -> Any:
+        """A field of a number in this range; without a default it is required; `unset` says what None stands for."""
+        from pydantic import Field
+
         stated = f"{description}, {self}" if description else str(self)
+        stated += f" [default: {unset}]" if unset else ""
         return Field(default=default, ge=self.least, le=self.most, description=stated)
 
     @property
     def each(self) -> Any:
         """The range of each number of a tuple."""
+        from pydantic import Field
+
         return Field(ge=self.least, le=self.most)
 
     def cut(self, least: float | None = None, most: float | None = None) -> Bounds:
@@ -49,7 +52,7 @@ PART_GAP_MM = PART_MM.cut(least=0.0)
 PART_OFFSET_MM = PART_MM.cut(least=-PART_MM.most)
 APERTURE_MM = Bounds(0.0, 1000.0)
 DEPTH_MM = Bounds(0.001, 1e6)
-DEPTH_OR_INF_MM = Bounds(0.001, np.inf, "0.001 to 1000000 or inf")
+DEPTH_OR_INF_MM = Bounds(0.001, math.inf, "0.001 to 1000000 or inf")
 """The text of `DepthOrInf`."""
 AREA_MM2 = Bounds(0.0, 1e10)
 TOLERANCE_MM = Bounds(0.0, 1000.0)
@@ -62,6 +65,9 @@ PICTURES = Bounds(0, 100_000)
 GRID = Bounds(1, 1000)
 """Rows or columns of views."""
 FOCAL_PX = Bounds(0.001, 1e7)
+MIRRORS = Bounds(1, 12)
+"""Rows or columns of mirrors."""
+FOLD_DEG = Bounds(60.0, 150.0)
 PLACE_PX = Bounds(-1e7, 1e7)
 REFRACTIVE_INDEX = Bounds(1.0, 4.0)
 LINE_PX = Bounds(0, 65_535)
@@ -70,13 +76,3 @@ LARGEST_PICTURE_PX = 120_000_000
 LARGEST_PICTURE_SIDE_PX = 1_000_000
 """Width or height of the largest picture, which decoders of PNG hold."""
 LARGEST_DISTORTION = 1e6
-
-
-def _depth_or_inf(depth_mm: float) -> float:
-    if depth_mm <= DEPTH_MM.most or depth_mm == np.inf:
-        return depth_mm
-    raise ValueError(f"expected {DEPTH_OR_INF_MM}")
-
-
-DepthOrInf = Annotated[float, Field(ge=DEPTH_MM.least, allow_inf_nan=True), AfterValidator(_depth_or_inf)]
-"""A depth in mm, or infinity."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 MODULES = {
     "cad": ("build123d", "trimesh", "manifold3d", "ezdxf", "lib3mf", "markdown_it", "tomli_w"),

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -23,13 +24,11 @@ from pydantic import (
 from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
+from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
 FloatArray = NDArray[np.float64]
-
-
-class InputError(ValueError):
-    """Input that cannot be used; the message says in one line what, where, and what was expected."""
 
 
 class InvalidValue(InputError):
@@ -120,6 +119,15 @@ def with_tuples(value: Any) -> Any:
         return {name: with_tuples(each) for name, each in value.items()}
     return tuple(map(with_tuples, value)) if isinstance(value, list) else value
 
+
+def _depth_or_inf(depth_mm: float) -> float:
+    if depth_mm <= DEPTH_MM.most or depth_mm == math.inf:
+        return depth_mm
+    raise ValueError(f"expected {DEPTH_OR_INF_MM}")
+
+
+DepthOrInf = Annotated[float, Field(ge=DEPTH_MM.least, allow_inf_nan=True), AfterValidator(_depth_or_inf)]
+"""A depth in mm, or infinity."""
 
 Vector3 = Annotated[FloatArray, Shaped((3,))]
 Points3 = Annotated[FloatArray, Shaped((None, 3))]

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import Parameter
 
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.bounds import DEPTH_MM, FOLD_DEG, LENGTH_MM, MIRRORS, Bounds
+from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import long_work, print_metrics, say
-from mirrorcam.core.processes.worker_pool import in_two_processes
-from mirrorcam.core.values import InputError, Metric, Value
-from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.core.errors import InputError
 
 if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
+    from mirrorcam.designs.design_files import DesignComparison
     from mirrorcam.optics.design.assess.monte_carlo import Study
-    from mirrorcam.optics.geometry.layout import Layout
+    from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 GROUPS = {
     "overlap of the views": (
@@ -31,59 +31,120 @@ GROUPS = {
 FILES = ("layout.json", "parabola.json", "before_after.png", "focus.png", "tolerance.json", "tolerance.png")
 
 
-class DesignOptions(Value):
-    """Optimise a layout of mirrors and compare it with the faceted parabola."""
+@Parameter(name="*")
+@dataclass(frozen=True)
+class DesignChanges:
+    """Fields of a design's specification that options replace, None where they do not."""
 
-    request: tyro.conf.Positional[
-        Annotated[Path | None, tyro.conf.arg(metavar="[design.toml]", help_behavior_hint="")]
-    ] = Field(default=None, description="what to design, as `mirrorcam studio` saves it, instead of the options below")
-    spec: Annotated[DesignSpec, tyro.conf.OmitArgPrefixes] = Field(default_factory=DesignSpec)
-    tolerance: bool = Field(
-        default=False,
-        description="also simulate devices built with the tolerances below, and write the figures to expect of them: "
-        "tolerance.json and tolerance.png",
-    )
-    tolerances: Annotated[Tolerances, tyro.conf.OmitArgPrefixes] = Field(default_factory=Tolerances.hobby)
-    out: Path = Field(
-        default=Path("output/design"),
-        description="folder for layout.json, parabola.json, before_after.png and focus.png",
-    )
-    force: bool = FORCE
+    camera: Annotated[
+        str | None,
+        Parameter(metavar="NAME|FILE", help="name of `mirrorcam camera list`, or a TOML or JSON file [default: c920]"),
+    ] = None
+    rows: Annotated[int | None, bounded(MIRRORS, "rows of mirrors, one row of views each", unset="3")] = None
+    cols: Annotated[int | None, bounded(MIRRORS, "columns of mirrors", unset="3")] = None
+    pattern: Annotated[
+        str | None,
+        Parameter(
+            metavar="hexN|ringN|FILE",
+            help="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
+        ),
+    ] = None
+    scale_mm: Annotated[
+        float | None, bounded(LENGTH_MM, "height of the central mirror above the pupil", unset="80")
+    ] = None
+    fold_deg: Annotated[
+        float | Literal["auto"] | None,
+        bounded(FOLD_DEG, "angle from the camera's axis to the views' axis, auto: the best whole degree", unset="120"),
+    ] = None
+    depths_mm: Annotated[
+        tuple[float, ...] | None,
+        bounded(DEPTH_MM, "scene depths at which the views overlap, from the pupil, up to 10", unset="300 500"),
+    ] = None
+    tradeoff: Annotated[
+        float | None,
+        bounded(Bounds(0.0, 1.0), "weight of a regular grid of views against usable pixels", unset="0.3"),
+    ] = None
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not self.tolerance and self.tolerances != Tolerances.hobby():
-            raise ValueError("tolerances are given, expected --tolerance with them")
-        if self.request is not None and self.spec != DesignSpec():
-            raise ValueError(f"{self.request} and options of the design: expected one of the two")
-        return self
+    def of(self, spec: DesignSpec) -> DesignSpec:
+        """The specification with these fields; raises InputError where they do not fit the others."""
+        from mirrorcam.core.disk.files import read_model
+        from mirrorcam.optics.geometry.arrangement import Pattern
+        from mirrorcam.optics.geometry.camera_library import read_camera
+
+        changes: dict[str, Any] = {name: value for name, value in vars(self).items() if value is not None}
+        if self.camera is not None:
+            changes["camera"] = read_camera(self.camera)
+        if self.pattern is not None:
+            changes["pattern"] = Pattern.named(self.pattern) or read_model(Pattern, Path(self.pattern))
+        return spec.replaced(**changes)
 
 
-def run(options: DesignOptions) -> int:
-    """Design, and print the figures beside those of the parabola, then what was checked and its limits."""
+def design(
+    request: Annotated[
+        Path | None,
+        Parameter(name="DESIGN", help="design.toml with all fields of the design (docs/design.md), or a layout.json"),
+    ] = None,
+    /,
+    *,
+    changes: DesignChanges = DesignChanges(),
+    tolerance: Annotated[
+        bool, Parameter(help="also simulate devices as built with the tolerances of design.toml, or made by hand")
+    ] = False,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/design"),
+    force: Force = False,
+) -> int:
+    """Optimise a layout of mirrors.
+
+    Writes layout.json, parabola.json (the faceted parabola that it is compared with), before_after.png and focus.png;
+    with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
+
+    Examples:
+        mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
+        mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
+    """
     from mirrorcam.core.disk.output_folder import output_folder
-    from mirrorcam.designs.design_request import read_request
+    from mirrorcam.core.processes.worker_pool import in_two_processes
+    from mirrorcam.designs.design_files import DesignRequest, read_request, write_design
 
-    asked = options.spec if options.request is None else read_request(options.request)
+    requested = DesignRequest() if request is None else read_request(request)
+    spec = changes.of(requested.spec)
     with (
-        output_folder(options.out, "design", force=options.force) as output,
+        output_folder(out, "design", force=force) as output,
         in_two_processes(preload=["mirrorcam.optics.design.optimise"]) as calls,
     ):
         output.refuse_others(*FILES)
-        from mirrorcam.designs.design_files import write_design
-        from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
-
         with output.staged(result="layout.json") as folder:
-            with long_work("design", f"{asked.arrangement.text} mirrors"):
-                found = write_design(asked, folder, calls)
+            with long_work("design", f"{spec.arrangement.text} mirrors"):
+                found = write_design(spec, folder, calls)
             study, no_study = None, None
-            if options.tolerance:
+            if tolerance:
+                from mirrorcam.designs.tolerance import write_tolerance
+
                 try:
-                    study = _study(found.optimised, options, folder)
+                    with long_work("tolerance", "devices as built"):
+                        study = write_tolerance(found.optimised, requested.tolerances, folder)
                 except InputError as error:  # the design stands without
                     no_study = error
+    print_design(found, best_fold=spec.fold_deg == "auto")
+    written = ", ".join(name for name in FILES[:4] if (out / name).exists())
+    say("design", f"{written} written to {out}")
+    if study is not None:
+        print_tolerance(study)
+        say("tolerance", f"{out / 'tolerance.json'} and {out / 'tolerance.png'} written")
+    if no_study is not None:
+        raise no_study
+    return 0
+
+
+def print_design(found: DesignComparison, *, best_fold: bool) -> None:
+    """Print figures of the layout beside those of the parabola, then the checks and their limits.
+
+    `best_fold`: the fold was to be chosen.
+    """
+    from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
+
     spec = found.optimised.spec
-    if asked.fold_deg == "auto" and spec is not None:
+    if best_fold and spec is not None:
         unlimited = "" if spec.camera.body_mm else ", which the camera, whose body is unknown, does not limit"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if found.parabola is None else {"parabola": found.parabola}
@@ -101,25 +162,11 @@ def run(options: DesignOptions) -> int:
         say("design", f"no faceted parabola to compare with: {found.no_parabola}")
     if remark := out_of_focus(found.optimised):
         say("design", remark)
-    written = ", ".join(name for name in FILES[:4] if (options.out / name).exists())
-    say("design", f"{written} written to {options.out}")
-    if study is not None:
-        print_tolerance(study)
-        say("tolerance", f"{options.out / 'tolerance.json'} and {options.out / 'tolerance.png'} written")
-    if no_study is not None:
-        raise no_study
-    return 0
-
-
-def _study(layout: Layout, options: DesignOptions, folder: Path) -> Study:
-    from mirrorcam.designs.tolerance import write_tolerance
-
-    with long_work("tolerance", "devices as built"):
-        return write_tolerance(layout, options.tolerances, folder)
 
 
 def print_tolerance(study: Study) -> None:
     """Print three tables: figures at the tolerances, medians over accuracy, and the share of each tolerance."""
+    from mirrorcam.core.values import Metric
     from mirrorcam.designs.tolerance import hidden_mirrors, spread_columns
 
     say("tolerance", f"{study.devices} devices, standard deviations: {study.tolerances.workmanship}")

@@ -1,4 +1,4 @@
-"""Comparison of a faceted parabola with the optimised layout (tech report, figure "OptimizingMirrorCam")."""
+"""Figures of a design: beside the faceted parabola (tech report, figure "OptimizingMirrorCam"), and its focus."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from shapely import Polygon, union_all
 
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, best_focus_mm, circles_px, nearness_per_mm
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid, grid_error
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.sub_images import common_region, pixel_efficiency, seen_px
+from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, pixel_efficiency, seen_px
 
 MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777777", "#228833", "#333333"
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
@@ -31,6 +32,13 @@ SAME_COLUMN = 0.1
 """Distance across, in steps, up to which views are drawn in one column from the side."""
 SIDE_IN, HEAD_IN, SENSOR_IN, ROW_IN = 8.0, 1.0, 5.35, 3.9
 MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
+CIRCLE_COLOURS = ("#cc3311", "#000000", "#0077bb")
+DEPTH_LINE = "#bbbbbb"
+CIRCLE_STEPS = 60
+BEYOND_DEPTHS = 1.6
+"""Ratio by which circles are drawn beyond the working depths, as far as the mirrors allow."""
+WIDE_DEPTHS = 10.0
+"""Ratio of the farthest to the nearest working depth from which on depths are on a logarithmic axis."""
 
 
 def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None:
@@ -242,3 +250,69 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
         Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label="all views"),
     ]
     _finish(axes, title, "x mm", "y mm (down)", handles)
+
+
+def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None:
+    """Write a PNG of the largest circle of confusion over depth, with the focus of the camera and with the best focus.
+
+    Nearest and farthest are the mirrors with the shortest and the longest path of light to the working depths.
+
+    Parameters
+    ----------
+    layout
+        Its camera has an aperture, and its views share a part of each depth.
+    depths_mm
+        The working depths, at which curves have a mark.
+    path
+        The file, which is written atomically.
+    """
+    camera, views = layout.camera, fields_of_view(layout)
+    working = np.array([nearness_per_mm(views, depth_mm) for depth_mm in depths_mm])
+    best_mm = best_focus_mm(working)
+    mirrors = _drawn_mirrors(layout, working)
+    first_mm = max(min(depths_mm) / BEYOND_DEPTHS, views.reach_mm * 1.02)
+    drawn_mm = np.geomspace(first_mm, max(depths_mm) * BEYOND_DEPTHS, CIRCLE_STEPS)
+    nearness = np.array([nearness_per_mm(views, depth_mm) for depth_mm in drawn_mm])
+    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
+    axes = figure.subplots()
+    for focus_mm, line in ((camera.focus_mm, "solid"), (best_mm, "dashed")):
+        circles, marks = (circles_px(camera, values, focus_mm) for values in (nearness, working))
+        for colour, k in zip(CIRCLE_COLOURS, mirrors, strict=False):
+            axes.plot(drawn_mm, circles[:, k], color=colour, linestyle=line, linewidth=1.6)
+            axes.plot(depths_mm, marks[:, k], "o", color=colour, markersize=4, zorder=3)
+    axes.set_title(f"{camera.name}: aperture {camera.aperture_mm:g} mm", fontsize=11)
+    _finish_depths(axes, depths_mm)
+    handles = [
+        Line2D([], [], color=colour, label=f"{name} mirror, {layout.mirror_names[k]}")
+        for colour, (k, name) in zip(CIRCLE_COLOURS, mirrors.items(), strict=False)
+    ]
+    handles += [
+        Line2D([], [], color=GRID, label=f"in focus at {camera.focus_mm:.0f} mm"),
+        Line2D([], [], color=GRID, linestyle="dashed", label=f"best focus, {best_mm:.0f} mm"),
+        Line2D([], [], color=GRID, linestyle="dotted", label=f"limit, {CIRCLE_LIMIT_PX:g} px"),
+    ]
+    axes.legend(handles=handles, fontsize=9, ncols=2, frameon=False)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _drawn_mirrors(layout: Layout, working: FloatArray) -> dict[int, str]:
+    """Names of the mirrors drawn, by index: the nearest, the central and the farthest, by 1/z (depths, mirrors, 2)."""
+    chosen = {
+        "nearest": int(working[..., 1].max(axis=0).argmax()),
+        "central": layout.central_index,
+        "farthest": int(working[..., 0].min(axis=0).argmin()),
+    }
+    return {k: " and ".join(name for name, index in chosen.items() if index == k) for k in chosen.values()}
+
+
+def _finish_depths(axes: Axes, depths_mm: Sequence[float]) -> None:
+    for depth_mm in depths_mm:
+        axes.axvline(depth_mm, color=DEPTH_LINE, linewidth=0.8, zorder=0)
+    axes.axhline(CIRCLE_LIMIT_PX, color=GRID, linestyle="dotted", linewidth=1.4)
+    if max(depths_mm) > WIDE_DEPTHS * min(depths_mm):
+        axes.set_xscale("log")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("depth, mm")
+    axes.set_ylabel("largest circle of confusion, px")
+    axes.grid(alpha=0.2, linewidth=0.5)

@@ -1,18 +1,98 @@
-"""A design as files: the optimised layout, the faceted parabola that it starts from, and figures."""
+"""A design as files: its request, `design.toml`, and the layout that it leads to, beside the faceted parabola."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
+from pydantic import BeforeValidator, Field
+
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_figure import before_after
-from mirrorcam.designs.focus_figure import focus_figure
+from mirrorcam.core.values import with_tuples
+from mirrorcam.designs.design_figure import before_after, focus_figure
 from mirrorcam.optics.design import optimise
-from mirrorcam.optics.design.parabola import assessed_parabola
+from mirrorcam.optics.design.optimise import assessed_parabola
+from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.tolerances import Tolerances
+
+DESIGN_FILE = "design.toml"
+
+
+def _completed(tolerances: object) -> object:
+    """A table of tolerances, with those of a device made by hand where it states none."""
+    if not isinstance(tolerances, dict):
+        return tolerances
+    return Tolerances.hobby().model_dump() | with_tuples(tolerances)
+
+
+class DesignRequest(DesignSpec):
+    """The content of `design.toml`: a specification and, for `mirrorcam design --tolerance`, tolerances of devices.
+
+    Tolerances that the file leaves out are those of `Tolerances.hobby`.
+    """
+
+    tolerances: Annotated[Tolerances, BeforeValidator(_completed)] = Field(default_factory=Tolerances.hobby)
+
+    @property
+    def spec(self) -> DesignSpec:
+        """The specification alone."""
+        return DesignSpec(**{name: getattr(self, name) for name in DesignSpec.model_fields})
+
+
+def read_request(path: Path) -> DesignRequest:
+    """The request in a TOML or JSON file, or of the layout in it; its camera may be a file, too.
+
+    Raises InputError in one line.
+    """
+    raw = read_bytes(path, LARGEST_LAYOUT_BYTES)
+    _require_suffix(path)
+    tables = tables_of(path, raw)
+    if isinstance(tables, dict) and "mirrors" not in tables:
+        tables = with_camera(path, tables)
+    return _request_from(path, tables)
+
+
+def request_of(path: Path, raw: bytes) -> DesignRequest:
+    """The request in the content of a file, or of the layout in it; no file is read, and none that it names."""
+    _require_suffix(path)
+    return _request_from(path, tables_of(path, raw))
+
+
+def with_camera(path: Path, tables: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a request in a file, its camera read where the library or a file has it under a name."""
+    if not isinstance(tables.get("camera"), str):
+        return tables
+    try:
+        camera = read_camera(tables["camera"])
+    except InputError as error:
+        raise InputError(f"{path}: camera: {error}") from None
+    return tables | {"camera": camera.model_dump(mode="json", by_alias=True)}
+
+
+def _request_from(path: Path, tables: Any) -> DesignRequest:
+    if not isinstance(tables, dict) or "mirrors" not in tables:
+        return model_from(DesignRequest, path, tables)
+    layout = model_from(Layout, path, tables)
+    if layout.spec is None:
+        raise InputError(f"{path}: a layout without its request, expected one that `mirrorcam design` wrote")
+    return DesignRequest(**{name: getattr(layout.spec, name) for name in DesignSpec.model_fields})
+
+
+def _require_suffix(path: Path) -> None:
+    if path.suffix.lower() not in (".toml", ".json"):
+        raise InputError(f"{path}: expected a design.toml or a layout.json")
+
+
+def request_toml(spec: DesignSpec) -> str:
+    """The content of `design.toml`."""
+    import tomli_w
+
+    return tomli_w.dumps(spec.model_dump(mode="json"))
 
 
 @dataclass(frozen=True)
@@ -29,6 +109,7 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
 
     Raises InfeasibleDesign where no layout meets the spec.
     """
+
     optimised = optimise.design(spec, calls)
     try:
         return DesignComparison(optimised, assessed_parabola(spec))
@@ -42,6 +123,7 @@ def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> Desi
     Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` are those of `design`.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
+
     found = compare_designs(spec, calls)
     found.optimised.save(folder / "layout.json")
     if found.parabola is not None:

@@ -12,10 +12,10 @@ from mirrorcam.core.disk.files import atomic, read_record, write_json, write_tex
 from mirrorcam.core.disk.fingerprint import differing, value_digest
 from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import spreadsheet_text
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.designs.sweep_work import CODE, Answer, file_text
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -1,21 +1,74 @@
-"""A sweep as files: the table of its designs and the figure of their trade-offs."""
+"""A sweep as files: the request for its designs, their table, and the figure of their trade-offs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 
+from pydantic import Field, model_validator
+
+from mirrorcam.core.bounds import LENGTH_MM
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.processes.cluster import run_cluster
+from mirrorcam.core.processes.worker_pool import Died, Work, run_local
 from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.values import Value
+from mirrorcam.designs.design_files import with_camera
 from mirrorcam.designs.design_sweep import Runner, sweep, table_of, write_table
-from mirrorcam.designs.sweep_figure import pareto
-from mirrorcam.optics.design.spec_grid import Outcome
+from mirrorcam.designs.sweep_work import Answer, answer
+from mirrorcam.optics.design.spec_grid import Outcome, grid, structure
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 TableFormat = Literal["csv", "parquet", "json"]
 FIGURE = "pareto.png"
+VARIED = ("rows", "cols", "pattern", "scale_mm", "depths_mm", "tradeoff")
+
+
+class SweepRequest(Value):
+    """The content of `sweep.toml`: values that designs combine, and the fields of their specification in common."""
+
+    counts: tuple[tuple[int, int], ...] = Field(
+        default=((2, 2), (3, 3), (3, 5)), description="rows and columns of mirrors"
+    )
+    depth_sets_mm: tuple[tuple[float, ...], ...] = Field(
+        default=((300.0, 500.0),), description="scene depths at which the views of one design overlap"
+    )
+    scales_mm: tuple[Annotated[float, LENGTH_MM.each], ...] = Field(
+        default=(60.0, 80.0, 120.0), description=f"heights of the central mirror above the pupil, {LENGTH_MM}"
+    )
+    tradeoffs: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
+        default=(0.1, 0.3, 0.5), description="from 0 (usable pixels alone) to 1 (a regular grid of views alone)"
+    )
+    common: DesignSpec = Field(default_factory=DesignSpec, description="fields of design.toml that all designs share")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        varied = next((name for name in VARIED if name in self.common.model_fields_set), None)
+        if varied is not None:
+            raise ValueError(f"common.{varied}: is varied by the sweep, expected it in its lists alone")
+        self.specs()
+        return self
+
+    def specs(self) -> tuple[DesignSpec, ...]:
+        """The specs of all designs, in the order of the table."""
+        return grid(
+            self.common,
+            counts=self.counts,
+            depth_sets_mm=self.depth_sets_mm,
+            scales_mm=self.scales_mm,
+            tradeoffs=self.tradeoffs,
+        )
+
+
+def read_sweep(path: Path) -> SweepRequest:
+    """The request in a TOML or JSON file, the camera in common by its name or its file; InputError in one line."""
+    tables = tables_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
+    if isinstance(tables, dict) and isinstance(tables.get("common"), dict):
+        tables = tables | {"common": with_camera(path, tables["common"])}
+    return model_from(SweepRequest, path, tables)
 
 
 @dataclass(frozen=True)
@@ -63,6 +116,35 @@ def write_sweep(
         with output.staged(result=f"sweep.{table}") as staged:
             write_table(staged / f"sweep.{table}", table_of(outcomes))
             if any(outcome.status == "solved" for outcome in outcomes):
+                from mirrorcam.designs.sweep_figure import pareto
+
                 pareto(outcomes, staged / FIGURE)
             files = tuple(folder / name for name in (f"sweep.{table}", FIGURE) if (staged / name).exists())
     return SweepFiles(tuple(outcomes), files)
+
+
+def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
+    """Group the numbers of specs by structure: the problem that is built for one spec of a group serves the next.
+
+    Arrays of many mirrors come first, so that no core is left alone with one at the end.
+    """
+    groups: dict[tuple[int, int, int, int, str], list[int]] = {}
+    for number, spec in enumerate(specs):
+        groups.setdefault(structure(spec), []).append(number)
+    return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
+
+
+def design_here(
+    specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
+) -> Generator[tuple[int, Answer | Died], None, None]:
+    """Yield number and answer of each spec as it is finished by processes of this machine."""
+    yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
+
+
+def design_on_cluster(
+    specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
+) -> Generator[tuple[int, Answer | Died], None, None]:
+    """Yield number and answer of each spec as it is finished by the workers of the scheduler at `address`."""
+    order = [number for group in in_order(specs) for number in group]
+    for place, got in run_cluster([specs[number].model_dump_json() for number in order], address, work):
+        yield order[place], got

@@ -1,18 +1,41 @@
-"""The tolerance study of a layout as files: figures that devices as built can be expected to reach."""
+"""The tolerance study of a layout as files: figures that devices as built can be expected to reach, and a picture."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
-from mirrorcam.core.disk.files import write_metrics
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from mirrorcam.core.disk.files import atomic, write_metrics
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.tolerance_figure import tolerance_figure
 from mirrorcam.optics.design.assess import monte_carlo
-from mirrorcam.optics.design.assess.monte_carlo import Spread, Study
+from mirrorcam.optics.design.assess.monte_carlo import CAUSES, Spread, Study
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
 SHARE_UNIT = "of the mean square departure"
+COLOURS = ("#4477aa", "#cc3311", "#228833", "#ddaa33", "#aa3377", "#777777")
+PANELS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("Pixel efficiency, of a pinhole", "of the sensor", ("pixel_efficiency",)),
+    ("Usable efficiency, of the whole pupil", "of the sensor", ("usable_efficiency",)),
+    ("Overlap of the views", "of their union", ("overlap_iou",)),
+    ("Grid error", "of a spacing", ("grid_error",)),
+    ("Field of view", "deg", ("fov_x", "fov_y")),
+    ("Decoded with the design", "error, px", ("uncalibrated_error",)),
+    ("The same, between views", "error, px", ("misregistration",)),
+    ("After calibration", "part", ("usable_window", "off_sensor")),
+)
+"""Title, unit and figures; those of one unit have one scale."""
+ACROSS = 4
+WIDTH_IN, HEAD_IN, PANEL_IN, BAR_IN = 17.0, 0.9, 3.9, 0.3
+MARGIN_IN = {"left": 0.85, "right": 0.25, "bottom": 0.65, "top": 0.45}
+BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 
 
 def tolerance_metrics(study: Study) -> dict[str, Metric]:
@@ -53,3 +76,93 @@ def spread_columns(spread: Spread) -> dict[str, Metric]:
 
 def _of_tolerance(tolerances: Tolerances, name: str) -> Metric:
     return Metric(value=getattr(tolerances, name), unit="deg" if name.endswith("_deg") else "mm")
+
+
+def tolerance_figure(study: Study, path: Path) -> None:
+    """Write a PNG: panels of figures over accuracy, median and 5 to 95 %, above the share that each tolerance has."""
+    figures = [*study.spreads[1.0]]
+    panels = [
+        (title, unit, names)
+        for title, unit, stems in PANELS
+        if (names := [name for stem in stems for name in figures if name.startswith(stem)])
+    ]
+    rows = -(-len(panels) // ACROSS)
+    bars_in = BARS_IN["top"] + BAR_IN * len(figures) + BARS_IN["bottom"]
+    height_in = HEAD_IN + PANEL_IN * rows + bars_in
+    figure = Figure(figsize=(WIDTH_IN, height_in))
+    figure.text(0.5, 1.0 - 0.3 / height_in, "What a maker can expect", ha="center", va="center", fontsize=16)
+    drawn = f"{study.devices} devices; 1x is one standard deviation of {study.tolerances.workmanship}"
+    figure.text(0.5, 1.0 - 0.66 / height_in, drawn, ha="center", va="center", fontsize=11)
+    by_unit: dict[str, list[Axes]] = {}
+    for number, (title, unit, names) in enumerate(panels):
+        row, column = divmod(number, ACROSS)
+        width_in = WIDTH_IN / ACROSS
+        left_in, bottom_in = column * width_in, height_in - HEAD_IN - (row + 1) * PANEL_IN
+        axes = _axes(figure, left_in, bottom_in, width_in, PANEL_IN, MARGIN_IN)
+        _over_accuracy(axes, study, title, unit, names)
+        by_unit.setdefault(unit, []).append(axes)
+    for alike in by_unit.values():
+        highest = max(axes.get_ylim()[1] for axes in alike)
+        for axes in alike:
+            axes.set_ylim(top=highest)
+    _shares(_axes(figure, 0.0, 0.0, WIDTH_IN, bars_in, BARS_IN), study, figures)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _axes(
+    figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float, margin_in: dict[str, float]
+) -> Axes:
+    """Add axes to a cell of the figure; placed by hand, since matplotlib's layout engines vary from run to run."""
+    across, upwards = figure.get_size_inches()
+    size = width_in - margin_in["left"] - margin_in["right"], height_in - margin_in["top"] - margin_in["bottom"]
+    corner = left_in + margin_in["left"], bottom_in + margin_in["bottom"]
+    return figure.add_axes((corner[0] / across, corner[1] / upwards, size[0] / across, size[1] / upwards))
+
+
+def _label(name: str) -> str:
+    """Label of a figure of merit, with its depth at the end: "overlap IoU, 300 mm"."""
+    text = re.sub(r"_([0-9.e+]+)mm$", r", \1 mm", name.removesuffix("_deg").removesuffix("_mm"))
+    for short, long in (("fov_x", "field of view across"), ("fov_y", "field of view upwards"), ("iou", "IoU")):
+        text = text.replace(short, long)
+    return text.replace("_", " ")
+
+
+def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Sequence[str]) -> None:
+    """Draw median and range of figures over accuracy; accuracy 0 is the design itself."""
+    accuracies = [0.0, *study.spreads]
+    for name, colour in zip(names, cycle(COLOURS)):
+        spreads = [of[name] for of in study.spreads.values()]
+        design = spreads[0].nominal
+        low, median, high = (
+            [design, *(getattr(spread, end) for spread in spreads)] for end in ("low", "median", "high")
+        )
+        axes.fill_between(accuracies, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(accuracies, median, "o-", color=colour, markersize=4, label=_label(name))
+    axes.set(title=title, xlabel="tolerances, times those below the title", ylabel=unit)
+    axes.set_xlim(0.0, accuracies[-1])
+    axes.set_xticks(accuracies)
+    axes.tick_params(labelsize=9)
+    if unit != "deg":
+        axes.set_ylim(bottom=0.0)
+    axes.grid(color="0.9", linewidth=0.8)
+    axes.set_axisbelow(True)
+    if len(names) > 1:
+        axes.legend(frameon=False, fontsize=9)
+
+
+def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
+    """Draw the share of each tolerance in the spread of figures, as bars of one length."""
+    places = np.arange(len(figures))
+    start = np.zeros(len(figures))
+    for cause, colour in zip(CAUSES, COLOURS, strict=True):
+        if cause in study.shares:
+            parts = np.array([study.shares[cause][name] for name in figures])
+            axes.barh(places, parts, left=start, color=colour, height=0.75, label=cause)
+            start += parts
+    axes.set(xlim=(0.0, 1.0), ylim=(len(figures) - 0.4, -0.6))
+    axes.set_yticks(places, [_label(name) for name in figures], fontsize=9)
+    axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+    axes.set_title("Share of each tolerance in the mean square deviation from the design, one at a time")
+    if study.shares:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=len(COLOURS), frameon=False, fontsize=10)

@@ -5,40 +5,43 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import say
-from mirrorcam.core.values import Value
 
 
-class BoardOptions(Value):
-    """Draw a calibration board at true scale for the printer, with a ruler to verify the print."""
-
-    board: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="[BOARD]", help_behavior_hint="")] = (
-        Field(
-            default=None,
-            description=(
-                "board.toml to draw; without it the default board is drawn, and its board.toml written next to the file"
-            ),
-        )
-    )
+def board(
+    description: Annotated[
+        Path | None, Parameter(name="BOARD", help="board.toml to draw. [default: the default board]")
+    ] = None,
+    /,
+    *,
     page: Annotated[
-        str, tyro.conf.arg(metavar="NAME|WIDTHxHEIGHT", help_behavior_hint="(the smallest A size that fits)")
-    ] = Field(default="", description="page: a4, a3, a2, a1, a0, letter, or width x height in mm")
-    out: Path = Field(default=Path("output/board.pdf"), description="file to write, .pdf or .svg")
-    force: bool = FORCE
+        str,
+        Parameter(
+            metavar="NAME|WIDTHxHEIGHT",
+            help="page: a4, a3, a2, a1, a0, letter, or width x height in mm. [default: the smallest A size that fits]",
+            show_default=False,
+        ),
+    ] = "",
+    out: Annotated[Path, Parameter(help="file to write, .pdf or .svg")] = Path("output/board.pdf"),
+    force: Force = False,
+) -> int:
+    """Draw a calibration board at true scale.
 
+    With a ruler to verify the print. For the default board, board.toml is written next to the file.
 
-def run(options: BoardOptions) -> int:
-    """Write the page."""
+    Examples:
+        mirrorcam board --out board.pdf
+        mirrorcam board mine.toml --page a3 --out mine.svg
+    """
     from mirrorcam.device.board_files import print_board
 
-    printed = print_board(options.out, options.board, options.page, force=options.force)
+    printed = print_board(out, description, page, force=force)
     width, height = printed.page_mm
-    say("board", f"{options.out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
-    if options.board is None:
+    say("board", f"{out} written, {width:g} x {height:g} mm; print it at 100 % and measure its ruler")
+    if description is None:
         say("board", f"{printed.numbers} written, which describes it for mirrorcam calibrate")
     else:
         say("board", f"{printed.numbers} describes it for mirrorcam calibrate")

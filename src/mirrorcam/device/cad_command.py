@@ -1,91 +1,87 @@
-"""`mirrorcam cad`: from a layout to parts."""
+"""`mirrorcam cad`: from a layout to parts, a picture of the device, and the turns of its screws."""
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field
+import numpy as np
+from cyclopts import App, Parameter
 
-from mirrorcam.core.bounds import WORKERS
-from mirrorcam.core.console.option_texts import ADAPTER_TEXT, FORCE, MIRRORS_TEXT, AdapterKind
-from mirrorcam.core.console.progress import long_work, print_metrics, say
+from mirrorcam.core.console.options import Force, Workers
+from mirrorcam.core.console.progress import long_work, print_metrics, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import Value
+from mirrorcam.core.figures.figure_texts import SIGMA, count_text
+from mirrorcam.device.hardware_choice import HardwareChoice
+
+if TYPE_CHECKING:
+    from mirrorcam.device.adjustment import MirrorTurns
 
 SHOWN = ("device.", "mirrors.", "elastic.")
 """Prefixes of the names of checks that are printed even if they pass."""
+SPP, JPEG_QUALITY = 64, 85
+"""Samples per pixel of a picture of the device, and its JPEG quality."""
+LayoutFile = Annotated[Path, Parameter(name="LAYOUT", help="layout.json")]
+DeviceFolder = Annotated[Path, Parameter(name="DEVICE_FOLDER", help="folder that mirrorcam cad wrote for the device")]
+
+app = App(name="cad")
 
 
-class CadOptions(Value):
-    """Generate and check every part of the device of a layout: files to print, cut, assemble and view.
+@app.default
+def cad(
+    layout: LayoutFile,
+    /,
+    *,
+    choice: HardwareChoice = HardwareChoice(),
+    elastic: Annotated[
+        bool,
+        Parameter(
+            help="also find how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)"
+        ),
+    ] = False,
+    workers: Workers = None,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/cad"),
+    force: Force = False,
+) -> int:
+    """Generate and check every part of a device; render it; adjust its mirrors.
 
-    Open index.html in the output folder. Parts that have not changed since an earlier run are re-used.
+    Writes the files to print, cut, assemble and view: open index.html. Parts that have not changed since an earlier run
+    are re-used. Exit code 1: a check failed.
+
+    Examples:
+        mirrorcam cad output/mine/layout.json --out output/mine/cad
+        mirrorcam cad layout.json --body d435 --adapter tripod --mounting screws
+        mirrorcam cad picture layout.json output/cad
     """
-
-    layout: tyro.conf.Positional[Path] = Field(description="layout.json")
-    out: Path = Field(default=Path("output/cad"), description="output folder")
-    force: bool = FORCE
-    hardware: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="")] = Field(
-        default=None, description="TOML file with values that replace those of the table of dimensions (docs/cad.md)"
-    )
-    camera: Annotated[
-        str | None, tyro.conf.arg(metavar="NAME|PATH", help_behavior_hint="(as in --hardware, else the layout's)")
-    ] = Field(default=None, description="body of the camera: a name that `mirrorcam camera list` shows, or a TOML file")
-    fasteners: Annotated[
-        Literal["insert", "nut"] | None,
-        tyro.conf.arg(metavar="insert|nut", help_behavior_hint="(as in --hardware, else insert)"),
-    ] = Field(default=None, description="threads for the M3 screws: heat-set inserts or nuts")
-    adapter: Annotated[
-        AdapterKind | None, tyro.conf.arg(metavar="KIND", help_behavior_hint="(as in --hardware, else none)")
-    ] = Field(default=None, description=ADAPTER_TEXT)
-    mirrors: Annotated[
-        Literal["glue", "screws"] | None,
-        tyro.conf.arg(metavar="glue|screws", help_behavior_hint="(as in --hardware, else glue)"),
-    ] = Field(
-        default=None,
-        description=MIRRORS_TEXT,
-    )
-    elastic: bool = Field(
-        default=False,
-        description="also tell how gravity, warmth and creep move the mirrors, by finite elements (extra fe; minutes)",
-    )
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(all cores)")] = WORKERS.field(
-        None, "number of worker processes"
-    )
-
-
-def run(options: CadOptions) -> int:
-    """Build the parts and print the figures of the device, and every check that fails."""
     from mirrorcam.cad.plan.hardware import field_of_view
-    from mirrorcam.device.device_folder import read_hardware, write_device
+    from mirrorcam.core.disk.output_folder import results_folder
+    from mirrorcam.core.processes.worker_pool import cores
+    from mirrorcam.device.device_folder import device_folder
     from mirrorcam.optics.geometry.layout import Layout
 
-    layout = Layout.load(options.layout)
-    hardware = read_hardware(
-        options.hardware,
-        camera=options.camera,
-        fasteners=options.fasteners,
-        adapter=options.adapter,
-        mirrors=options.mirrors,
-        layout=layout,
-    )
+    device = Layout.load(layout)
+    hardware = choice.read(device)
     if hardware.camera.field_of_view_deg is None:
-        body, seen = hardware.camera.name, field_of_view(layout.camera)
+        body, seen = hardware.camera.name, field_of_view(device.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
-    require("cad", *(("fe",) if options.elastic else ()))
-    doing = f"a device of {count_text(len(layout.mirrors), 'mirror')}"
-    with long_work("cad", doing, "steps") as advance:
-        checks = write_device(
-            layout,
-            options.out,
+    require("cad", *(("fe",) if elastic else ()))
+    from mirrorcam.cad.build import build_parts
+
+    doing = f"a device of {count_text(len(device.mirrors), 'mirror')}"
+    with (
+        long_work("cad", doing, "steps") as advance,
+        device_folder(out, hardware, elastic=elastic, force=force) as folder,
+    ):
+        checks = build_parts(
+            device,
+            folder,
             hardware,
-            workers=options.workers,
-            force=options.force,
-            elastic=options.elastic,
+            results=results_folder(out),
+            workers=workers or cores(),
             progress=advance,
+            elastic=elastic,
         )
     from mirrorcam.cad.plan.prices import summary_of
 
@@ -94,6 +90,93 @@ def run(options: CadOptions) -> int:
     limited = sum(check.limit is not None for check in checks.values())
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
     others = count_text(len(checks) - limited, "figure")
-    say("cad", f"{summary_of(checks)}; prices are estimates, see {options.out / 'bom.md'}")
-    say("cad", f"{verdict}, {others} without a limit; open {options.out / 'index.html'}")
+    say("cad", f"{summary_of(checks)}; prices are estimates, see {out / 'bom.md'}")
+    say("cad", f"{verdict}, {others} without a limit; open {out / 'index.html'}")
     return 1 if failed else 0
+
+
+@app.command
+def picture(
+    layout: LayoutFile,
+    device_folder: DeviceFolder,
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="picture to write, .jpg or .png")] = Path("output/product.jpg"),
+    force: Force = False,
+) -> int:
+    """Render a device with its printed parts.
+
+    From the front, where every mirror shows the lens, and from the side, in 1920 x 1080 pixels.
+
+    Examples:
+        mirrorcam cad picture layout.json output/cad --out product.jpg
+    """
+    from mirrorcam.core.disk.files import write_bytes
+    from mirrorcam.core.images.pictures import WRITTEN_ENDINGS, encoded_image
+    from mirrorcam.optics.geometry.layout import Layout
+
+    if out.suffix.lower() not in WRITTEN_ENDINGS:
+        raise InputError(f"--out {out}: expected a name that ends in {', '.join(WRITTEN_ENDINGS)}")
+    device = Layout.load(layout)
+    require("render")
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.render_scenes.reference.product_picture import product_picture
+
+    with output_folder(out.parent, "picture", force=force) as output:
+        output.refuse_others(glob.escape(out.name))
+        say("picture", f"{SPP} samples per pixel ...")
+        with output.staged(complete=False) as folder:
+            rendered = product_picture(device, device_folder, spp=SPP)
+            write_bytes(folder / out.name, encoded_image(rendered, out.suffix.lower(), JPEG_QUALITY))
+    say("picture", f"{out} written")
+    return 0
+
+
+@app.command
+def adjust(
+    calibrated: Annotated[Path, Parameter(name="CALIBRATED", help="layout.json of a calibration of the device")],
+    device_folder: DeviceFolder,
+    /,
+    *,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/turns"),
+    force: Force = False,
+) -> int:
+    """Print how to turn the screws of every mirror.
+
+    For devices with --mounting screws: the turns of three screws that bring each mirror to where the design has it,
+    clockwise as seen from behind the device. Calibrate again afterwards. Writes turns.json and turns.png. Exit code 1:
+    a mirror is beyond the travel of its screws.
+
+    Examples:
+        mirrorcam cad adjust calibrated/layout.json output/cad
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.optics.geometry.layout import Layout
+
+    require("cad")
+    from mirrorcam.device.adjustment import FILES, adjust, read_device, write_adjustment
+
+    with output_folder(out, "adjust", force=force) as output:
+        output.refuse_others(*FILES)
+        designed, hardware = read_device(device_folder)
+        found = adjust(Layout.load(calibrated), designed, hardware)
+        with output.staged(result="turns.json") as folder:
+            write_adjustment(found, folder)
+    head = ["mirror", "tilt deg", "shift mm", "turns of a", "of b", "of c", f"{SIGMA} turns"]
+    print_table(head, [_row(each) for each in found.mirrors])
+    beyond = [each.name for each in found.mirrors if not each.reached]
+    if beyond:
+        say("adjust", f"{count_text(len(beyond), 'mirror')} beyond the travel of the screws: {', '.join(beyond)}")
+    say("adjust", f"{out / 'turns.png'} shows which screw is which; calibrate again after any turn")
+    return 1 if beyond else 0
+
+
+def _row(each: MirrorTurns) -> list[str]:
+    sigma = float(np.max(each.sigma_turns))
+    return [
+        each.name,
+        f"{each.tilt_deg:.3f}",
+        f"{each.shift_mm:+.3f}",
+        *(f"{turn:+.2f}" for turn in each.turns),
+        "-" if np.isnan(sigma) else f"{sigma:.3f}",
+    ]

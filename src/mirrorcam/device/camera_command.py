@@ -1,68 +1,109 @@
-"""`mirrorcam camera`: the library of cameras, with the sources of its figures."""
+"""`mirrorcam camera`: the library of cameras with the sources of its figures, new ones, and mirrors as cameras."""
 
 from __future__ import annotations
 
+import glob
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import App, Parameter
 
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.values import Value
-from mirrorcam.device.new_camera import write_new_camera
 from mirrorcam.optics.geometry.camera_library import AGREE, CameraProfile, library, read_profile
 
+app = App(name="camera")
 
-class CameraOptions(Value):
-    """Show the cameras that the program knows: their optics and bodies, where the figures come from, what is guessed.
 
-    For each mirror of a layout as a camera, see mirrorcam cameras.
+@app.command(name="list")
+def list_cameras() -> int:
+    """List the cameras that the program knows.
+
+    Their optics and bodies, and how many of their figures are guessed or recalled from memory.
     """
-
-    action: tyro.conf.Positional[Literal["list", "show", "new"]] = Field(
-        description="list: all cameras; show: everything about one; new: measure your own, and write its file"
-    )
-    name: tyro.conf.Positional[Annotated[str | None, tyro.conf.arg(metavar="[NAME|PATH]", help_behavior_hint="")]] = (
-        Field(
-            default=None,
-            description="camera to show: a name in the list, or a TOML file like theirs; new: the file to write",
-        )
-    )
-
-    like: str = Field(
-        default="c920", description="new: a camera that is like yours, whose figures are offered: held by body or board"
-    )
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.action == "show" and self.name is None:
-            raise ValueError("camera show: expected the name of a camera, as `mirrorcam camera list` prints them")
-        if self.action == "new" and self.name is None:
-            raise ValueError("camera new: expected the file to write, such as my_camera.toml")
-        if self.action == "list" and self.name is not None:
-            raise ValueError(f"camera list {self.name}: expected no name, or camera show {self.name}")
-        return self
+    print_table(("name", "picture", "view, deg", "pupil", "guessed", "recalled", "camera"), list_rows())
+    return 0
 
 
-def run(options: CameraOptions) -> int:
-    """Print the list of cameras, or all about one of them, or ask for the measures of a new one."""
-    if options.action == "new" and options.name is not None:
-        require("cad")
-        profile = write_new_camera(Path(options.name), read_profile(options.like), input, _show)
-        say("camera", f"{profile.name}: {options.name} written; next: mirrorcam design --camera {options.name}")
-        return 0
-    if options.name is None:
-        print_table(("name", "picture", "view, deg", "pupil", "guessed", "recalled", "camera"), list_rows())
-        return 0
-    for title, text in described(read_profile(options.name)):
+@app.command
+def show(
+    name: Annotated[str, Parameter(name="NAME", help="a name that mirrorcam camera list prints, or a TOML file")], /
+) -> int:
+    """Show all about a camera.
+
+    Its optics and body, where the figures come from, and which are guessed.
+
+    Examples:
+        mirrorcam camera show c920
+    """
+    for title, text in described(read_profile(name)):
         say(title, text)
     return 0
 
 
-def _show(line: str) -> None:
-    say("camera", line)
+@app.command
+def new(
+    file: Annotated[Path, Parameter(name="FILE", help="file to write, such as my_camera.toml")],
+    /,
+    *,
+    like: Annotated[
+        str,
+        Parameter(metavar="NAME", help="a camera like yours, held by body or board, whose figures are offered"),
+    ] = "c920",
+) -> int:
+    """Measure a camera of your own.
+
+    Asks for each measure, draws where to take it, and writes the file.
+
+    Examples:
+        mirrorcam camera new my_camera.toml --like c920
+    """
+    from mirrorcam.device.new_camera import write_new_camera
+
+    require("cad")
+    profile = write_new_camera(file, read_profile(like), input, lambda line: say("camera", line))
+    say("camera", f"{profile.name}: {file} written; next: mirrorcam design --camera {file}")
+    return 0
+
+
+@app.command
+def export(
+    layout: Annotated[Path, Parameter(name="LAYOUT", help="layout.json, calibrated if possible")],
+    /,
+    *,
+    pictures: Annotated[
+        tuple[Path, ...],
+        Parameter(help="frames of the camera, or folders of them, to write flipped and masked for COLMAP"),
+    ] = (),
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/cameras"),
+    force: Force = False,
+) -> int:
+    """Export every mirror as a camera for other tools.
+
+    Writes files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut; README.md explains them.
+
+    Examples:
+        mirrorcam camera export calibrated/layout.json --pictures through_mirrors/
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.images.picture_data import EXPECTED
+    from mirrorcam.core.images.pictures import is_picture, pictures_in
+    from mirrorcam.optics.camera_files.write.write_exports import export_names, write_exports
+    from mirrorcam.optics.geometry.layout import Layout
+
+    device, paths = Layout.load(layout), pictures_in(pictures, lambda line: say("camera", line))
+    for path in paths:
+        if not is_picture(path):
+            raise InputError(f"{path}: no picture, expected {EXPECTED} frames or folders of them, not videos")
+    with output_folder(out, "cameras", force=force) as output:
+        output.refuse_others(*(glob.escape(name) for name in export_names(device, paths)))
+        with output.staged() as folder:
+            write_exports(device, folder, paths)
+    tools = "OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut"
+    say("camera", f"files for {tools} written to {out}")
+    return 0
 
 
 def list_rows() -> list[tuple[str, ...]]:

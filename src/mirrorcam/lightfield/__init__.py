@@ -1,1 +1,1 @@
-"""The commands from frames to views, depth and features."""
+"""Light fields: from frames to views, depth, refocused pictures, features and trajectories."""

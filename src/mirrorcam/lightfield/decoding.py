@@ -1,149 +1,130 @@
-"""Pictures, videos and a camera's stream become light fields in a folder."""
+"""Decode pictures, videos and the stream of a camera into light fields in a folder."""
 
 from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from mirrorcam.core.console.reporter import SILENT, Reporter
 from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.camera_addresses import camera, shown
-from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.spread_frames import MOST
+from mirrorcam.core.video.frames import MOST, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
-from mirrorcam.lightfield.stream_recording import Show, StreamFormat, StreamRecorder, refuse_streams
+from mirrorcam.lightfield.epipolar_images import write_epi
+from mirrorcam.lightfield.requests import DecodeRequest
+from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, refuse_streams
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
-from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation, measure
 from mirrorcam.optics.light_field.frame_checks import check_frames
-from mirrorcam.optics.light_field.io.bag_writer import Compression
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.stream import RecordingCheck
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiles
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.response import LINEAR
 from mirrorcam.robot.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.robot.rerun_viewer import RerunViewer
 
 EQUALISATION = "equalisation.json"
 MEASURED_FRAMES = 20
 """Number of frames of a video in which the brightness of its views is measured."""
-
-
-@dataclass(frozen=True)
-class DecodeRequest:
-    """Selection of frames to decode into light fields, and the settings of decoding.
-
-    Parameters
-    ----------
-    layout
-        `layout.json`, calibrated where there is one.
-    frames
-        Pictures and videos of the camera.
-    device
-        Number or address of a camera, which is recorded until it is interrupted.
-    limit
-        Largest number of frames of a video or camera that are decoded.
-    to
-        What a video becomes: a Zarr group, or folders in another tool's format.
-    field
-        What views show at the reference depth: what all of them see, or what any sees.
-    width_px
-        Width of every view; None: as sharp as the frame.
-    reference_depth_mm
-        Depth of zero disparity, from the pupil; None: midway between those of the design, or where the board was.
-    regular_grid_at_mm
-        Depth at which views are moved to an even grid; None: they stay in place.
-    equalise
-        Pictures or videos in which the brightness of the views is measured, or one equalisation.json.
-    mcap
-        ROS 2 bag that the video or the camera becomes, in place of light fields in a folder.
-    mcap_compression
-        How chunks of the bag are compressed.
-    view
-        Whether what is decoded is shown in a window.
-    depth
-        Whether depth is measured for the bag and the window.
-    near_mm, far_mm
-        Depths between which it is searched, as of `DepthEstimator`.
-    """
-
-    layout: Path
-    frames: tuple[Path, ...] = ()
-    device: str | None = None
-    limit: int | None = None
-    to: StreamFormat = "zarr"
-    field: Literal["common", "union"] = "common"
-    width_px: int | None = None
-    reference_depth_mm: float | None = None
-    regular_grid_at_mm: float | None = None
-    equalise: tuple[Path, ...] = ()
-    mcap: Path | None = None
-    mcap_compression: Compression = "none"
-    view: bool = False
-    depth: bool = True
-    near_mm: float | None = None
-    far_mm: float | None = None
-
-
 MakeCheck = Callable[[Layout, Path, float | None, OutputFolder, Reporter], RecordingCheck | None]
-"""Makes the check of recordings from the layout, its file and the depth of decoding, where the layout allows one."""
+"""Makes the check of recordings, where the layout allows one, from the layout, its file and the reference depth."""
 
 
 def decode_files(
-    request: DecodeRequest,
+    frames: Sequence[Path],
     folder: Path,
+    request: DecodeRequest = DecodeRequest(),
     reporter: Reporter = SILENT,
     *,
+    layout: Path,
     force: bool = False,
     make_check: MakeCheck | None = None,
 ) -> int:
-    """Decode pictures, videos and a camera into a folder; of each, the views in one picture beside the light field.
+    """Decode pictures and videos, or the camera of a request, into a folder.
 
     Every input is checked before anything is written. A video whose decoding was interrupted is resumed. A damaged
-    picture or frame is left out and reported; returns their number. `make_check` makes the check of each recording, and
-    of the pictures as one.
+    picture or frame is left out and reported.
 
-    Raises InputError for an input that is missing, or not of the layout's camera, where no picture is left, and,
-    without `force`, where a file of others is in the way.
+    Parameters
+    ----------
+    frames
+        Pictures and videos with different names; none where the request names a camera.
+    layout
+        The file `layout.json`, calibrated if possible.
+    force
+        Whether files of others in the folder are replaced, too; recordings never are.
+    make_check
+        Makes the check of each recording, and of all pictures as one.
+
+    Returns
+    -------
+    int
+        Number of damaged pictures and frames.
+
+    Raises
+    ------
+    InputError
+        For an input that is missing, or not of the layout's camera, where no picture is left, and, without `force`,
+        where a file of others is in the way.
     """
-    with output_folder(folder if request.mcap is None else request.mcap.parent, "decode", force=force) as output:
-        return _decode_files(request, output, reporter, make_check)
+    _check_sources(frames, request)
+    with output_folder(folder, "decode", force=force) as output:
+        return _decode_files(frames, layout, request, output, reporter, make_check)
+
+
+def _check_sources(frames: Sequence[Path], request: DecodeRequest) -> None:
+    if bool(frames) == (request.live is not None):
+        raise InputError("expected frames, videos, or --live NUMBER or ADDRESS")
+    names = [frame.stem for frame in frames]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two frames are called {twice!r}, expected different names: each names its light field")
+    if request.epi and not any(map(is_picture, frames)):
+        raise InputError("--epi: expected at least one picture among the frames")
+    if request.to == "mcap" and (len(frames) > 1 or any(map(is_picture, frames))):
+        raise InputError("--to mcap: expected one video or --live; pictures have no times")
 
 
 def _decode_files(
-    request: DecodeRequest, output: OutputFolder, reporter: Reporter, make_check: MakeCheck | None
+    frames: Sequence[Path],
+    layout_file: Path,
+    request: DecodeRequest,
+    output: OutputFolder,
+    reporter: Reporter,
+    make_check: MakeCheck | None,
 ) -> int:
-    layout = Layout.load(request.layout)
-    check_frames(request.frames, layout, request.layout, lambda line: reporter.note("decode", line))
-    images = [path for path in request.frames if is_picture(path)]
+    layout = Layout.load(layout_file)
+    check_frames(frames, layout, layout_file, lambda line: reporter.note("decode", line))
+    images = [path for path in frames if is_picture(path)]
     check = None
     if make_check is not None:
-        check = make_check(layout, request.layout, request.reference_depth_mm, output, reporter)
-    _refuse_blocked(request, images, output, check)
-    decoder = _decoder(request, layout)
+        check = make_check(layout, layout_file, request.reference_depth_mm, output, reporter)
+    _refuse_blocked(frames, request, output, check)
+    decoder = _decoder(request, layout, layout_file)
     if layout.kind == "nominal":
         reporter.note(
             "decode",
-            f"{request.layout} is a nominal layout, not a calibrated one: views are at their nominal positions",
+            f"{layout_file} is a nominal layout, not a calibrated one: views are at their nominal positions",
         )
-    estimator = _estimator(decoder, request) if request.depth and (request.mcap or request.view) else None
+    estimator = None
+    if not request.no_depth and (request.view or request.to == "mcap"):
+        estimator = _estimator(decoder)
     viewer = RerunViewer.opened() if request.view else None
 
     def show(time_s: float, light_field: LightField) -> None:
@@ -159,7 +140,7 @@ def _decode_files(
 
         return show_frame
 
-    damaged = _decode_pictures(images, decoder, output, reporter, show) if images else 0
+    damaged = _decode_pictures(images, decoder, output, reporter, show, epi=request.epi) if images else 0
     if check is not None and images:
         check.report(readable(spread(images)), check.file, "FRAMES")
     if decoder.equalisation is not None and _equalisation_file(request) is None:
@@ -170,34 +151,41 @@ def _decode_files(
             curve = f"grey levels grow as light to the power of {decoder.equalisation.exponent:.2f}"
             reporter.note("decode", f"{curve}, and views are brightened so towards their borders")
     recorder: StreamRecorder | BagRecorder
-    if request.mcap is None:
+    if request.to == "mcap":
+        seen = None if viewer is None else viewer.show
+        recorder = BagRecorder(decoder, output, estimator, request.limit, reporter, check, seen)
+    else:
         at_mm = request.regular_grid_at_mm
         recorder = StreamRecorder(decoder, output, request.to, request.limit, at_mm, reporter, check, show_video)
-    else:
-        path, compression, seen = request.mcap, request.mcap_compression, None if viewer is None else viewer.show
-        recorder = BagRecorder(decoder, output, path, compression, estimator, request.limit, reporter, check, seen)
-    return damaged + _record(request, layout, recorder)
+    return damaged + _record(frames, request, layout, recorder)
 
 
 def _refuse_blocked(
-    request: DecodeRequest, images: Sequence[Path], output: OutputFolder, check: RecordingCheck | None
+    frames: Sequence[Path], request: DecodeRequest, output: OutputFolder, check: RecordingCheck | None
 ) -> None:
     """Raise InputError where files of others, or recordings, are in the place of results."""
-    output.refuse_others(*(glob.escape(name) for path in images for name in picture_files(path)))
+    images = [path for path in frames if is_picture(path)]
+    endings = (".npz", "_views.png", *(("_epi.npz", "_epi.png") if request.epi else ()))
+    output.refuse_others(*(f"{glob.escape(path.stem)}{ending}" for path in images for ending in endings))
     if images and check is not None:
         output.refuse_others(check.file)
     if request.equalise and _equalisation_file(request) is None:
         output.refuse_others(EQUALISATION)
-    if request.mcap is None:
-        refuse_streams([path.stem for path in request.frames if path not in images], request.to, output, check)
+    if request.to == "mcap":
+        refuse_bag(_live_name(request.live) if request.live is not None else frames[0].stem, output, check)
     else:
-        refuse_bag(request.mcap, request.frames, output, check)
+        refuse_streams([path.stem for path in frames if path not in images], request.to, output, check)
 
 
-def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder | BagRecorder) -> int:
-    """Decode the streams; one without a frame that can be used counts as one lost, and is an error where all are so."""
-    lost, nothing, decoded = 0, None, any(map(is_picture, request.frames))
-    for source, name, origin in _streams(request, layout, recorder.reporter):
+def _record(
+    frames: Sequence[Path], request: DecodeRequest, layout: Layout, recorder: StreamRecorder | BagRecorder
+) -> int:
+    """Record the streams and return the number of lost frames; a stream without a usable frame counts as one.
+
+    Raises NothingDecoded where no stream has one and there are no pictures.
+    """
+    lost, nothing, decoded = 0, None, any(map(is_picture, frames))
+    for source, name, origin in _streams(frames, request.live, layout, recorder.reporter):
         try:
             lost += recorder.record(source, name, origin)
             decoded = True
@@ -209,26 +197,26 @@ def _record(request: DecodeRequest, layout: Layout, recorder: StreamRecorder | B
     return lost
 
 
-def _estimator(decoder: Decoder, request: DecodeRequest) -> DepthEstimator:
+def _estimator(decoder: Decoder) -> DepthEstimator:
     """The estimator of the depth of all frames."""
     samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
     light_field = LightField.of(decoder.views, samples, decoder.weights)
-    return DepthEstimator(light_field, near_mm=request.near_mm, far_mm=request.far_mm, quality="fast")
+    return DepthEstimator(light_field, quality="fast")
 
 
 def _decode_pictures(
-    images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show
+    images: Sequence[Path], decoder: Decoder, output: OutputFolder, reporter: Reporter, show: Show, *, epi: bool
 ) -> int:
-    """Decode pictures, but not the damaged ones, whose number is returned; raises InputError where all are.
+    """Decode pictures, shown one second apart, and return the number of damaged ones, which are left out.
 
-    They are shown one second apart.
+    Raises InputError where all are damaged.
     """
     damaged: list[str] = []
     with reporter.work("decode", count_text(len(images), "frame"), "frames") as advance:
         for done, path in enumerate(images, start=1):
             try:
                 with output.staged(complete=False) as folder:
-                    light_field = decode_picture(path, decoder, folder)
+                    light_field = decode_picture(path, decoder, folder, epi=epi)
                 show(done - 1.0, light_field)
             except DamagedPicture as error:
                 damaged.append(str(error))
@@ -258,30 +246,29 @@ def readable(paths: Sequence[Path]) -> list[Any]:
     return frames
 
 
-def picture_files(path: Path) -> tuple[str, str]:
-    """Names of the light field of a picture, and of the picture of its views."""
-    return f"{path.stem}.npz", f"{path.stem}_views.png"
+def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = False) -> LightField:
+    """Decode a picture into NAME.npz and NAME_views.png of a folder, and return its light field.
 
-
-def decode_picture(path: Path, decoder: Decoder, folder: Path) -> LightField:
-    """Decode a picture into NAME.npz and NAME_views.png of a folder, and return its light field."""
+    With `epi`, also write the epipolar-plane image of the middle row.
+    """
     light_field = decoder.decode(read_image(path))
-    samples, views = picture_files(path)
-    save_npz(folder / samples, light_field)
-    write_image(folder / views, tiles(light_field))
+    save_npz(folder / f"{path.stem}.npz", light_field)
+    write_image(folder / f"{path.stem}_views.png", tiles(light_field))
+    if epi:
+        write_epi(folder, path.stem, light_field)
     return light_field
 
 
 def _equalisation_file(request: DecodeRequest) -> Path | None:
-    """The one equalisation.json of a request, where it names that in place of pictures."""
+    """The equalisation.json of a request, where it names one in place of pictures."""
     return request.equalise[0] if [path.suffix for path in request.equalise] == [".json"] else None
 
 
-def _decoder(request: DecodeRequest, layout: Layout) -> Decoder:
-    """The decoder that a request asks for, equalised where it says so."""
+def _decoder(request: DecodeRequest, layout: Layout, layout_file: Path) -> Decoder:
+    """The decoder of a request, equalised where it says so."""
     known = _equalisation_file(request)
     if known is None:
-        check_frames(request.equalise, layout, request.layout)
+        check_frames(request.equalise, layout, layout_file)
     decoder = Decoder(
         layout,
         field=request.field,
@@ -308,18 +295,22 @@ def _sampled(paths: Sequence[Path], decoder: Decoder) -> Iterator[LightField]:
                 yield decoder.decode(frame.pixels)
 
 
+def _live_name(live: str) -> str:
+    """The name of the recording of a camera."""
+    return f"device{live}" if live.isascii() and live.isdigit() else "stream"
+
+
 def _streams(
-    request: DecodeRequest, layout: Layout, reporter: Reporter
+    frames: Sequence[Path], live: str | None, layout: Layout, reporter: Reporter
 ) -> Iterator[tuple[Stream, str, dict[str, Any]]]:
-    """Each video and the camera, with a name and what the recording says of where it is from."""
-    for path in request.frames:
+    """Each video and the camera, with its name and the source that its recording states."""
+    for path in frames:
         if not is_picture(path):
             video = Video(path, lambda line: reporter.note("decode", line))
             if video.sample_bits.largest:
                 reporter.note("decode", f"{path.name}: {video.sample_bits}")
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
-    if request.device is not None:
+    if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
-        device = camera(request.device, *size, tell=lambda line: reporter.note("decode", line))
-        name = f"device{request.device}" if request.device.isascii() and request.device.isdigit() else "stream"
-        yield device, name, {"device": shown(request.device), "started": datetime.now(UTC).isoformat()}
+        device = camera(live, *size, tell=lambda line: reporter.note("decode", line))
+        yield device, _live_name(live), {"device": shown(live), "started": datetime.now(UTC).isoformat()}

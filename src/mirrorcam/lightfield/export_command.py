@@ -2,64 +2,76 @@
 
 from __future__ import annotations
 
+import glob
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import tyro
+import numpy as np
+from cyclopts import Parameter
 from pydantic import Field
 
 from mirrorcam.core.bounds import Bounds
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import say
-from mirrorcam.lightfield.light_fields import GeometryOptions
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.light_field.io.formats.registry import NAMES
 
 if TYPE_CHECKING:
+    from mirrorcam.optics.light_field.io.light_field_format import Contents, Depth
+    from mirrorcam.optics.light_field.light_field import LightField
+
     FormatName = str
 else:
     FormatName = Literal[NAMES]
 
+SURE = 0.5
+"""Confidence above which an estimated depth is exported."""
 
-class ExportOptions(GeometryOptions):
-    """Convert a light field between formats; the format it is in is detected from its name and contents."""
 
-    light_field: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LIGHTFIELD")] = Field(
-        description=(
-            ".npz, .zarr or .mcap of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a "
-            "folder in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio"
-        ),
-    )
+@Parameter(name="*")
+class ExportRequest(Value):
+    """The format of an exported light field, and what of its source is exported."""
+
     to: FormatName = Field(
-        description=(
-            "format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, tiles: "
-            "one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: "
-            "transforms.json; ply: points in mm, in rig"
-        )
+        description="format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, "
+        "tiles: one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: "
+        "transforms.json; ply: points in mm, in rig"
     )
-    out: Path = Field(default=Path("output/exported"), description="folder for NAME with the ending of the format")
-    force: bool = FORCE
     frame: int = Bounds(0, 10**9).field(0, "frame of a recording, counted from 0")
-    depth: Annotated[
-        Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(that of an HCI scene; else measured for ply)")
-    ] = Field(
+    depth: Path | None = Field(
         default=None,
-        description="NAME_depth.npz of mirrorcam depth, to use as depth for ply and as ground truth for hci",
+        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: of an "
+        "HCI scene; else estimated for ply]",
     )
 
 
-def run(options: ExportOptions) -> int:
-    """Read, and write in the other format."""
-    from mirrorcam.lightfield.exporting import export_light_field
+def export(
+    light_field: Annotated[
+        Path,
+        Parameter(
+            name="LIGHTFIELD",
+            help=".npz, .zarr or .mcap of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a "
+            "folder in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio",
+        ),
+    ],
+    /,
+    *,
+    request: ExportRequest,
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/exported"),
+    force: Force = False,
+) -> int:
+    """Convert a light field between formats.
 
-    exported = export_light_field(
-        options.light_field,
-        options.to,
-        options.out,
-        frame=options.frame,
-        depth=options.depth,
-        assumed=options.assumed,
-        force=options.force,
-    )
+    The format it is in is detected from its name and contents; a figure that it lacks is read from views.toml
+    (docs/formats.md). Writes NAME with the ending of the format.
+
+    Examples:
+        mirrorcam export decoded/frame_0000.npz --to hci
+        mirrorcam export decoded/recording.zarr --frame 12 --to ply
+    """
+    exported = export_light_field(light_field, out, request, force=force)
     for note in exported.notes:
         say("views", note)
     if exported.measured is not None:
@@ -67,5 +79,66 @@ def run(options: ExportOptions) -> int:
     field = exported.light_field
     count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
     views = f"{count} views of {field.width_px}x{field.height_px} px"
-    say("export", f"{exported.path} written ({options.to}), from {exported.source_format}: {views}")
+    say("export", f"{exported.path} written ({request.to}), from {exported.source_format}: {views}")
     return 0
+
+
+@dataclass(frozen=True)
+class Exported:
+    """An exported light field: its path, the format it was read from, and its samples.
+
+    `measured` is the share of its pixels with a sure depth where depth was measured for the export, else None. `notes`
+    are lines about views that were read in another order.
+    """
+
+    path: Path
+    source_format: str
+    light_field: LightField
+    measured: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def export_light_field(source: Path, folder: Path, request: ExportRequest, *, force: bool = False) -> Exported:
+    """Read a light field from any format and write it in another into a folder, under its name.
+
+    PLY needs a depth, which is estimated where neither the request nor the source has one; `force` also replaces files
+    of others. Raises InputError for what cannot be read, or written in the format.
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.optics.light_field.io.formats.registry import (
+        format_of,
+        formats,
+        name_of,
+        open_light_fields,
+        write_light_field,
+    )
+
+    name = f"{name_of(source)}{formats()[request.to].ending}"
+    with output_folder(folder, "export", force=force) as output:
+        # Files of others in the folder of a format would be read as part of it.
+        within = f"{glob.escape(name)}/**/*"
+        output.refuse_others(*([within] if output.path.joinpath(name).is_dir() else [within, glob.escape(name)]))
+        contents = open_light_fields(source)
+        light_field, depth_mm, measured = _read(contents, source, request)
+        with output.staged(complete=False) as staged:
+            write_light_field(staged / name, light_field, request.to, depth_mm)
+    return Exported(folder / name, format_of(source).name, light_field, measured, contents.notes)
+
+
+def _read(contents: Contents, source: Path, request: ExportRequest) -> tuple[LightField, Depth | None, float | None]:
+    """The light field, its depth where there is one, and the share of pixels where that was measured for the export."""
+    from mirrorcam.optics.light_field.depth import DepthEstimator
+    from mirrorcam.optics.light_field.depth.depth_files import load_depth
+    from mirrorcam.optics.light_field.io.formats.registry import frame_of
+
+    light_field, depth_mm = frame_of(contents, request.frame, source), contents.depth_mm
+    if request.depth is not None:
+        depth_mm = load_depth(request.depth, light_field)
+    measured = None
+    if depth_mm is None and request.to == "ply":
+        found = DepthEstimator(light_field).estimate(light_field)
+        depth_mm = np.where(found.valid & (found.confidence > SURE), found.depth_mm, np.float32(np.nan))
+        measured = float(np.isfinite(depth_mm).mean())
+        if not measured:
+            raise InputError(f"{source}: no depth with confidence above {SURE:g}; is the layout calibrated?")
+    return light_field, depth_mm, measured

@@ -1,80 +1,156 @@
-"""`mirrorcam features`: points that all views agree on, with their places."""
+"""`mirrorcam features`: points that all views agree on, as a figure, a table and arrays."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field, model_validator
+import numpy as np
+from cyclopts import Parameter
 
-from mirrorcam.core.bounds import DEPTH_MM, Bounds
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import LightFieldsOptions, check_range, say_some
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import FeaturesRequest
+
+if TYPE_CHECKING:
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+    from mirrorcam.optics.light_field.features import Features
+    from mirrorcam.optics.light_field.light_field import LightField
+
+ENDINGS = ("features.npz", "features.csv", "features.png")
+WIDTH_IN, BAR_IN, TITLE_IN = 10.0, 1.1, 0.5
+TICKS = 7
+PALE = 0.35
+"""Contrast of the view in the figure, so that marks stand out."""
+DISC_PT2, LARGEST_PT2 = 16.0, 150.0
 
 
-class FeaturesOptions(LightFieldsOptions):
-    """Find features that all views of a light field agree on: a figure, coloured by depth, a table and arrays."""
+def features(
+    light_fields: LightFieldPaths,
+    /,
+    *,
+    layout: FrameLayout = None,
+    request: FeaturesRequest = FeaturesRequest(),
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/features"),
+    force: Force = False,
+) -> int:
+    """Find features that all views agree on.
 
-    detector: Literal["SIFT", "ORB", "AKAZE", "SIFT4D"] = Field(
-        default="SIFT",
-        description=(
-            "keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE needs the "
-            "contributed modules of OpenCV"
-        ),
-    )
-    keypoints: int = Bounds(1, 100_000).field(600, "maximum number of keypoints per view to start from")
-    max_distance_px: float = Bounds(0.001, 100.0).field(
-        0.5, "maximum distance of a feature in a view from where its slope predicts it"
-    )
-    min_views: Annotated[int | None, tyro.conf.arg(metavar="N_MIN", help_behavior_hint="(most of them)")] = Bounds(
-        1, 1_000_000
-    ).field(None, "number of views, besides the central one, in which a feature must be found")
-    near_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or halfway to the reference plane)")
-    ] = DEPTH_MM.field(None, "nearest depth that is searched, from the pupil")
-    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or infinity)")] = (
-        DEPTH_MM.field(None, "farthest depth that is searched")
-    )
-    two_slope_sigma: float = Bounds(0.001, 1e6).field(
-        4.0, "standard deviations between the slopes along two directions beyond which a feature counts as refracted"
-    )
-    out: Path = Field(
-        default=Path("output/features"),
-        description=(
-            "folder for NAME_features.png, NAME_features.csv (pixel, depth, sigma, point in rig, ... per line) and "
-            "NAME_features.npz (NumPy: the fields of Features, with descriptors and where each view sees them)"
-        ),
-    )
-    force: bool = FORCE
+    Writes, for each light field, NAME_features.png (coloured by depth), NAME_features.csv (pixel, depth, sigma, point
+    in rig and more per line) and NAME_features.npz (NumPy: the fields of Features, with descriptors and the pixels in
+    each view). Exit code 1: a light field has no features.
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        check_range(self.near_mm, self.far_mm)
-        return self
+    Examples:
+        mirrorcam features decoded/frame_0000.npz
+        mirrorcam features decoded/recording.zarr --detector SIFT4D --near-mm 250 --far-mm 800
+    """
+    from mirrorcam.core.console.reporter import TERMINAL
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-
-def run(options: FeaturesOptions) -> int:
-    """Find and write features; 1 where a light field has none."""
-    from mirrorcam.lightfield.light_field_results import FeatureSearch, write_features
-
-    search = FeatureSearch(
-        detector=options.detector,
-        keypoints=options.keypoints,
-        max_distance_px=options.max_distance_px,
-        min_views=options.min_views,
-        near_mm=options.near_mm,
-        far_mm=options.far_mm,
-        two_slope_sigma=options.two_slope_sigma,
-    )
-    inputs = options.inputs()
-    with long_work("features", options.counted, "files") as advance:
-        found = write_features(inputs, options.out, search, force=options.force, progress=advance)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    with long_work("features", inputs.counted, "files") as advance:
+        found = write_features(inputs, out, request, force=force, progress=advance)
     lines = []
     for each in found:
         sigma = f", median sigma {each.median_sigma_mm:.2f} mm" if each.count else ""
         lines.append(f"{each.name}: {each.count} features, {each.refracted} of them with two slopes{sigma}")
     say_some("features", lines)
-    say("features", f"pictures, tables (.csv) and arrays (.npz) written to {options.out}")
+    say("features", f"pictures, tables (.csv) and arrays (.npz) written to {out}")
     return 0 if all(each.count for each in found) else 1
+
+
+@dataclass(frozen=True)
+class FeaturesSummary:
+    """Features of one light field: their count, how many are refracted, and the median sigma of their depth."""
+
+    name: str
+    count: int
+    refracted: int
+    median_sigma_mm: float
+
+
+def write_features(
+    inputs: LightFieldInputs,
+    folder: Path,
+    request: FeaturesRequest = FeaturesRequest(),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> list[FeaturesSummary]:
+    """Find features in light fields, up to infinity where neither the request nor a file states a depth.
+
+    Writes NAME_features.npz, .csv and .png into a folder, where `force` also replaces files of others.
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.optics.light_field.features import FeatureFinder
+    from mirrorcam.optics.light_field.features.feature_set import save_csv, save_npz
+
+    finder: FeatureFinder | None = None
+    depth_range_mm: tuple[float, float] | None = None
+    summaries = []
+    with output_folder(folder, "features", force=force) as output:
+        for each in inputs.into(output, ENDINGS, progress):
+            if finder is None or each.depth_range_mm != depth_range_mm or not finder.fits(each.light_field):
+                depth_range_mm = each.depth_range_mm
+                near, far = each.depths_to_search(request.near_mm, request.far_mm)
+                finder = FeatureFinder(
+                    each.light_field,
+                    request.detector,
+                    keypoints=request.keypoints,
+                    min_views=request.min_views,
+                    nearest_mm=near,
+                    farthest_mm=np.inf if far is None else far,
+                )
+            found = finder.find(each.light_field)
+            with output.staged(complete=False, result=f"{each.name}_features.csv") as staged:
+                save_npz(staged / f"{each.name}_features.npz", found)
+                save_csv(staged / f"{each.name}_features.csv", found)
+                draw_features(staged / f"{each.name}_features.png", each.light_field, found)
+            sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan
+            summaries.append(FeaturesSummary(each.name, len(found), int(found.refracted.sum()), sigma))
+    return summaries
+
+
+def draw_features(path: Path, light_field: LightField, features: Features) -> None:
+    """Write the figure, PNG, atomically; equal steps of colour are equal disparities, larger discs coarser keypoints.
+
+    Features with two slopes are crosses.
+    """
+    from matplotlib.figure import Figure
+
+    from mirrorcam.core.disk.files import atomic
+
+    t, s = np.argwhere((light_field.positions_mm == 0).all(axis=-1))[0]
+    samples = light_field.samples[t, s]
+    view = samples / 255.0 if samples.dtype == np.uint8 else np.clip(samples, 0.0, 1.0)
+    grey = np.repeat(view.mean(axis=2, keepdims=True), 3, axis=2) ** (1.0 / 2.2)
+    height_in = (WIDTH_IN - BAR_IN) * view.shape[0] / view.shape[1] + TITLE_IN
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=100, layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(1.0 - (1.0 - grey) * (1.0 - PALE))
+    nearness, plain = 1.0 / features.depth_mm, ~features.refracted
+    sizes = np.minimum(DISC_PT2 * features.scale_px, LARGEST_PT2)
+    known = nearness[plain] if plain.any() else np.array([0.0, 1.0])
+    low, high = (float(edge) for edge in np.quantile(known, (0.005, 0.995)))
+    high = max(high, low + 1e-9)
+    u, v = features.pixels.T
+    shown = axes.scatter(u[plain], v[plain], sizes[plain], nearness[plain], cmap="turbo", vmin=low, vmax=high)
+    shown.set_edgecolor("black")
+    shown.set_linewidth(0.6)
+    if not plain.all():
+        axes.scatter(u[~plain], v[~plain], 2 * sizes[~plain], "black", marker="x", linewidths=2.2)
+        axes.scatter(u[~plain], v[~plain], 2 * sizes[~plain], "white", marker="x", linewidths=1.0)
+    if plain.any():
+        ticks = np.linspace(low, high, TICKS)
+        bar = figure.colorbar(shown, ax=axes, ticks=ticks, fraction=0.04, pad=0.01)
+        bar.ax.set_yticklabels([f"{1.0 / tick:.0f}" if tick > 0 else "∞" for tick in ticks])
+    crossed = f"; {(~plain).sum()} with two slopes, crossed" if not plain.all() else ""
+    axes.set_title(f"{len(features)} {features.detector} features, depth from the pupil in mm{crossed}")
+    axes.set_axis_off()
+    axes.set_xlim(-0.5, view.shape[1] - 0.5)
+    axes.set_ylim(view.shape[0] - 0.5, -0.5)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, metadata={"Software": None})

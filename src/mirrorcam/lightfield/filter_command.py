@@ -2,75 +2,92 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import Parameter
 
-from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM, DepthOrInf
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import LightFieldsOptions, check_range, say_some
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import FilterRequest
+
+if TYPE_CHECKING:
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+
+ENDINGS = ("filtered.npz", "filtered_views.png")
 
 
-class FilterOptions(LightFieldsOptions):
-    """Filter light fields in the frequency domain: keep what lies between two depths, without noise, rain and snow."""
+def filter(  # the command's name
+    light_fields: LightFieldPaths,
+    /,
+    *,
+    layout: FrameLayout = None,
+    request: FilterRequest = FilterRequest(),
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/filter"),
+    force: Force = False,
+) -> int:
+    """Filter light fields in the frequency domain.
 
-    kind: Literal["hyperfan", "dual-fan", "hypercone"] = Field(
-        default="hyperfan",
-        description=(
-            "what is kept. hyperfan: everything between two depths; dual-fan: the same, without comparing slopes along "
-            "x and y; hypercone: everything at any one depth"
-        ),
-    )
-    near_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as a scene states)")] = (
-        DEPTH_MM.field(None, "nearest depth that is kept, from the pupil")
-    )
-    far_mm: Annotated[DepthOrInf | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(as a scene states)")] = Field(
-        default=None, description=f"farthest depth that is kept, {DEPTH_OR_INF_MM}"
-    )
-    leave_out: bool = Field(
-        default=False,
-        description="leave out samples that disagree with the others: rain, snow and particles nearer than --near-mm",
-    )
-    out: Path = Field(
-        default=Path("output/filter"),
-        description=(
-            "folder for NAME_filtered.npz, a light field that other commands read, and NAME_filtered_views.png of each"
-        ),
-    )
-    force: bool = FORCE
+    Keeps what lies between two depths, without noise, rain and snow. Writes, for each light field, NAME_filtered.npz, a
+    light field that other commands read, and NAME_filtered_views.png.
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        check_range(self.near_mm, self.far_mm)
-        if self.kind == "hypercone" and (self.near_mm is not None or self.far_mm is not None):
-            raise ValueError("--kind hypercone keeps all depths, expected no --near-mm and --far-mm")
-        return self
+    Examples:
+        mirrorcam filter decoded/frame_0000.npz --near-mm 300 --far-mm 600
+        mirrorcam filter decoded/frame_0000.npz --near-mm 300 --far-mm 600 --leave-out
+    """
+    from mirrorcam.core.console.reporter import TERMINAL
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-
-def run(options: FilterOptions) -> int:
-    """Filter and write light fields."""
-    from mirrorcam.lightfield.filtering import write_filtered
-
-    inputs = options.inputs()
-    with long_work("filter", options.counted, "files") as advance:
-        found = write_filtered(
-            inputs,
-            options.out,
-            options.kind,
-            near_mm=options.near_mm,
-            far_mm=options.far_mm,
-            leave_out=options.leave_out,
-            force=options.force,
-            progress=advance,
-        )
-    lines = [f"{each.name}: {255 * each.outside:.1f} grey levels outside of the {options.kind}" for each in found]
-    if options.leave_out:
-        lines = [
-            f"{line}, {each.left_out:.1%} of the samples left out" for line, each in zip(lines, found, strict=True)
-        ]
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    with long_work("filter", inputs.counted, "files") as advance:
+        found = write_filtered(inputs, out, request, force=force, progress=advance)
+    lines = []
+    for each in found:
+        left_out = f", {each.left_out:.1%} of the samples left out" if request.leave_out else ""
+        lines.append(f"{each.name}: {255 * each.outside:.1f} grey levels outside of the {request.kind}{left_out}")
     say_some("filter", lines)
-    say("filter", f"light fields (.npz) and pictures written to {options.out}")
+    say("filter", f"light fields (.npz) and pictures written to {out}")
     return 0
+
+
+@dataclass(frozen=True)
+class FilterSummary:
+    """A filtered light field: what did not agree with its passband (0 to 1), and the share of samples left out."""
+
+    name: str
+    outside: float
+    left_out: float
+
+
+def write_filtered(
+    inputs: LightFieldInputs,
+    folder: Path,
+    request: FilterRequest = FilterRequest(),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> list[FilterSummary]:
+    """Filter light fields, between the depths of the request or those that their files state.
+
+    Writes NAME_filtered.npz and NAME_filtered_views.png into a folder, where `force` also replaces files of others.
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.images.pictures import write_image
+    from mirrorcam.optics.light_field.filters import Passband, filter_light_field
+    from mirrorcam.optics.light_field.io.formats.npz import save_npz
+    from mirrorcam.optics.light_field.io.view_images import tiles
+
+    summaries = []
+    with output_folder(folder, "filter", force=force) as output:
+        for each in inputs.into(output, ENDINGS, progress):
+            near, far = each.depths_to_search(request.near_mm, request.far_mm)
+            passband = Passband.of(each.light_field, request.kind, near, far)
+            filtered = filter_light_field(each.light_field, passband, leave_out=request.leave_out)
+            with output.staged(complete=False) as staged:
+                save_npz(staged / f"{each.name}_filtered.npz", filtered.light_field)
+                write_image(staged / f"{each.name}_filtered_views.png", tiles(filtered.light_field))
+            summaries.append(FilterSummary(each.name, filtered.outside, filtered.left_out))
+    return summaries

@@ -1,22 +1,24 @@
-"""Light fields that commands work through, one after the other: from files, folders, recordings and frames."""
+"""The light fields that a command works through: from files, folders, recordings and frames of the camera."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import glob
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from mirrorcam.core.console.reporter import SILENT, Reporter
+from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, line_on_bits
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, matched, unequal
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal import TemporalFilter
 
@@ -42,15 +44,14 @@ class NamedLightField:
 
 @dataclass(frozen=True)
 class LightFieldInputs:
-    """Files and folders of light fields, whose names differ because results are called by them.
+    """Files and folders of light fields with different names, which the results take over.
 
-    `layout` is the `layout.json` of frames that are still to be decoded, `assumed` the geometry for files that do not
-    state it. `reporter` is told of views that are made alike.
+    `layout` is the `layout.json` that frames of the camera are decoded with. `reporter` gets remarks about views that
+    are reordered or matched in brightness.
     """
 
     paths: tuple[Path, ...]
     layout: Path | None = None
-    assumed: Assumed = NOTHING
     reporter: Reporter = SILENT
 
     def __post_init__(self) -> None:
@@ -60,9 +61,9 @@ class LightFieldInputs:
             raise InputError(f"two light fields are called {twice!r}, expected different names: each names its results")
 
     @property
-    def file_names(self) -> tuple[str, ...]:
-        """Names of the results of files; those of a folder, which may hold many light fields, are known later."""
-        return tuple(path.stem for path in self.paths if not path.is_dir())
+    def counted(self) -> str:
+        """Number of light fields, in words."""
+        return count_text(len(self.paths), "light field")
 
     def each(self, progress: Progress = no_progress) -> Iterator[NamedLightField]:
         """Open the light fields one after the other; `progress` is called after each file or folder.
@@ -72,8 +73,22 @@ class LightFieldInputs:
         has_frames = any(is_picture(path) for path in self.paths)
         decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
         for done, path in enumerate(self.paths, start=1):
-            yield from opened(path, self.assumed, decoder, self.reporter)
+            yield from opened(path, decoder, self.reporter)
             progress(done, len(self.paths))
+
+    def into(
+        self, output: OutputFolder, endings: Sequence[str], progress: Progress = no_progress
+    ) -> Iterator[NamedLightField]:
+        """Open the light fields as `each` does, where nothing of others stands in the place of NAME_ENDING in a folder.
+
+        Raises InputError also for a file of others: for light fields in files before the first is opened. A folder may
+        hold many, whose names are known later.
+        """
+        names = [path.stem for path in self.paths if not path.is_dir()]
+        output.refuse_others(*(f"{glob.escape(name)}_{ending}" for name in names for ending in endings))
+        for each in self.each(progress):
+            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in endings))
+            yield each
 
 
 class RecordingFilter:
@@ -94,15 +109,13 @@ class RecordingFilter:
         return self._filter.filtered(each.light_field)
 
 
-def opened(
-    path: Path, assumed: Assumed, decoder: Decoder | None, reporter: Reporter = SILENT
-) -> Iterator[NamedLightField]:
+def opened(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> Iterator[NamedLightField]:
     """The light fields of a file or folder; a recording has one for each frame.
 
-    Views that differ visibly in brightness or colour are made like the central one, in a recording all frames by what
-    the first shows, and the reporter is told; others are what the file holds, to the bit.
+    Views that differ visibly in brightness or colour are matched to the central one, in a recording all frames by what
+    the first shows, with a note to the reporter; others stay as the file holds them, to the bit.
     """
-    contents = open_light_fields(path, assumed=assumed, decoder=decoder)
+    contents = open_light_fields(path, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
     bits = line_on_bits(path)
     if bits is not None:

@@ -1,4 +1,4 @@
-"""A video or a camera's stream becomes a recording of light fields, which is resumed after an interruption."""
+"""Decode a video or the stream of a camera into a recording of light fields, resumed after an interruption."""
 
 from __future__ import annotations
 
@@ -9,32 +9,31 @@ from typing import Any, Literal
 
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.frames import Lost
+from mirrorcam.core.video.frames import Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.spread_frames import WatchedSource
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import Decoded, RecordingCheck, record
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiles
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 
 StreamFormat = Literal["zarr", "hci", "stanford"]
 Show = Callable[[float, LightField], None]
-"""What else happens to a frame that is decoded: its time in s, and its light field."""
+"""Shows a decoded frame: takes its time in s and its light field."""
 
 
 @dataclass(frozen=True)
 class StreamRecorder:
     """Decodes streams into recordings of a format in a folder, up to `limit` frames of each, and checks each recording.
 
-    What `show` makes for each stream gets the frames that are decoded, too.
+    `show` makes a function for each stream, which gets every decoded frame.
     """
 
     decoder: Decoder
@@ -47,10 +46,10 @@ class StreamRecorder:
     show: Callable[[], Show] | None = None
 
     def record(self, source: Stream, name: str, origin: dict[str, Any]) -> int:
-        """Decode a stream, from where an earlier run was cut off; `origin` is what the recording says it is of.
+        """Decode a stream, resumed after an interrupted run; `origin` describes the source in the recording.
 
-        Returns the number of frames that it states and that could not be used. Raises InputError for a stream without a
-        frame that can be used, and where nothing can be written.
+        Returns the number of its frames that are lost. Raises InputError for a stream without a usable frame, and where
+        nothing can be written.
         """
         sink, suffix = _sink(self.to)
         path, picture = self.output.path / f"{name}{suffix}", f"{name}_views.png"
@@ -91,7 +90,7 @@ class StreamRecorder:
     def _finish(
         self, recording: Recording, source: Stream, watched: WatchedSource, name: str, expected: int | None
     ) -> None:
-        """Tell which frames were lost, give the recording its name, and check it."""
+        """Report lost frames, give the recording its name, and check it."""
         count = len(recording.entries.numbers)
         for line in losses(source, count, recording.entries.lost, expected):
             self.reporter.note("decode", f"{name}: {line}")

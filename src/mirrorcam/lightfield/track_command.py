@@ -1,71 +1,165 @@
-"""`mirrorcam track`: the motion of the camera through a sequence of light fields."""
+"""`mirrorcam track`: the motion of the camera through a sequence of light fields, as poses and a figure."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field, model_validator
+import numpy as np
+from cyclopts import Parameter
 
-from mirrorcam.core.bounds import DEPTH_MM, Bounds
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.lightfield.light_fields import LightFieldsOptions, check_range, say_some
-from mirrorcam.render_scenes.settings import RATE_HZ
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
+from mirrorcam.lightfield.requests import TrackRequest
+
+if TYPE_CHECKING:
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
+    from mirrorcam.optics.light_field.motion import TrackedPose
+
+FILES = ("trajectory.tum", "trajectory.json", "trajectory.png")
+SIZE_IN = (15.0, 4.6)
+LENGTH = 0.06
+"""Length of the lines along the views, in parts of the largest extent of the path."""
+LEAST_MM = 1.0
+COLOUR, KEY = "tab:blue", "tab:red"
 
 
-class TrackOptions(LightFieldsOptions):
-    """Track the camera past a still scene: its pose in every light field of a recording, with covariance."""
+def track(
+    light_fields: LightFieldPaths,
+    /,
+    *,
+    layout: FrameLayout = None,
+    request: TrackRequest = TrackRequest(),
+    out: Annotated[Path, Parameter(help="output folder")] = Path("output/track"),
+    force: Force = False,
+) -> int:
+    """Track the camera past a static scene.
 
-    detector: Literal["SIFT", "ORB", "AKAZE", "SIFT4D"] = Field(
-        default="ORB",
-        description=(
-            "keypoint detector; SIFT4D searches in place, scale and slope at once, for little light; AKAZE needs the "
-            "contributed modules of OpenCV"
-        ),
-    )
-    keypoints: int = Bounds(20, 100_000).field(600, "maximum number of keypoints per view to start from")
-    near_mm: Annotated[
-        float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or halfway to the reference plane)")
-    ] = DEPTH_MM.field(None, "nearest depth of the scene, from the pupil")
-    far_mm: Annotated[float | None, tyro.conf.arg(metavar="MM", help_behavior_hint="(the scene's, or infinity)")] = (
-        DEPTH_MM.field(None, "farthest depth of the scene")
-    )
-    rate_hz: float = RATE_HZ.field(30.0, "light fields per second, where a recording does not state their times")
-    out: Path = Field(
-        default=Path("output/track"),
-        description=(
-            "folder for trajectory.tum (a pose per line in the TUM format, metres), trajectory.json (poses in mm, and "
-            "their covariances) and trajectory.png (a figure)"
-        ),
-    )
-    force: bool = FORCE
+    Writes its pose in every light field to trajectory.tum (a pose per line in the TUM format, metres), trajectory.json
+    (poses in mm, and their covariances) and trajectory.png (a figure). Exit code 1: the camera is lost in every light
+    field after the first.
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        check_range(self.near_mm, self.far_mm)
-        return self
+    Examples:
+        mirrorcam track decoded/walk.zarr
+        mirrorcam track decoded/frame_*.npz --rate-hz 10
+    """
+    from mirrorcam.core.console.reporter import TERMINAL
+    from mirrorcam.core.figures.figure_texts import count_text
+    from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-
-def run(options: TrackOptions) -> int:
-    """Track and write poses; 1 where the camera is lost in every light field after the first."""
-    from mirrorcam.lightfield.tracking import TrackSearch, write_trajectory
-
-    search = TrackSearch(
-        detector=options.detector,
-        keypoints=options.keypoints,
-        near_mm=options.near_mm,
-        far_mm=options.far_mm,
-        rate_hz=options.rate_hz,
-    )
-    inputs = options.inputs()
-    with long_work("track", options.counted, "files") as advance:
-        found = write_trajectory(inputs, options.out, search, force=options.force, progress=advance)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    with long_work("track", inputs.counted, "files") as advance:
+        found = write_trajectory(inputs, out, request, force=force, progress=advance)
     lost = [name for name, pose in zip(found.names, found.poses, strict=True) if pose.is_lost]
     say_some("track", [f"{name}: lost, too little of the last key frame is seen" for name in lost])
     keys = count_text(sum(pose.is_key for pose in found.poses), "key frame")
     say("track", f"{len(found.poses) - len(lost)} of {len(found.poses)} poses, {keys}, path {found.path_mm:.1f} mm")
-    say("track", f"trajectory.tum, .json and .png written to {options.out}")
+    say("track", f"trajectory.tum, .json and .png written to {out}")
     return 1 if len(lost) == len(found.poses) - 1 else 0
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Names, times and poses of light fields, in order."""
+
+    names: list[str]
+    times_s: list[float]
+    poses: list[TrackedPose]
+
+    @property
+    def path_mm(self) -> float:
+        """Length of the path between the poses that are known."""
+        places = [pose.world_from_view[:3, 3] for pose in self.poses if not pose.is_lost]
+        return float(np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum())
+
+
+def write_trajectory(
+    inputs: LightFieldInputs,
+    folder: Path,
+    request: TrackRequest = TrackRequest(),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> Trajectory:
+    """Track the camera through light fields, in their order, and write trajectory.tum, .json and .png into a folder.
+
+    `force` also replaces files of others there. Raises InputError for less than two light fields, and for light fields
+    of different views.
+    """
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.optics.light_field.motion import LightFieldTracker, save_json, save_tum
+
+    found = Trajectory([], [], [])
+    tracker: LightFieldTracker | None = None
+    with output_folder(folder, "track", force=force) as output:
+        output.refuse_others(*FILES)
+        for each in inputs.each(progress):
+            if tracker is None:
+                near, far = each.depths_to_search(request.near_mm, request.far_mm)
+                tracker = LightFieldTracker(
+                    each.light_field,
+                    request.detector,
+                    keypoints=request.keypoints,
+                    nearest_mm=near,
+                    farthest_mm=np.inf if far is None else far,
+                )
+            found.poses.append(tracker.track(each.light_field))
+            found.names.append(each.name)
+            number = len(found.times_s)
+            found.times_s.append(number / request.rate_hz if each.time_s is None else each.time_s)
+        if len(found.poses) < 2:
+            raise InputError(f"{len(found.poses)} light field, expected at least two, in the order of time")
+        with output.staged(complete=False, result=FILES[1]) as staged:
+            save_tum(staged / FILES[0], found.times_s, found.poses)
+            save_json(staged / FILES[1], found.names, found.times_s, found.poses)
+            draw_trajectory(staged / FILES[2], found.times_s, found.poses)
+    return found
+
+
+def draw_trajectory(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
+    """Write the figure as PNG, atomically: the path from above and from the first view, and the sigma of positions.
+
+    Positions are of the reference view in its frame at the first light field, mm; key frames are red, and the path
+    breaks where the camera is lost.
+    """
+    from matplotlib.figure import Figure
+
+    from mirrorcam.core.disk.files import atomic
+
+    world_from_view = np.array([pose.world_from_view for pose in poses])
+    places, ahead = world_from_view[:, :3, 3], world_from_view[:, :3, 2]
+    keys = np.array([pose.is_key for pose in poses])
+    known = np.isfinite(places).all(axis=1)
+    extent_mm = max(float(np.ptp(places[known], axis=0).max()), LEAST_MM) if known.any() else LEAST_MM
+    figure = Figure(figsize=SIZE_IN, dpi=100, layout="constrained")
+    axes = figure.subplots(1, 3)
+    names = ("right", "down", "ahead")
+    for each, (across, up), title in zip(
+        axes, ((0, 2), (0, 1)), ("from above", "as the first view looks"), strict=False
+    ):
+        each.plot(places[:, across], places[:, up], color=COLOUR, linewidth=1.2)
+        ends = places + LENGTH * extent_mm * ahead
+        for start, end in zip(places[known], ends[known], strict=True):
+            each.plot([start[across], end[across]], [start[up], end[up]], color="0.7", linewidth=0.8, zorder=1)
+        each.scatter(places[~keys, across], places[~keys, up], s=9, color=COLOUR, zorder=2)
+        each.scatter(places[keys, across], places[keys, up], s=22, color=KEY, zorder=3)
+        each.set_xlabel(f"{names[across]}, mm")
+        each.set_ylabel(f"{names[up]}, mm")
+        each.set_title(f"the camera's path {title}")
+        each.set_aspect("equal", adjustable="datalim")
+        each.grid(alpha=0.3)
+    axes[1].invert_yaxis()
+    sigmas = np.sqrt([np.trace(pose.covariance[:3, :3]) for pose in poses])
+    axes[2].plot(times_s, sigmas, color=COLOUR, marker=".")
+    axes[2].set_ylim(bottom=0.0)
+    axes[2].set_xlabel("time, s")
+    axes[2].set_ylabel("\N{GREEK SMALL LETTER SIGMA} of the position, mm")
+    axes[2].set_title("standard deviation of the position")
+    axes[2].grid(alpha=0.3)
+    with atomic(path) as temporary:
+        figure.savefig(temporary, metadata={"Software": None})

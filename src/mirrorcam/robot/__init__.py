@@ -1,1 +1,1 @@
-"""Bags for ROS, and the viewer."""
+"""Light fields for robots: ROS 2 bags, and a viewer."""

@@ -1,4 +1,4 @@
-"""What is decoded in a viewer of rerun: views where they are in space, depth, and points.
+"""Decoded light fields in the viewer of rerun: views at their positions in space, depth, and points.
 
 The scene is in the view frame, in metres: x right, y down, z forward from the reference view.
 """
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic
 from mirrorcam.optics.light_field.io.view_images import rgb
@@ -24,12 +24,12 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
 PORT = 9876
-"""Where rerun's viewer listens."""
+"""Port on which the viewer listens."""
 WAIT_S = 5.0
 PLANES_M = 0.02
 """Distance before a view at which its picture is drawn."""
 CORNER_PX = 0.5
-"""Rerun's pixel (0, 0) is the corner of the picture, not the middle of its first pixel."""
+"""In rerun, (0, 0) is the corner of the picture, not the middle of its first pixel."""
 
 
 class RerunViewer:
@@ -38,7 +38,7 @@ class RerunViewer:
     Parameters
     ----------
     recording
-        The `rerun.RecordingStream`, wherever it leads: to a window or into a file.
+        A `rerun.RecordingStream` to a window or into a file.
     """
 
     def __init__(self, recording: Any) -> None:
@@ -65,7 +65,7 @@ class RerunViewer:
         return cls(recording)
 
     def show(self, time_s: float, light_field: LightField, depth: DepthMap | None) -> None:
-        """Show a frame at its time, with its depth where that was measured."""
+        """Show a frame at its time, with its depth where there is one."""
         import rerun
 
         recording = self._recording
@@ -82,7 +82,7 @@ class RerunViewer:
             recording.log(f"{SCENE}/points", rerun.Points3D(points[known], colors=colours))
 
     def _show_cameras(self, views: Views) -> None:
-        """Show where the views are, and arrange the windows: the scene, the reference view and its depth."""
+        """Show the positions of the views, and arrange the windows: the scene, the reference view and its depth."""
         import rerun
         import rerun.blueprint as rrb
 
@@ -114,7 +114,7 @@ class RerunViewer:
 
 
 def _listens() -> bool:
-    """Return whether a viewer listens on this machine; that of another may, through a tunnel."""
+    """Return whether a viewer listens on this machine, or on another through a tunnel."""
     try:
         socket.create_connection(("127.0.0.1", PORT), timeout=WAIT_S).close()
     except OSError:
@@ -131,7 +131,7 @@ def _open_window() -> None:
             "--view opens a window, but there is no display: expected one, or a rerun viewer that listens on port "
             f"{PORT}"
         )
-    # Where Python was called by its path, the folder of its programs need not be on that of the shell.
+    # The folder of Python's programs is not on the path of the shell where Python was called by its own path.
     folders = (str(Path(sys.executable).parent), os.environ.get("PATH", ""))
     program = shutil.which("rerun", path=os.pathsep.join(folders))
     reason = "it ended at once"
@@ -139,7 +139,7 @@ def _open_window() -> None:
         rerun.spawn(connect=False, executable_path=program, port=PORT)
     except (OSError, RuntimeError) as error:
         reason = " ".join(str(error).split())
-    # Of a viewer that ends at once, as without graphics, rerun itself only warns.
+    # Rerun only warns of a viewer that ends at once, as without graphics.
     if not _listens():
         raise InputError(shortened(f"--view: rerun's viewer does not start: {reason}"))
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
 from mirrorcam.core.console.progress import say
-from mirrorcam.core.values import Value
+from mirrorcam.core.console.session import session
 
 if TYPE_CHECKING:
     from mirrorcam.run.installation import Extra, Installation, Package
@@ -19,43 +17,37 @@ if TYPE_CHECKING:
 TESTED_ON = "Python 3.11, Linux"
 
 
-class DoctorOptions(Value):
-    """Say what is installed, what is missing for what, and which versions were tested, then try each part.
+def doctor(*, no_tests: Annotated[bool, Parameter(help="skip the tests, which take some seconds each")] = False) -> int:
+    """List what is installed, and test each part.
 
-    Put what it prints into a report of an error. Exit code 1: a part that is installed failed its test.
+    Prints the libraries of each extra with the versions that were tested, what is missing for what, other programs,
+    and a test of each part. Paste it into a report of an error. Exit code 1: an installed part failed its test.
+
+    Examples:
+        mirrorcam doctor
+        mirrorcam doctor --no-tests --json
     """
-
-    as_json: Annotated[bool, tyro.conf.arg(name="json")] = Field(
-        default=False, description="print everything as one JSON object instead, after the tests"
-    )
-    no_tests: bool = Field(default=False, description="leave the tests out, which take some seconds each")
-
-
-def run(options: DoctorOptions) -> int:
-    """Print what is installed and the results of the tests."""
     from mirrorcam.run.installation import installation
     from mirrorcam.run.self_tests import parts_to_test, self_tests
 
     found = installation()
-    if not options.as_json:
-        for title, text in described(found):
-            say(title, text)
+    _print([*described(found)])
     results: list[SelfTest] = []
-    for result in () if options.no_tests else self_tests(parts_to_test(found)):
+    for result in () if no_tests else self_tests(parts_to_test(found)):
         results.append(result)
-        if not options.as_json:
-            say("test", f"{result.name.ljust(10)} {'passed' if result.passed else 'FAILED'}: {_timed(result)}")
+        verdict = "passed" if result.passed else "FAILED"
+        _print([("test", f"{result.name.ljust(10)} {verdict}: {result.said} ({result.seconds:.1f} s)")])
     failed = [result.name for result in results if not result.passed]
-    if options.as_json:
-        tests = [result.model_dump(mode="json") for result in results]
-        print(json.dumps(found.model_dump(mode="json") | {"tests": tests}, indent=1))
-    elif results:
-        say("doctor", f"failed: {', '.join(failed)}" if failed else f"{len(results)} parts tried, all work")
+    if results:
+        _print([("doctor", f"failed: {', '.join(failed)}" if failed else f"{len(results)} parts tried, all work")])
+    session().results |= found.model_dump(mode="json") | {"tests": [each.model_dump(mode="json") for each in results]}
     return 1 if failed else 0
 
 
-def _timed(result: SelfTest) -> str:
-    return f"{result.said} ({result.seconds:.1f} s)"
+def _print(lines: Sequence[tuple[str, str]]) -> None:
+    """Print lines, whose content is in the results of `--json` as values."""
+    for title, text in lines if session().prints else ():
+        say(title, text)
 
 
 def described(found: Installation) -> list[tuple[str, str]]:

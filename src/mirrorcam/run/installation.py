@@ -21,13 +21,13 @@ CONSTRAINTS = "constraints.txt"
 BASE = "base"
 PURPOSES = {
     BASE: "design, board, calibrate, decode, live, depth, and all that reads light fields",
-    "cad": "the parts of a device: mirrorcam cad, adjust, camera new, run",
+    "cad": "the parts of a device: mirrorcam cad, camera new, run",
     "render": "synthetic sets and scenes: mirrorcam render, scene, picture, validate, run",
     "fe": "mirrorcam cad --elastic (with the program gmsh)",
     "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
     "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
     "parquet": "mirrorcam sweep --table parquet",
-    "robot": "ROS 2 bags: mirrorcam decode --mcap",
+    "robot": "ROS 2 bags: mirrorcam decode --to mcap",
     "view": "mirrorcam decode --view, in rerun's viewer",
     "studio": "the pages in the browser: mirrorcam studio, live",
 }

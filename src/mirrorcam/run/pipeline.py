@@ -46,8 +46,8 @@ class Recipe:
     small: bool
     adapter: str = "none"
     """The back that carries the device, by its kind."""
-    mirrors: Literal["glue", "screws"] = "glue"
-    """How mirrors sit."""
+    mounting: Literal["glue", "screws"] = "glue"
+    """How the mirrors are mounted."""
 
 
 def full_recipe(seed: int) -> Recipe:
@@ -79,7 +79,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE
 
-        holder = HARDWARE.holder.replaced(mirrors=recipe.mirrors)
+        holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
         hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
         kept = results_folder(root)
         build_parts(Layout.load(nominal), folder, hardware, results=kept, workers=cores(), progress=progress)
@@ -121,7 +121,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             "mirrorcam.cad.build",
             doing="every part, its files and checks",
             unit="steps",
-            parameters={"adapter": recipe.adapter, "mirrors": recipe.mirrors},
+            parameters={"adapter": recipe.adapter, "mirrors": recipe.mounting},
             reads=(nominal,),
             programs={"slicer": _slicer()},
         ),

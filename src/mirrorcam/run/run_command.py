@@ -4,59 +4,56 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
-import tyro
-from pydantic import Field, model_validator
+from cyclopts import Parameter
 
 from mirrorcam.core.bounds import SEED
-from mirrorcam.core.console.option_texts import ADAPTER_TEXT, FORCE, MIRRORS_TEXT, AdapterKind
+from mirrorcam.core.console.options import AdapterOption, Force, Mounting, bounded
 from mirrorcam.core.console.progress import print_metrics, say
 from mirrorcam.core.console.reporter import TERMINAL
-from mirrorcam.core.values import Value
+from mirrorcam.core.errors import InputError
 
 
-class RunOptions(Value):
-    """Run the whole pipeline: design, parts, synthetic frames, blind calibration, light field and a page of results."""
-
-    design: tyro.conf.Positional[
-        Annotated[Path | None, tyro.conf.arg(metavar="[design.toml|layout.json]", help_behavior_hint="")]
-    ] = Field(default=None, description="what to design, as `mirrorcam studio` saves it; without, 3 x 3 for a C920")
+def run(
+    design: Annotated[
+        Path | None, Parameter(name="DESIGN", help="design.toml or layout.json [default: 3 x 3 mirrors for a C920]")
+    ] = None,
+    /,
+    *,
+    quick: Annotated[bool, Parameter(help="smaller example in a minute: 2 x 2 mirrors, half the resolution")] = False,
+    adapter: AdapterOption = "none",
+    mounting: Mounting = "glue",
+    seed: Annotated[int, bounded(SEED, "seed of poses, tolerances and noise")] = 0,
     out: Annotated[
-        Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint="(output/default or output/quick)")
-    ] = Field(
-        default=None, description="folder for all results; those of an earlier run that are still valid are re-used"
-    )
-    force: bool = FORCE
-    quick: bool = Field(default=False, description="smaller example in about a minute: 2 x 2 mirrors, half resolution")
-    adapter: Annotated[AdapterKind, tyro.conf.arg(metavar="KIND")] = Field(default="none", description=ADAPTER_TEXT)
-    mirrors: Annotated[Literal["glue", "screws"], tyro.conf.arg(metavar="glue|screws")] = Field(
-        default="glue", description=MIRRORS_TEXT
-    )
-    seed: int = SEED.field(0, "seed of poses, tolerances and noise")
+        Path | None, Parameter(help="output folder, whose valid results are re-used [default: output/default or quick]")
+    ] = None,
+    force: Force = False,
+) -> int:
+    """Run the whole pipeline, from a design to a light field, and write a page of results.
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.quick and self.design is not None:
-            raise ValueError(f"--quick and {self.design}: expected one of the two")
-        return self
+    Designs the mirrors, generates and checks all parts, renders frames of a device as built, calibrates it blind and
+    decodes a light field; then writes metrics.json and index.html. Exit code 1: a figure is past its limit.
 
-
-def run(options: RunOptions) -> int:
-    """Run the pipeline."""
-    from mirrorcam.designs.design_request import read_request
+    Examples:
+        mirrorcam run
+        mirrorcam run --quick --seed 3
+        mirrorcam run design.toml --adapter tripod --mounting screws --out output/mine
+    """
+    if quick and design is not None:
+        raise InputError(f"--quick and {design}: expected one of the two")
+    from mirrorcam.designs.design_files import read_request
     from mirrorcam.run.pipeline import full_recipe, quick_recipe, run_all
 
-    recipe = quick_recipe(options.seed) if options.quick else full_recipe(options.seed)
-    if options.design is not None:
-        recipe = replace(recipe, spec=read_request(options.design))
-    recipe = replace(recipe, adapter=options.adapter, mirrors=options.mirrors)
-    out = options.out or Path("output/quick" if options.quick else "output/default")
-    design = f" {options.design.name}" if options.design else ""
-    carried = "" if options.adapter == "none" else f" --adapter {options.adapter}"
-    carried += "" if options.mirrors == "glue" else f" --mirrors {options.mirrors}"
-    command = f"mirrorcam run{design}{' --quick' if options.quick else ''}{carried} --seed {options.seed}"
-    figures = run_all(recipe, out, command, TERMINAL, force=options.force)
+    recipe = quick_recipe(seed) if quick else full_recipe(seed)
+    if design is not None:
+        recipe = replace(recipe, spec=read_request(design).spec)
+    recipe = replace(recipe, adapter=adapter, mounting=mounting)
+    out = out or Path("output/quick" if quick else "output/default")
+    stated = f" {design.name}" if design else " --quick" if quick else ""
+    stated += "" if adapter == "none" else f" --adapter {adapter}"
+    stated += "" if mounting == "glue" else f" --mounting {mounting}"
+    figures = run_all(recipe, out, f"mirrorcam run{stated} --seed {seed}", TERMINAL, force=force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}
     print_metrics({"measured": failed | limited})

@@ -21,6 +21,7 @@ import mirrorcam
 from mirrorcam.core.console.system_libraries import missing_library
 from mirrorcam.core.processes.child_program import run_program
 from mirrorcam.core.values import Value
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 
 if TYPE_CHECKING:
     import numpy as np
@@ -168,7 +169,7 @@ def _calibrate() -> str:
             pose[:3, :3] @= Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
             pose[:3, 3] -= pose[:3, :3] @ board.corners_in_board_mm.mean(axis=0)
             taken.append(_frame(built, texture, board.square_mm / 32, pose, mirrored=mirrored))
-    found = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, level="joint")
+    found = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, model=RequestedModel())
     pairs = zip(found.layout.mirrors, built.mirrors, strict=True)
     worst = np.rad2deg(max(np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) for a, b in pairs))
     return expect(bool(worst < 0.05), f"normals of {len(built.mirrors)} mirrors found to {worst:.3f} deg")

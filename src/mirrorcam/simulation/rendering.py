@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mirrorcam.core.disk.files import write_bytes
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.core.images.pictures import encoded_image, write_image
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.product_picture import product_picture
+from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import FrameTask, render_frame_in_turn, render_frame_on_one_core
 from mirrorcam.render_scenes.sets.render_set import Run
-from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, render_tabletop
-from mirrorcam.simulation.tabletop_figure import overview
+from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, TabletopSet, read_map, render_tabletop
 
 OVERVIEW = "truth/overview.jpg"
-JPEG_QUALITY = 85
-"""JPEG quality of a picture of the device."""
 
 
 def in_workers(workers: int) -> Run:
@@ -60,7 +60,72 @@ def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_
             write_image(staged / OVERVIEW, overview(folder))
 
 
-def write_product_picture(layout: Layout, parts: Path, path: Path, *, spp: int = 64) -> None:
-    """Render the device that `parts` holds of a layout, in `spp` samples a pixel, into a picture file."""
-    picture = product_picture(layout, parts, spp=spp)
-    write_bytes(path, encoded_image(picture, path.suffix.lower(), JPEG_QUALITY))
+@dataclass(frozen=True)
+class SetCheck:
+    """Files of a set against their checksums: those that differ or have gone, and those not rendered yet."""
+
+    files: int
+    altered: tuple[str, ...]
+    lost: tuple[str, ...]
+    unfinished: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        return not (self.altered or self.lost or self.unfinished)
+
+
+def check_set(folder: Path) -> SetCheck:
+    """Compare every file of a rendered set with its checksum."""
+    dataset = Dataset.load(folder)
+    wrong = [name for name in dataset.files if not dataset.intact(folder, name)]
+    return SetCheck(
+        files=len(dataset.files),
+        altered=tuple(name for name in wrong if (folder / name).exists()),
+        lost=tuple(name for name in wrong if not (folder / name).exists()),
+        unfinished=tuple(dataset.missing),
+    )
+
+
+HEIGHT_PX = 480
+GAP_PX = 10
+
+
+def overview(folder: Path) -> NDArray[np.uint8]:
+    """Draw the overview of a tabletop set.
+
+    Parameters
+    ----------
+    folder
+        Folder of the set.
+
+    Returns
+    -------
+    array (h, w, 3)
+        The frame at the left; at the right the true central view above its inverse depth, red where near. Frame and
+        view are gamma-encoded, since their files hold linear values.
+
+    Raises
+    ------
+    InputError
+        If a file of the set is missing or cannot be read.
+    """
+    manifest = TabletopSet.load(folder)
+    t, s = manifest.central_view
+    frame, view = (
+        _for_screens(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")
+    )
+    nearness = 1.0 / read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
+    low, high = float(nearness.min()), float(nearness.max())
+    grey = np.rint(255.0 * (nearness - low) / max(high - low, 1e-12)).astype(np.uint8)
+    near = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))[..., ::-1]
+    height, width = (HEIGHT_PX - GAP_PX) // 2, round((HEIGHT_PX - GAP_PX) / 2 * view.shape[1] / view.shape[0])
+    small = [np.asarray(cv2.resize(image, (width, height))) for image in (view, near)]
+    wide = round(HEIGHT_PX * frame.shape[1] / frame.shape[0])
+    large = np.asarray(cv2.resize(frame, (wide, HEIGHT_PX), interpolation=cv2.INTER_AREA))
+    picture = np.full((HEIGHT_PX, wide + GAP_PX + width, 3), 255, dtype=np.uint8)
+    picture[:, :wide], picture[:height, wide + GAP_PX :], picture[-height:, wide + GAP_PX :] = large, *small
+    return picture
+
+
+def _for_screens(linear: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.rint(255.0 * (linear / 255.0) ** (1.0 / 2.2)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What the pages draw of a design, as values; `drawing` makes them. Nothing slow is imported here."""
+"""What the pages show of a design, as values; `drawing` makes them. Nothing slow is imported here."""
 
 from __future__ import annotations
 
@@ -121,3 +121,22 @@ class RefusedDesign:
 
 Found = SolvedDesign | RefusedDesign
 """What a request leads to."""
+
+
+class ToleranceBar(Value):
+    """One figure: of the design, and the range of 90 % of the devices with their median."""
+
+    label: str
+    design: float
+    low: float
+    median: float
+    high: float
+    text: str
+
+
+class ToleranceBars(Value):
+    """All figures of a study, and what was assumed."""
+
+    assumed: str
+    hidden: float
+    bars: list[ToleranceBar]

@@ -8,19 +8,17 @@ from collections import deque
 from collections.abc import Iterator
 from functools import cache
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, beside, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.studio.controls import change_text
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest
-from mirrorcam.studio.tolerance_values import ToleranceBars
+from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
 
 PRELOAD = (
     "mirrorcam.studio.drawing",
-    "mirrorcam.studio.tolerance_bars",
     "mirrorcam.optics.design.optimise",
     "mirrorcam.optics.design.preview",
 )
@@ -58,7 +56,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """A layout that was solved before, with its parabola and their drawings."""
-    from mirrorcam.optics.design.parabola import assessed_parabola
+    from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
     exact = design_drawing(layout, spec, "exact")
@@ -95,8 +93,7 @@ def preview(spec: DesignSpec) -> str | None:
 
 def report(layout: Layout, parabola: Layout | None) -> str:
     """The report of a design as one HTML file, with a study of devices as built."""
-    from mirrorcam.designs.design_pictures import design_pictures
-    from mirrorcam.designs.design_report import design_report
+    from mirrorcam.designs.design_report import design_pictures, design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
 
     assert layout.spec is not None
@@ -132,7 +129,7 @@ def next_suggestion() -> SuggestedRequest | None:
 def tolerance(layout: Layout) -> ToleranceBars:
     """What devices built by hand can be expected to reach, by this process at low priority."""
     at_low_priority()
-    from mirrorcam.studio.tolerance_bars import tolerance_bars
+    from mirrorcam.studio.drawing import tolerance_bars
 
     return tolerance_bars(layout)
 

@@ -1,25 +1,63 @@
-"""Designs that a page asks for: solved, kept and previewed by processes of their own."""
+"""Designs that a page requests: solved, kept, previewed and replaced by others near them, by processes of their own."""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.advisor import Advisor
-from mirrorcam.studio.design_values import Found, RefusedDesign, SolvedDesign, SuggestedRequest
-from mirrorcam.studio.look_ahead import LookAhead
-from mirrorcam.studio.nearby_requests import nearby_requests
+from mirrorcam.studio.design_values import Found, RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
+from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
-from mirrorcam.studio.tolerance_values import ToleranceBars
 from mirrorcam.studio.turns import Asker, Superseded, Turns
+
+
+class Advisor:
+    """Finds what can be asked for instead; any thread may call. Pages that search at the same time do so in turn."""
+
+    def __init__(self) -> None:
+        self._process = WorkerProcess(preload=design_work.PRELOAD)
+        self._turns = Turns(self._process.kill)
+
+    def suggestions(self, spec: DesignSpec, refused: RefusedDesign, asker: Asker) -> Iterator[SuggestedRequest]:
+        """Requests near a refused one that can be met, as they are found, until the search is ended."""
+        try:
+            with self._turns.turn(asker, spec), self._searching():
+                self._process.call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
+                while not asker.gone and (found := self._process.call(design_work.next_suggestion)) is not None:
+                    yield found
+        except (Superseded, WorkerDied):
+            return  # as the search was ended
+
+    def end_search(self, asker: Asker) -> None:
+        """End the search of a page, which has another request."""
+        self._turns.give_up_earlier(asker, None)
+
+    def leave(self, asker: Asker) -> None:
+        """End a search that its page has ended."""
+        self._turns.leave(asker)
+
+    @contextmanager
+    def _searching(self) -> Iterator[None]:
+        """End the process where a search is not read to its end: it works ahead."""
+        try:
+            yield
+        except GeneratorExit:
+            self._process.kill()
+            raise
+
+    def close(self) -> None:
+        """End at once, for good."""
+        self._process.close()
+
 
 MOST_KEPT = 300
 

@@ -1,4 +1,4 @@
-"""What the pages draw of a design: shapes, curves and figures, all computed here; the browser only draws them."""
+"""What the pages draw of a design: shapes, curves, figures and devices as built; the browser only draws them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from mirrorcam.core.figures.figure_texts import NONE, label_text, limit_text, se
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
+from mirrorcam.optics.design.assess.monte_carlo import study
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.design_spec import DesignSpec, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, images_in_rig, vertices
+from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.violation import LeastViolation
 from mirrorcam.studio.design_values import (
     Curves,
@@ -25,6 +27,8 @@ from mirrorcam.studio.design_values import (
     FigureText,
     Kind,
     MirrorDrawing,
+    ToleranceBar,
+    ToleranceBars,
     ViewRays,
     ViolationDrawing,
 )
@@ -206,3 +210,26 @@ def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
         return [_figure(n, m) for beginning in beginnings for n, m in metrics.items() if n.startswith(beginning)]
 
     return {title: found for title, beginnings in GROUPS.items() if (found := members(beginnings))}
+
+
+def tolerance_bars(layout: Layout) -> ToleranceBars:
+    """The figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
+    if layout.spec is None:
+        raise ValueError("a layout without a spec, expected one that was designed")
+    tolerances = Tolerances.hobby()
+    found = study(layout, tolerances, sorted(layout.spec.depths_mm))
+    bars = []
+    for name, spread in found.spreads[1.0].items():
+        ends = [value_text(Metric(value=value, unit=spread.unit)) for value in (spread.low, spread.high)]
+        bars.append(
+            ToleranceBar(
+                label=sentence_case(label_text(name, LABELS)),
+                design=spread.nominal,
+                low=spread.low,
+                median=spread.median,
+                high=spread.high,
+                text=f"{ends[0]} to {ends[1]}",
+            )
+        )
+    assumed = f"{found.devices} devices, standard deviations of {tolerances.workmanship}; 90 % of them lie in the bar"
+    return ToleranceBars(assumed=assumed, hidden=found.hidden[1.0], bars=bars)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mirrorcam.designs.design_request import read_request
+from mirrorcam.designs.design_files import read_request
 from mirrorcam.designs.design_sweep import finished_designs
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -33,7 +33,7 @@ def opened(path: Path | None) -> Opening:
     if path.is_dir():
         designs = tuple(finished_designs(path))
         return Opening(designs[0][0].spec, sweep=designs)
-    spec = read_request(path)
+    spec = read_request(path).spec
     layout = Layout.load(path) if "mirrors" in path.read_text(encoding="utf-8") else None
     return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
 
@@ -54,10 +54,9 @@ def _serve(
 ) -> None:
     # Loaded while the processes of the designer load what they need.
     from mirrorcam.studio.jobs import Jobs
-    from mirrorcam.studio.loopback import listening_socket, run_server
-    from mirrorcam.studio.page import PageStart
+    from mirrorcam.studio.local_server import listening_socket, run_server
+    from mirrorcam.studio.page import PageStart, sweep_points
     from mirrorcam.studio.server import studio_app
-    from mirrorcam.studio.sweep_points import sweep_points
 
     listening = listening_socket(port)
     if opening.layout is not None:

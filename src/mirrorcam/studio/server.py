@@ -20,18 +20,16 @@ from starlette.routing import BaseRoute, Mount, Route
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied
-from mirrorcam.core.values import InputError, Value
-from mirrorcam.designs.design_request import request_of, request_toml
+from mirrorcam.core.values import Value
+from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_folder import write_folder, zipped
 from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer
-from mirrorcam.studio.jobs import JobKind, Jobs
-from mirrorcam.studio.local_access import FILES, LocalAccess
+from mirrorcam.studio.jobs import JobKind, Jobs, write_folder, zipped
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, asked
 from mirrorcam.studio.page import PageStart, studio_page
-from mirrorcam.studio.page_requests import REFUSALS, asked
-from mirrorcam.studio.served_files import ServedFiles
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import Asker, Superseded
 
@@ -131,8 +129,8 @@ class DesignAnswers:
 
     async def opened(self, request: Request) -> Response:
         file = await asked(Opened, request)
-        spec = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
-        return _json(spec.model_dump(mode="json"))
+        opened = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
+        return _json(opened.spec.model_dump(mode="json"))
 
     async def _solved(self, request: Request, work: Callable[[DesignSpec, Asker], Result]) -> Result:
         """The result of work on the design of a request."""

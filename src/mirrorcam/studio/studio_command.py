@@ -5,61 +5,66 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-from pydantic import Field
+from cyclopts import Parameter
 
 from mirrorcam.core.bounds import Bounds
-from mirrorcam.core.console.option_texts import FORCE
+from mirrorcam.core.console.options import Force, bounded
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError, Value
 
-PORT = Bounds(0, 65_535)
-
-
-class StudioOptions(Value):
-    """Change a design by hand on a page of this machine, in the browser; Ctrl-C ends it."""
-
-    design: tyro.conf.Positional[
-        Annotated[Path | None, tyro.conf.arg(metavar="[layout.json|design.toml|SWEEP]", help_behavior_hint="")]
-    ] = Field(default=None, description="layout, request or sweep to begin with; without, the default design")
-    port: int = PORT.field(8610, "port of the page on the loopback address; 0: any that is free")
-    no_browser: bool = Field(default=False, description="do not open the browser, only print the address")
-    out: Path = Field(default=Path("output/studio"), description="folder for what is built and rendered from the page")
-    snapshot: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html", help_behavior_hint="")] = Field(
-        default=None,
-        description="serve nothing; write a page that needs no server, with designs of 1 x 2 to 5 x 5 mirrors, four "
-        "scales and three trade-offs, which takes about six minutes on two cores",
-    )
-    force: bool = FORCE
+Port = Annotated[int, bounded(Bounds(0, 65_535), "port of the page on the loopback address, 0: any free one")]
+NoBrowser = Annotated[bool, Parameter(help="print the address, and do not open the browser")]
 
 
-def run(options: StudioOptions) -> int:
-    """Serve the page until Ctrl-C."""
-    if options.snapshot is not None:
-        return _snapshot(options.design, options.snapshot, force=options.force)
+def studio(
+    design: Annotated[
+        Path | None,
+        Parameter(name="DESIGN", help="design.toml, layout.json or output of a sweep [default: 3 x 3 mirrors]"),
+    ] = None,
+    /,
+    *,
+    port: Port = 8610,
+    no_browser: NoBrowser = False,
+    out: Annotated[Path, Parameter(help="output folder of what is built and rendered from the page")] = Path(
+        "output/studio"
+    ),
+    snapshot: Annotated[
+        Path | None,
+        Parameter(metavar="FILE.html", help="write a page that needs no server (6 minutes on two cores), and end"),
+    ] = None,
+    force: Force = False,
+) -> int:
+    """Change a design by hand, on a page in the browser.
+
+    Serves the page on this machine until Ctrl-C. With --snapshot, writes one HTML file with designs of 1 x 2 to 5 x 5
+    mirrors, four scales and three trade-offs.
+
+    Examples:
+        mirrorcam studio
+        mirrorcam studio output/sweep --port 0
+        mirrorcam studio --snapshot designs.html
+    """
+    if snapshot is not None:
+        return _snapshot(design, snapshot, force=force)
     require("studio")
     from mirrorcam.studio.serve import opened, serve
 
-    opening = opened(options.design)
-    return serve(
-        opening, port=options.port, out=options.out, browser=not options.no_browser, tell=lambda t: say("studio", t)
-    )
+    return serve(opened(design), port=port, out=out, browser=not no_browser, tell=lambda text: say("studio", text))
 
 
 def _snapshot(design: Path | None, path: Path, *, force: bool) -> int:
+    from mirrorcam.core.disk.files import write_text
     from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.figures.figure_texts import count_text
     from mirrorcam.core.processes.worker_pool import cores
-    from mirrorcam.designs.design_request import read_request
-    from mirrorcam.optics.geometry.design_spec import DesignSpec
+    from mirrorcam.designs.design_files import DesignRequest, read_request
     from mirrorcam.studio.atlas import AtlasGrid, atlas
     from mirrorcam.studio.page import snapshot_page
 
-    spec = DesignSpec() if design is None else read_request(design)
+    spec = (DesignRequest() if design is None else read_request(design)).spec
     if spec.pattern is not None:
-        raise InputError(f"{design}: asks for a pattern of views, expected rows and columns for --snapshot")
+        raise InputError(f"{design}: has a pattern of views, expected rows and columns for --snapshot")
     grid = AtlasGrid()
     with output_folder(path.parent, "studio", force=force) as output:
         output.refuse_others(path.name)

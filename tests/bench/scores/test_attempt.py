@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.bench.scores.attempt import Attempt, TriedSet
+from mirrorcam.bench.scores.leaderboard import Attempt, TriedSet
 from mirrorcam.core.values import InvalidValue, Metric
 
 

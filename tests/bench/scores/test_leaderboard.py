@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.bench.scores.attempt import Attempt
 from mirrorcam.bench.scores.consistency import Nees
-from mirrorcam.bench.scores.leaderboard import Leaderboard, leaderboard
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.bench.scores.leaderboard import Attempt, Leaderboard, leaderboard
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 
 
 def attempt(

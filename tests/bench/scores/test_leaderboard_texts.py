@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.bench.scores.leaderboard import leaderboard
-from mirrorcam.bench.scores.leaderboard_texts import board_rows, common_text, markdown, reasons, set_rows
+from mirrorcam.bench.scores.leaderboard import board_rows, common_text, leaderboard, markdown, reasons, set_rows
 from tests.bench.scores.test_leaderboard import attempt
 
 BOARD = leaderboard(

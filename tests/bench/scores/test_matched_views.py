@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.bench.scores.matched_views import Place, ViewsFile, matched_views, view_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, RigCamera
 from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
@@ -111,7 +111,7 @@ def test_pictures_of_another_camera_are_refused() -> None:
 def test_what_a_file_says_of_its_pictures_is_not_overridden_unnoticed() -> None:
     rig = replace(true_rig(device().truth), pictures="top-bottom")
     assert device().score(rig, pictures="flipped").figures["max_px"].value < EXACT  # the same here
-    with pytest.raises(InputError, match="--pictures as-is, but the calibration is of pictures top-bottom"):
+    with pytest.raises(InputError, match="--flip as-is, but the calibration is of pictures top-bottom"):
         device().score(rig, pictures="as-is")
 
 

@@ -9,9 +9,8 @@ from xml.etree import ElementTree
 import pytest
 
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
-from mirrorcam.bench.scores.figure_limits import Limits
 from mirrorcam.bench.scores.report_texts import junit, markdown, value_text
-from mirrorcam.bench.scores.score_report import ScoreReport, report_of, scored_set
+from mirrorcam.bench.scores.score_report import Limits, ScoreReport, report_of, scored_set
 from tests.hostile_names import ACCEPTED
 from tests.optics.camera_files.rigs import device, true_rig, with_random_poses
 

@@ -12,8 +12,7 @@ import pytest
 
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
 from mirrorcam.bench.scores.consistency import Nees
-from mirrorcam.bench.scores.figure_limits import Limits
-from mirrorcam.bench.scores.score_report import SCHEMA, ScoreReport, report_of, scored_set
+from mirrorcam.bench.scores.score_report import SCHEMA, Limits, ScoreReport, report_of, scored_set
 from tests.optics.camera_files.rigs import device, moved, true_rig, with_random_poses
 
 ROOT = Path(__file__).parents[3]

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.bench.scores.gauge import gauges
+from mirrorcam.bench.scores.calibration_score import Triangulated, triangulated
+from mirrorcam.bench.scores.gauge import gauges, score_points
 from mirrorcam.bench.scores.matched_views import matched_views
-from mirrorcam.bench.scores.score_points import score_points
-from mirrorcam.bench.scores.triangulation import Triangulated, triangulated
 from mirrorcam.optics.camera_files.camera_rig import CameraRig
 from tests.optics.camera_files.rigs import DISTANCE_MM, device, moved, true_rig, with_random_poses
 

@@ -14,7 +14,7 @@ from benchmarks.calibrators.mrcal_joint import calibrate_set, covariance_of, lef
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
 from benchmarks.referees.mrcal_runner import python_with_mrcal
 from mirrorcam.bench.scores.calibration_score import score_calibration
-from mirrorcam.bench.scores.stated_covariance import with_covariance
+from mirrorcam.bench.scores.consistency import with_covariance
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.registry import read_rig

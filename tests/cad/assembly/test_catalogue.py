@@ -1,22 +1,33 @@
-"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed."""
+"""The list of parts and of what is bought: every screw finds its thread, every part lies on the bed.
+
+Faces with names: those of the default device are in its STEP files, in the planes that the plans have.
+
+Ways of inserts and nuts out of their seats: each ends outside of its part, and none goes through it.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from build123d import Location, Part, Plane, Rotation
 
-from mirrorcam.cad.assembly.bought_solids import item_solid
-from mirrorcam.cad.assembly.catalogue import bought_items, parts_of
+from mirrorcam.cad.assembly.catalogue import bought_items, named_faces, parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, tessellated
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _names_expected
+from mirrorcam.cad.checks.exported_mesh import solid_of
+from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
+from tests.cad.write.test_part_export import named_planes
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 POCKETS = ("mount", "camera_clip", "adapter_saddle", "adapter_desk")
@@ -34,7 +45,7 @@ CASES = {
 
 
 @pytest.fixture(scope="module", params=list(CASES.values()), ids=list(CASES))
-def device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
+def each_device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
     hardware: Hardware = request.param
     return plan_device(default_layout, hardware)
 
@@ -48,16 +59,16 @@ def slide_screws(device: Device) -> int:
     return 4 if device.hardware.camera.held_by.kind == "lips" else 2
 
 
-def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> None:
+def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -> None:
     """Along its axis a screw covers an insert by the thread that is needed, or a nut wholly, and ends soon after."""
-    screw = device.hardware.screw
-    items = bought_items(device)
+    screw = each_device.hardware.screw
+    items = bought_items(each_device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
     screws = [item for item in items if item.kind == "screw" and item.size in ("M3", "M3 countersunk")]
     sprung = [item for item in screws if item.joins == ("camera_clip",)]
-    assert len(sprung) == (2 if device.hardware.camera.held_by.kind == "lips" else 0)
-    backs = sum(len(joint.heads) for joint in device.back.joints)
-    assert len(screws) == 4 + slide_screws(device) + 4 + backs + len(sprung)
+    assert len(sprung) == (2 if each_device.hardware.camera.held_by.kind == "lips" else 0)
+    backs = sum(len(joint.heads) for joint in each_device.back.joints)
+    assert len(screws) == 4 + slide_screws(each_device) + 4 + backs + len(sprung)
     for item in screws:
         origin, out = axis_of(item)
         found = []
@@ -79,44 +90,46 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> Non
         assert item.joins[-1] in {name for other in threads for name in other.joins}
 
 
-def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
-    items = bought_items(device)
-    kind = device.hardware.screw.kind
-    lips = device.hardware.camera.held_by.kind == "lips"
+def test_what_is_bought_is_counted_by_kind(each_device: Device) -> None:
+    items = bought_items(each_device)
+    kind = each_device.hardware.screw.kind
+    lips = each_device.hardware.camera.held_by.kind == "lips"
     sizes = [(item.kind, item.size) for item in items]
-    backs = sum(len(joint.heads) for joint in device.back.joints)
-    assert sizes.count((kind, "M3")) == 8 + slide_screws(device) + backs + (2 if lips else 0)
+    backs = sum(len(joint.heads) for joint in each_device.back.joints)
+    assert sizes.count((kind, "M3")) == 8 + slide_screws(each_device) + backs + (2 if lips else 0)
     assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
 
 
-def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(device: Device) -> None:
+def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device: Device) -> None:
     """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
-    names = item_names(bought_items(device))
-    mirrors = {f"mirror_{name}" for name in device.layout.mirror_names}
-    assert {*names, *mirrors, "camera"} == _names_expected(device, ())
+    names = item_names(bought_items(each_device))
+    mirrors = {f"mirror_{name}" for name in each_device.layout.mirror_names}
+    assert {*names, *mirrors, "camera"} == _names_expected(each_device, ())
     forming = [name for name in names if name.startswith(FORMING)]
-    assert len(forming) == (0 if device.hardware.camera.held_by.kind == "lips" else 4)
+    assert len(forming) == (0 if each_device.hardware.camera.held_by.kind == "lips" else 4)
 
 
-def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(device: Device) -> None:
-    tips = [screw.tip for screw in device.clip.nest.screws] if device.clip.nest else []
-    screws = [item for item in bought_items(device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(each_device: Device) -> None:
+    tips = [screw.tip for screw in each_device.clip.nest.screws] if each_device.clip.nest else []
+    screws = [item for item in bought_items(each_device) if item.kind == "screw" and item.joins == ("camera_clip",)]
     if not tips:
         assert all(item.size.endswith(" thread-forming") for item in screws)
         return
-    for tip, item, sprung in zip(tips, screws, device.clip.nest.screws if device.clip.nest else (), strict=True):
+    for tip, item, sprung in zip(
+        tips, screws, each_device.clip.nest.screws if each_device.clip.nest else (), strict=True
+    ):
         origin, out = axis_of(item)
         np.testing.assert_allclose(origin - item.length_mm * out, tip, atol=1e-9)
         assert item.length_mm - sprung.mouth_mm >= 3.0
 
 
-def test_nuts_lie_in_their_pockets(device: Device) -> None:
+def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
     """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
-    made = {part.name: part.make(part.plan) for part in parts_of(device) if part.name in POCKETS}
-    nuts = [item for item in bought_items(device) if item.kind == "nut" and item.joins[-1] in made]
-    lips = device.hardware.camera.held_by.kind == "lips"
-    m3 = 4 + slide_screws(device) + sum(len(joint.heads) for joint in device.back.joints) + lips * 2
-    assert len(nuts) == m3 * (device.hardware.screw.kind == "nut") + len(device.back.items)
+    made = {part.name: part.make(part.plan) for part in parts_of(each_device) if part.name in POCKETS}
+    nuts = [item for item in bought_items(each_device) if item.kind == "nut" and item.joins[-1] in made]
+    lips = each_device.hardware.camera.held_by.kind == "lips"
+    m3 = 4 + slide_screws(each_device) + sum(len(joint.heads) for joint in each_device.back.joints) + lips * 2
+    assert len(nuts) == m3 * (each_device.hardware.screw.kind == "nut") + len(each_device.back.items)
     for item in nuts:
         placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
         nut = item_solid(item)
@@ -129,8 +142,8 @@ def common_mm3(part: Part, other: Part) -> float:
     return float(sum(solid.volume for solid in part.intersect(other) or []))
 
 
-def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> None:
-    parts = parts_of(device)
+def test_every_part_stands_on_the_bed_and_has_its_own_number(each_device: Device) -> None:
+    parts = parts_of(each_device)
     assert len({part.number for part in parts}) == len({part.name for part in parts}) == len(parts)
     for part in parts:
         turn = part.print_from_rig[:3, :3]
@@ -149,3 +162,60 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> 
         )
         low = (corners @ turn.T + part.print_from_rig[:3, 3])[:, 2].min()
         assert low == pytest.approx(0.0, abs=1e-6)
+
+
+Built = tuple[Layout, Path, dict[str, Metric]]
+
+
+def test_faces_of_the_default_device_are_in_its_files(built_default: Built, device: Device) -> None:
+    for part in parts_of(device):
+        planes = named_planes((built_default[1] / "parts" / f"{part.name}.step").read_text(encoding="utf-8"))
+        by_name = {face.name: face for face in part.faces}
+        for name, (point, normal) in planes.items():
+            face = by_name[name] if name in by_name else by_name[name.rpartition("_")[0]]
+            assert (point - face.point) @ face.normal == pytest.approx(0.0, abs=0.02)
+            np.testing.assert_allclose(normal, face.normal, atol=1e-4)
+        if part.name == "mirror_holder":
+            pads = [name for name in planes if name.startswith("pad_")]
+            assert len(pads) == 3 * len(device.layout.mirrors)
+            assert {name for name in by_name if any(each.startswith(name) for each in planes)} == set(by_name)
+        if part.name == "mount":
+            assert {"joint_back", "joint_slide", "joint_foot"} <= {name.removesuffix("_1") for name in planes}
+
+
+def test_a_piece_of_a_part_has_the_faces_of_the_whole(device: Device) -> None:
+    assert [face.name for face in named_faces(device, "mount_2")] == [
+        face.name for face in named_faces(device, "mount")
+    ]
+    assert named_faces(device, "fit_coupon") == ()
+
+
+HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_desk")
+
+
+@pytest.mark.parametrize(
+    "hardware",
+    [HARDWARE, NUTS, NUTS.replaced(camera=read_body("board_38"), back=back_of("gen2"))],
+    ids=["insert", "nut", "board on a clamp"],
+)
+def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: Layout) -> None:
+    device = plan_device(small_layout, hardware)
+    items = bought_items(device)
+    assert all(bool(len(item.way_out_mm)) == (item.kind in ("insert", "nut")) for item in items)
+    solids = {part.name: solid_of(tessellated(part.make(part.plan))) for part in parts_of(device) if part.name in HOMES}
+    solids |= {piece.name: solid_of(piece.mesh) for piece in item_pieces(items)}
+    assert not [name for name, check in check_insertion(items, solids).items() if check.passed is False]
+    threads = [item for item in items if item.kind in ("insert", "nut")]
+    assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
+    if hardware.screw.kind == "nut":
+        # As nuts were drawn once: before the face that the screw enters, as if they were inserts.
+        wrong = [replace(item, way_out_mm=12.0 * item.rig_from_item[None, :3, 2]) for item in items]
+        assert check_insertion(wrong, solids)["device.insertion_clash_mm3"].value > 100.0
+
+
+def test_a_nut_of_the_foot_leaves_by_the_nearer_side(small_layout: Layout) -> None:
+    nuts = [item for item in bought_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
+    assert len(nuts) == 4
+    for nut in nuts:
+        assert nut.way_out_mm[0] @ nut.rig_from_item[:3, 2] < 0.0
+        assert np.sign(nut.way_out_mm[1, 0]) == np.sign(nut.rig_from_item[0, 3])

@@ -1,11 +1,16 @@
-"""The section that a back's load passes, against the formulas of beams."""
+"""The section that a back's load passes, against the formulas of beams.
+
+What a back carries, by the plans: no less than the parts weigh, about the same point.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mirrorcam.cad.backs.back import AS_IT_STANDS, BACK_DOWN, FRONT_DOWN, ON_ITS_SIDE, Neck
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back import AS_IT_STANDS, BACK_DOWN, FRONT_DOWN, ON_ITS_SIDE, Neck, carried
+from tests.cad.conftest import Built
 
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
@@ -31,3 +36,21 @@ def test_a_neck_that_only_bends_has_its_own_arm() -> None:
     neck = Neck("plate", np.zeros(3), Z, X, (60.0, 6.0), arm_mm=30.0)
     for at in (np.zeros(3), np.array([500.0, 0.0, 0.0])):
         assert neck.stress_mpa(12.0, at) == pytest.approx(12.0 / 360.0 + 12.0 * 30.0 * 6.0 / (60.0 * 36.0))
+
+
+def test_the_load_is_that_of_the_parts_as_made(device: Device, built_default: Built) -> None:
+    load = carried(device.mount, device.clip, device.hardware)
+    checks = built_default[2]
+    mass = checks["device.mass_g"].value
+    centre = [checks[f"device.centre_{axis}_mm"].value for axis in "xyz"]
+    assert 0.95 * mass < load.mass_g < 1.3 * mass
+    # The foot is in the one and not in the other.
+    np.testing.assert_allclose(load.at, centre, atol=12.0)
+
+
+def test_a_heavier_camera_pulls_the_load_to_itself(device: Device) -> None:
+    heavy = device.hardware.replaced(camera=device.hardware.camera.replaced(mass_g=1e6))
+    load = carried(device.mount, device.clip, heavy)
+    assert load.mass_g == pytest.approx(1e6, rel=1e-3)
+    low, high = (np.array(corner) for corner in heavy.camera.box_mm)
+    np.testing.assert_allclose(load.at, (low + high) / 2.0, atol=0.1)

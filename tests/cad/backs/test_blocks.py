@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from build123d import GeomType
 
-from mirrorcam.cad.assembly.bought_solids import item_solid
-from mirrorcam.cad.backs.back_solids import make_blocks
+from mirrorcam.cad.assembly.pieces import item_solid
 from mirrorcam.cad.backs.blocks import (
     CORNERS,
     HEAD_FIT_MM,
@@ -21,12 +20,12 @@ from mirrorcam.cad.backs.blocks import (
     tripod_depth_mm,
     tripod_nut,
 )
+from mirrorcam.cad.backs.plan_backs import make_blocks
 from mirrorcam.cad.plan.back_table import TripodNut
-from mirrorcam.cad.plan.dimension import Hole, Length
+from mirrorcam.cad.plan.dimension import Hole, Length, length
+from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.hole_dimensions import length
 from mirrorcam.cad.plan.prisms import box, volume_mm3
-from mirrorcam.cad.plan.threads import thread_of
 
 PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
 

@@ -14,9 +14,8 @@ from build123d import GeomType
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import tessellated
-from mirrorcam.cad.backs.back_solids import MAKERS, make_ring
 from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
-from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.plan_backs import MAKERS, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.device_checks import carriers_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -24,7 +23,7 @@ from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.robot_link import link_from_rig
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 WRIST = Gen2Back()
 

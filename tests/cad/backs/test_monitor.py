@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back_solids import MAKERS
-from mirrorcam.cad.backs.load import carried
-from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.back import carried
+from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.cad.backs.planned_blocks import blocks_of
 
 

@@ -1,4 +1,7 @@
-"""Every kind of back is planned, of what all have in common."""
+"""Solids of backs: a maker for every kind of plan, each of which makes its part anew of the same numbers.
+
+Every kind of back is planned, of what all have in common.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,25 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back_solids import MAKERS
-from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.blocks import BlocksPlan
+from mirrorcam.cad.backs.plan_backs import MAKERS, make_blocks, plan_back
 from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.prisms import box
 from mirrorcam.optics.geometry.layout import Layout
+
+
+def test_blocks_are_joined_and_cut() -> None:
+    pieces = (box((0.0, 0.0, 0.0), (10.0, 10.0, 10.0)), box((5.0, 0.0, 0.0), (20.0, 10.0, 10.0)))
+    part = make_blocks(BlocksPlan("part", pieces, (box((2.0, 2.0, -1.0), (4.0, 4.0, 11.0)),)))
+    assert part.label == "part"
+    assert abs(part.volume - (2000.0 - 40.0)) < 1e-6
+
+
+def test_every_plan_has_a_maker() -> None:
+    assert {plan.__name__ for plan in MAKERS} == {"RingPlan", "BlocksPlan"}
+
 
 WEB = Path(__file__).parents[3] / "cad" / "web" / "backs"
 

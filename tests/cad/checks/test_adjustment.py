@@ -16,8 +16,7 @@ from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.checks.adjustment import check_adjustment, poses
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.exported_mesh import solid_of
-from mirrorcam.cad.checks.insertion import check_insertion
-from mirrorcam.cad.checks.tool_reach import check_tool_reach
+from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism

@@ -1,4 +1,7 @@
-"""Solids whose common volume and gap are known."""
+"""Solids whose common volume and gap are known.
+
+What stands in the way of a dust cover, where it sits and as it is taken off.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from manifold3d import Manifold
 
-from mirrorcam.cad.checks.clashes import NEAR_MM, check_clashes, common_mm3, meetings
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.checks.clashes import NEAR_MM, STEP_MM, check_clashes, check_cover, common_mm3, meetings
 from mirrorcam.core.values import Metric
 
 
@@ -129,3 +133,24 @@ def test_the_wrist_fills_its_clamp_and_no_more() -> None:
     assert failed(check_clashes(wrist(63.5), 0.1)) == clashes
     in_mount = wrist(63.0) | {"mount": box(10.0, 20.0, 0.0, 9.0)}
     assert {"wrist.clash_mm3", "mount.clash_mm3"} <= failed(check_clashes(in_mount, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("at", "failing"),
+    [
+        ((0.0, 0.0, -2.0), set()),
+        ((0.0, 0.0, 0.5), {"dust_cover.clash_mm3"}),
+        ((0.0, 0.0, 25.0), {"dust_cover.way_clash_mm3"}),
+        ((40.0, 0.0, 30.0), {"dust_cover.way_clash_mm3"}),
+        ((40.0, 0.0, 0.0), set()),
+    ],
+)
+def test_what_the_cover_meets_is_found(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
+    """A block of 10 mm, taken off along z by 30 mm and then along x by 60 mm; a cube of 2 mm is in the way, or not."""
+    assert device.cover is not None
+    plan = type(device.cover)(**{**vars(device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])})
+    block = Manifold.cube((10.0, 10.0, 10.0), center=True).translate((0.0, 0.0, 5.0))
+    cube = Manifold.cube((2.0, 2.0, 2.0), center=True).translate(at)
+    checks = check_cover(plan, block, {"cube": cube})
+    assert {name for name, check in checks.items() if not check.passed} == failing
+    assert STEP_MM < 10.0

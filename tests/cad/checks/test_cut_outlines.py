@@ -13,7 +13,7 @@ from shapely import Polygon
 from shapely.ops import nearest_points
 
 from mirrorcam.cad.checks.cut_outlines import check_cuts, fits, mirror_fits, mirrors_as_cut, read_cuts
-from mirrorcam.cad.mirrors.mirror_dxf import draw_sheet
+from mirrorcam.cad.mirrors.sheet_files import draw_sheet
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism

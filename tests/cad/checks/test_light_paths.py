@@ -1,18 +1,34 @@
-"""Light traced from the pupil, and what stands in it or near it."""
+"""Light traced from the pupil, and what stands in it or near it.
+
+What the camera sees at the steps that take pictures: all of the board, and later every mirror.
+
+Light from the surroundings on a mirror, against closed forms.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
+import manifold3d
 import numpy as np
 import pytest
 from manifold3d import Manifold
 
+from mirrorcam.cad.assembly.build_steps import STEPS, Step
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.checks.device_checks import ASSEMBLY, read_glb
+from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.light_paths import (
+    BEFORE_MM,
     NEAR_MM,
     RAYS_OF_MIRROR,
     SURFACE_MM,
     check_light,
+    check_step_views,
+    check_surrounding_light,
     light_of,
     light_of_rim,
     shade_of_mirrors,
@@ -20,7 +36,9 @@ from mirrorcam.cad.checks.light_paths import (
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 
 FAR = Manifold.cube((1.0, 1.0, 1.0)).translate((0.0, -500.0, -500.0))
 
@@ -162,3 +180,74 @@ def test_a_mirror_that_shows_nothing_is_found(make_flat_pair: Callable[..., Layo
     checks = checked(layout.replaced(mirrors=narrow))
     assert checks["device.mirrors_without_light"].value == 2.0
     assert "device.mirrors_without_light" in failed(checks)
+
+
+BASE, FRAMES = "device.base_pictures_hidden", "device.frames_pictures_hidden"
+Built = tuple[Layout, Path, dict[str, Metric]]
+Solids = dict[str, manifold3d.Manifold]
+
+
+@pytest.fixture(scope="module")
+def solids(built_default: Built) -> Solids:
+    return {name: solid_of(mesh) for name, mesh in read_glb(built_default[1] / ASSEMBLY).items()}
+
+
+def hidden(device: Device, solids: Solids, steps: tuple[Step, ...] = STEPS) -> dict[str, float]:
+    checks = check_step_views(device.layout, bought_items(device), solids, steps)
+    assert all(check.limit == 0.0 for check in checks.values())
+    return {name: check.value for name, check in checks.items()}
+
+
+def test_the_guide_takes_its_pictures_when_the_view_is_free(device: Device, solids: Solids) -> None:
+    assert hidden(device, solids) == {BASE: 0.0, FRAMES: 0.0}
+
+
+def test_the_bare_mount_hides_the_board(device: Device, solids: Solids) -> None:
+    """The order of an older guide: at its last step the holder came off, and the clip stayed on the mount."""
+    kept = [replace(step, pictures="") for step in STEPS if step.name not in ("mirrors", "holder", "calibrate")]
+    share = hidden(device, solids, (*kept, Step("calibrate", pictures="base")))[BASE]
+    assert share == pytest.approx(0.417, abs=0.03)
+
+
+def test_a_piece_before_a_mirror_and_a_missing_mirror_hide_its_part_of_the_frame(
+    device: Device, solids: Solids
+) -> None:
+    name, mirror = device.layout.mirror_names[4], device.layout.mirrors[4]
+    missing = {key: solid for key, solid in solids.items() if key != f"mirror_{name}"}
+    without = hidden(device, missing)[FRAMES]
+    assert 0.03 < without < 0.2
+    between = mirror.outline_in_rig_mm.mean(axis=0) / 2.0
+    block = manifold3d.Manifold.cube((2.0, 2.0, 2.0), center=True).translate(tuple(between))
+    stray = hidden(device, solids | {"mount_2": block})
+    assert 0.0 < stray[FRAMES] < without
+    assert stray[BASE] == 0.0
+
+
+@pytest.fixture
+def layout() -> Layout:
+    """One mirror across the rig's z, at z = 50 mm; its reflecting side looks along -z."""
+    outline = np.array([(-5.0, -5.0, 50.0), (5.0, -5.0, 50.0), (5.0, 5.0, 50.0), (-5.0, 5.0, 50.0)])
+    mirror = Mirror(virtual_centre_in_rig_mm=np.array([0.0, 0.0, 100.0]), outline_in_rig_mm=outline)
+    return Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror,))
+
+
+def share(layout: Layout, solid: Manifold) -> float:
+    (check,) = check_surrounding_light(layout, {"solid": solid}).values()
+    assert check.limit is None
+    return check.value
+
+
+def test_a_bare_mirror_has_all_of_it_and_a_half_shaded_one_half(layout: Layout) -> None:
+    behind = Manifold.cube((300.0, 300.0, 5.0), center=True).translate((0.0, 0.0, 60.0))
+    assert share(layout, behind) == 1.0
+    beside = Manifold.cube((300.0, 600.0, 600.0)).translate((0.01, -300.0, -400.0))
+    assert share(layout, beside + behind) == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("height", [10.0, 30.0])
+def test_a_hood_leaves_the_square_of_the_sine_of_its_opening(layout: Layout, height: float) -> None:
+    """A tube of radius 20 mm: a Lambertian mirror's middle sees sin^2 of half its opening."""
+    outer, inner = (Manifold.cylinder(height, r, circular_segments=360) for r in (22.0, 20.0))
+    tube = (outer - inner).translate((0.0, 0.0, 50.0 - height))
+    half = np.arctan2(20.0, height - BEFORE_MM)
+    assert share(layout, tube) == pytest.approx(np.sin(half) ** 2, abs=0.01)

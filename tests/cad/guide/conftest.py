@@ -18,14 +18,13 @@ from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
 from mirrorcam.cad.guide.device_pictures import pictures_of
 from mirrorcam.cad.guide.picture_views import DevicePicture
-from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.sheet_files import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
-from mirrorcam.cad.write.bill_files import write_bom
-from mirrorcam.cad.write.bill_of_materials import bill_of
-from mirrorcam.cad.write.gltf import write_glb
+from mirrorcam.cad.write.assembly_files import write_glb
+from mirrorcam.cad.write.bill_of_materials import bill_of, write_bom
 from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout

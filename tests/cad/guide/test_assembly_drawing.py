@@ -14,8 +14,7 @@ from mirrorcam.cad.guide.assembly_drawing import (
     listed_items,
     write_assembly_drawing,
 )
-from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
-from mirrorcam.cad.guide.title_block import PARTS_TOLERANCE
+from mirrorcam.cad.guide.drawing_sheet import PARTS_TOLERANCE, DrawingSheet
 from tests.cad.guide.conftest import Made
 from tests.cad.guide.test_drawing import crossed, outside, overlaps
 

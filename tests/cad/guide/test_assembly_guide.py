@@ -16,17 +16,16 @@ from manifold3d import Manifold
 from markdown_it import MarkdownIt
 from shapely import Polygon
 
-from mirrorcam.cad.assembly.build_steps import STEPS
+from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.assembly.pieces import item_pieces
-from mirrorcam.cad.assembly.tools import also_needed, tools_of
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.guide.assembly_guide import camera_toml, focus_of, write_guide
 from mirrorcam.cad.guide.device_pictures import EDGE_TEXT, scale_edges
-from mirrorcam.cad.mirrors.mirror_dxf import write_dxf
+from mirrorcam.cad.mirrors.sheet_files import write_dxf
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -35,8 +34,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
-from mirrorcam.cad.write.bill_files import as_markdown
-from mirrorcam.cad.write.bill_of_materials import bill_of
+from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
 from mirrorcam.cad.write.slicer import OPTIONS
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.values import Metric

@@ -1,4 +1,9 @@
-"""Drawings: what they say, that nothing lies over anything, the same bytes, real files."""
+"""The drawing of the holder: a table of its seats.
+
+Dimensions that plans offer to their drawings: pieces those of the whole, holders their holes, others none.
+
+Drawings: what they say, that nothing lies over anything, the same bytes, real files.
+"""
 
 from __future__ import annotations
 
@@ -19,28 +24,25 @@ from build123d import Box, GeomType, Pos
 from shapely import LineString, Polygon
 
 from mirrorcam.cad.assembly.catalogue import parts_of
-from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.backs.blocks import BlocksPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
-from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, write_drawing
-from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.drawing import SMALL_MM, VISIBLE_MM, dimensions_of, draw, offered, seat_names, write_drawing
+from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import PRESSED
 from mirrorcam.cad.guide.sections import HATCH_LINE_MM, TRACE_MM
-from mirrorcam.cad.guide.title_block import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL
+from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.guide.test_annotation import Dimensions
 from tests.hostile_names import ACCEPTED
-
-ROOT = Path(__file__).parents[3]
-
-
-SVG = "{http://www.w3.org/2000/svg}"
 
 
 def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
@@ -53,6 +55,107 @@ def outside(sheet: DrawingSheet) -> list[str]:
     width, height = sheet.size_mm
     low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
     return [words.text for words in sheet.words if (words.corners < low).any() or (words.corners > high).any()]
+
+
+def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
+    device = plan_device(layout, HARDWARE)
+    part = next(part for part in parts_of(device) if part.name == "mirror_holder")
+    sheet = draw(part.make(part.plan), part, HARDWARE.printer)
+    said = [words.text for words in sheet.words]
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+    # A in both frames of the seats, at the back and at the trace of the section; B in the frames and at the holes.
+    assert (said.count("A"), said.count("B")) == (5, 3)
+    assert "4x Ø4 ±0.1 ↧6.7 for M3 insert (far side)" in said
+    # The tilt of a seat in the table is the angle of its mirror's normal to the back's.
+    back = part.print_from_rig[2, :3]
+    for index, mirror in enumerate(layout.mirrors):
+        tilt = np.degrees(np.arccos(mirror.normal_in_rig @ back))
+        assert f"{tilt:.3f}" in said
+        assert said.count(f"{index // 2}-{index % 2}") == 2
+
+
+def test_a_carrier_says_where_its_seat_is(make_parabola: Callable[..., Layout]) -> None:
+    """Of a wedge without it no angle was known: its plane from its back, through the pads."""
+    layout = make_parabola(2, 2, scale_mm=90.0, gap_mm=2.0)
+    hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
+    device = plan_device(layout, hardware)
+    part = next(part for part in parts_of(device) if part.name == "carrier_0-1")
+    sheet = draw(part.make(part.plan), part, hardware.printer)
+    said = [words.text for words in sheet.words]
+    mirror = layout.mirrors[1]
+    back = part.print_from_rig[2, :3]
+    assert f"{np.degrees(np.arccos(mirror.normal_in_rig @ back)):.3f}" in said
+    assert "0-1" in said
+    head = next(words for words in sheet.words if words.text == "z")
+    cell = next(
+        words
+        for words in sheet.words
+        if words.text.replace(".", "").isdigit()
+        and words.corners[0, 0] > 0.0
+        and abs(words.corners[1, 0] - head.corners[1, 0]) < 0.1
+        and words.corners[1, 1] < head.corners[1, 1]
+    )
+    carrier = device.mirror_carriers[1]
+    # Behind the mirror by its thickness; the middle of the seat is that of its corners.
+    middle = carrier.body.top.mean(axis=0)
+    behind = mirror.outline_in_rig_mm[0] - mirror.thickness_mm * mirror.normal_in_rig
+    on_pads = middle + ((behind - middle) @ mirror.normal_in_rig) * mirror.normal_in_rig
+    height = (on_pads - carrier.rig_from_back[:3, 3]) @ back
+    assert abs(float(cell.text) - height) < 0.01
+
+
+def test_the_holes_of_carriers_screws_are_in_a_table(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(2, 2, scale_mm=90.0, gap_mm=2.0)
+    hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
+    device = plan_device(layout, hardware)
+    part = next(part for part in parts_of(device) if part.name == "mirror_holder")
+    sheet = draw(part.make(part.plan), part, hardware.printer)
+    said = [words.text for words in sheet.words]
+    assert isinstance(device.holder, ScrewedHolderPlan)
+    holes = device.holder.screws_in_mount_mm
+    for x, y in holes * [1.0, -1.0]:
+        assert f"{x:.2f}" in said
+        assert f"{y:.2f}" in said
+    assert {str(number) for number in range(1, len(holes) + 1)} <= set(said)
+    (callout,) = [text for text in said if text.startswith(f"{len(holes)}x Ø3.4")]
+    assert (
+        f"counterbore Ø{device.holder.adjuster.recess_wide_mm:.3g} ↧{device.holder.adjuster.recess_mm:.3g}" in callout
+    )
+    assert overlaps(sheet) == []
+    assert outside(sheet) == []
+
+
+def test_seats_have_the_names_of_their_mirrors(make_parabola: Callable[..., Layout]) -> None:
+    layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
+    ring = layout.replaced(rows=1, cols=4, pattern=Pattern.ring(4))
+    for device in (plan_device(layout, HARDWARE), plan_device(ring, HARDWARE)):
+        assert tuple(name for name, _ in seat_names(device.holder)) == device.layout.mirror_names
+
+
+def test_a_piece_offers_the_dimensions_of_the_whole(block: Callable[..., PartPlan]) -> None:
+    part = block()
+    piece = PiecePlan(
+        part.plan, part.make, np.eye(4), (0.0, 0.0, 0.0), (9.0, 9.0, 9.0), np.zeros((0, 4, 4)), (3.0, 8.0), 1.2
+    )
+    assert len(offered(piece)) == len(offered(part.plan)) == 3
+    assert offered("a plan without dimensions") == ()
+
+
+def test_a_holder_offers_its_four_holes_on_the_back(device: Device) -> None:
+    holes = [dimension for dimension in offered(device.holder) if isinstance(dimension, Hole)]
+    assert len(holes) == 4
+    away, origin = device.holder.rig_from_mount[:3, 2], device.holder.rig_from_mount[:3, 3]
+    for hole in holes:
+        assert abs((hole.centre_in_rig - origin) @ away) < 0.1
+        assert abs(hole.axis_in_rig @ away) > 1.0 - 1e-9
+
+
+ROOT = Path(__file__).parents[3]
+
+
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 def crossed(sheet: DrawingSheet) -> list[str]:

@@ -1,4 +1,7 @@
-"""Drawing sheets: text knows the area that it covers, turned too; lines are kept; files have the sheet's size."""
+"""Drawing sheets: text knows the area that it covers, turned too; lines are kept; files have the sheet's size.
+
+Title blocks: date, scale and material.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.cad.guide.drawing_sheet import Align, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.drawing_sheet import (
+    GAUGE_TOLERANCE,
+    GENERAL_TOLERANCE,
+    MODEL,
+    MODEL_MM,
+    PARTS_TOLERANCE,
+    TOLERANCE_MM,
+    UNDATED,
+    VALUE_MM,
+    Align,
+    DrawingSheet,
+    issue_date,
+    printed_of,
+    ratio,
+    text_width_mm,
+)
+from mirrorcam.core.errors import InputError
 
 
 def test_width_grows_with_height_and_length_and_bold() -> None:
@@ -54,3 +73,26 @@ def test_a_sheet_is_written_in_its_size_with_the_same_bytes(tmp_path: Path) -> N
     size = [float(str(root.get(side)).removesuffix("pt")) * 25.4 / 72.0 for side in ("width", "height")]
     assert size == pytest.approx([100.0, 50.0], abs=1e-4)
     assert pdf.startswith(b"%PDF-")
+
+
+def test_the_date_is_that_of_the_source_and_never_of_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+    assert issue_date() == UNDATED
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    assert issue_date() == "1970-01-01"
+    for wrong in ("", "soon", "1.5", "9" * 30):
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
+        with pytest.raises(InputError, match=r"SOURCE_DATE_EPOCH is .*, expected whole seconds since 1970"):
+            issue_date()
+
+
+def test_texts_stay_in_their_fields() -> None:
+    for text in (GENERAL_TOLERANCE, GAUGE_TOLERANCE, PARTS_TOLERANCE):
+        assert text_width_mm(text, VALUE_MM) < TOLERANCE_MM - 4.0
+    assert text_width_mm(MODEL, 1.8) < MODEL_MM - 4.0
+
+
+def test_scales_and_materials_as_they_are_written() -> None:
+    said = [ratio(scale) for scale in (2.0, 1.0, 0.5, 0.2, None)]
+    assert said == ["2 : 1", "1 : 1", "1 : 2", "1 : 5", "not to scale"]
+    assert printed_of("PLA") == "PLA, printed"

@@ -1,19 +1,42 @@
-"""Callouts of holes: depths are those of the material, not of the tools that cut it."""
+"""Callouts of holes: depths are those of the material, not of the tools that cut it.
+
+Places of holes: in a table where they are many, in true length where they are oblique, slots by their sizes.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from build123d import Box, Cylinder, Part, Pos
 
-from mirrorcam.cad.guide.hole_callouts import Material, called_out
+from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.guide.dimension_lines import number
+from mirrorcam.cad.guide.drawing import draw
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet
+from mirrorcam.cad.guide.hole_callouts import (
+    MOST_PLACES,
+    Material,
+    called_out,
+    callout,
+    draw_oblique,
+    hole_groups,
+    hole_tables,
+    numbered,
+    oblique_holes,
+    oblique_lengths,
+)
+from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.hole_dimensions import holes
+from mirrorcam.core.values import FloatArray
 
-UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+UPWARDS, DOWNWARDS = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 SCREW = HARDWARE.screw
-TOP = np.array([0.0, 0.0, 10.01])
+MOUTH = np.array([0.0, 0.0, 10.01])
 """A hundredth above the top face of a plate from z = 0 to 10."""
 
 
@@ -29,33 +52,33 @@ def test_material_along_a_line_and_at_a_point() -> None:
     material = Material(plate((5.0, 4.0, 6.0)))
     assert material.holds(np.array([0.0, 0.0, 3.0]))
     assert not material.holds(np.array([0.0, 0.0, 5.0]))
-    np.testing.assert_allclose(material.along(np.array([0.1, 0.2, -1.0]), UP, 20.0), [(1.0, 5.0), (7.0, 11.0)])
+    np.testing.assert_allclose(material.along(np.array([0.1, 0.2, -1.0]), UPWARDS, 20.0), [(1.0, 5.0), (7.0, 11.0)])
 
 
 def test_a_blind_hole_for_an_insert_has_its_depth() -> None:
     radius = SCREW.insert_hole_mm / 2.0
-    (hole,) = called_out(holes([Bore(TOP, DOWN, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW)
+    (hole,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW)
     assert hole.text == "±0.1 ↧6.7 for M3 insert"
     np.testing.assert_allclose(hole.centre_in_rig, [0.0, 0.0, 10.0], atol=1e-6)
-    (gauge,) = called_out(holes([Bore(TOP, DOWN, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW, "")
+    (gauge,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, 6.71)]), plate((radius, 3.3, 11.0)), SCREW, "")
     assert gauge.text == "↧6.7 for M3 insert"
 
 
 def test_a_hole_with_nothing_behind_it_goes_through_however_far_its_tool_cuts() -> None:
     radius = SCREW.clearance_hole_mm / 2.0
     for depth in (10.02, 99.0):
-        (hole,) = called_out(holes([Bore(TOP, DOWN, radius, depth)]), plate((radius, -1.0, 11.0)), SCREW)
+        (hole,) = called_out(holes([Bore(MOUTH, DOWNWARDS, radius, depth)]), plate((radius, -1.0, 11.0)), SCREW)
         assert hole.text == "through for M3"
 
 
 def test_a_hole_cut_from_its_shoulder_is_seen_from_its_open_end() -> None:
     solid = plate((1.7, -1.0, 11.0), (3.2, -1.0, 8.0))
     screw, driver = called_out(
-        holes([Bore(TOP, DOWN, 1.7, 10.02), Bore(np.array([0.0, 0.0, 8.0]), DOWN, 3.2, 99.0)]), solid, SCREW
+        holes([Bore(MOUTH, DOWNWARDS, 1.7, 10.02), Bore(np.array([0.0, 0.0, 8.0]), DOWNWARDS, 3.2, 99.0)]), solid, SCREW
     )
     assert screw.text == "through for M3"
     assert driver.text == "↧8"
-    np.testing.assert_allclose(driver.axis_in_rig, UP)
+    np.testing.assert_allclose(driver.axis_in_rig, UPWARDS)
 
 
 @pytest.mark.parametrize("turned_deg", [0.0, 10.0, 45.0, 90.0])
@@ -65,15 +88,107 @@ def test_a_slot_is_as_deep_as_the_walls_along_it(turned_deg: float) -> None:
     along = np.array([np.cos(turned), np.sin(turned), 0.0])
     solid = plate((1.7, -1.0, 11.0))
     for at in np.linspace(-6.0, 6.0, 9):
-        solid = Part((solid - Pos(*(at * along + 15.0 * UP).tolist()) * Cylinder(3.8, 14.0)).wrapped)
-    slot = Bore(np.array([0.0, 0.0, 8.0]), UP, 3.8, 99.0, along, 12.0)
+        solid = Part((solid - Pos(*(at * along + 15.0 * UPWARDS).tolist()) * Cylinder(3.8, 14.0)).wrapped)
+    slot = Bore(np.array([0.0, 0.0, 8.0]), UPWARDS, 3.8, 99.0, along, 12.0)
     (hole,) = called_out(holes([slot]), solid, SCREW)
     assert hole.text == "↧2"
 
 
 def test_a_pocket_for_a_nut_says_so() -> None:
     flats = SCREW.nut_flats_mm + NUT_FIT_MM
-    pocket = Hexagon(np.array([0.0, 0.0, 10.0]), DOWN, np.array([1.0, 0.0, 0.0]), flats, 2.6)
+    pocket = Hexagon(np.array([0.0, 0.0, 10.0]), DOWNWARDS, np.array([1.0, 0.0, 0.0]), flats, 2.6)
     (hole,) = called_out(holes([pocket]), plate((flats / 2.0, 7.4, 11.0)), SCREW)
     assert hole.text == "±0.1 ↧2.6 for M3 nut"
     assert hole.diameter_mm == pytest.approx(flats)
+
+
+UP = np.array([0.0, 0.0, 1.0])
+SQUARE = np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 40.0), (0.0, 40.0), (0.0, 0.0)])
+VIEWS = tuple(PartView(axes, (SQUARE,), ()) for axes in (TOP, FRONT, RIGHT))
+
+
+def row_of(count: int) -> list[Hole]:
+    return [Hole(np.array([5.0 + 7.0 * place, 3.0 + place, 0.0]), UP, 3.4, "through") for place in range(count)]
+
+
+def test_more_holes_than_dimensions_have_room_for_are_in_a_table() -> None:
+    assert hole_tables(hole_groups(VIEWS, row_of(MOST_PLACES)), VIEWS) == ()
+    holes = row_of(MOST_PLACES + 1)
+    (table,) = hole_tables(hole_groups(VIEWS, holes), VIEWS)
+    # From above downwards: the last is the highest.
+    assert table.rows[0] == ("1", "33.00", "7.00")
+    assert table.rows[-1] == ("5", "5.00", "3.00")
+    assert table.notes == ("view from above, mm from", "the lower left corner of that view")
+    datum = Datum(np.array([5.0, 3.0, 9.0]), "the first of them")
+    (table,) = hole_tables(hole_groups(VIEWS, [replace(hole, datum=datum) for hole in holes]), VIEWS)
+    assert table.rows[-1] == ("5", "0.00", "0.00")
+    assert table.notes[1] == "the first of them"
+
+
+def test_numbers_do_not_depend_on_the_order_of_the_plan() -> None:
+    holes = row_of(6)
+    assert numbered(holes, VIEWS[0]) == numbered(holes[::-1], VIEWS[0]) == holes[::-1]
+
+
+def test_a_slot_has_its_width_and_its_length() -> None:
+    slot = Hole(np.zeros(3), UP, 3.4, "through for M3", 5.0, travel_mm=8.0)
+    assert callout(slot, 1.0) == "slot 3.4 x 11.4 through for M3"
+    groove = Hole(np.zeros(3), UP, 9.0, "x 84°", 5.0, "countersink", 8.0)
+    assert callout(groove, 1.0) == "countersink slot 9 x 17 x 84° (far side)"
+
+
+def oblique(turned_deg: float) -> Hole:
+    """A hole at (20, 10, 30) whose axis lies in the front view, entered from above at its angle to the level."""
+    turned = np.radians(turned_deg)
+    return Hole(np.array([20.0, 10.0, 30.0]), -np.array([np.cos(turned), 0.0, np.sin(turned)]), 4.0, "↧6")
+
+
+def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> None:
+    hole = oblique(30.0)
+    groups = hole_groups(VIEWS, [hole])
+    assert oblique_holes(groups, VIEWS, []) == [(1, hole)]
+    placed = PlacedView(VIEWS[1], 2.0, np.array([100.0, 50.0]))
+    across, up = oblique_lengths(placed, hole)
+    assert (across.words, up.words) == ("20", "30")
+    # A length of the plan that leads to its axis does instead; one beside it does not.
+    on_axis = hole.centre_in_rig + 5.0 * hole.axis_in_rig
+    for away, left in ((0.0, 0), (1.0, 1)):
+        to_axis = Length(np.array([np.zeros(3), on_axis + away * UP]))
+        assert len(oblique_holes(groups, VIEWS, [to_axis])) == left
+    # Those that a view looks along are dimensioned in that.
+    assert oblique_holes(hole_groups(VIEWS, row_of(3)), VIEWS, []) == []
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "said"),
+    [(30.0, "30"), (45.0, "45"), (60.0, "30"), (120.0, "30"), (150.0, "30"), (-20.0, "20"), (200.0, "20")],
+)
+def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, said: str) -> None:
+    sheet = DrawingSheet(200.0, 200.0)
+    hole = oblique(turned_deg)
+    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
+    assert [words.text for words in sheet.words] == [f"{said}°"]
+    at = np.array([80.0, 90.0])
+    arc = max((line for line, _ in sheet.drawn), key=len)
+    ways = (arc - at) / np.linalg.norm(arc - at, axis=1)[:, None]
+    ends = np.degrees(np.arccos(np.clip(ways[0] @ ways[-1], -1.0, 1.0)))
+    assert ends == pytest.approx(float(said), abs=0.01)
+    # It begins on an axis of the view, and ends on that of the hole.
+    assert np.abs(ways[0]).max() == pytest.approx(1.0)
+    out: FloatArray = -hole.axis_in_rig[[0, 2]]
+    np.testing.assert_allclose(ways[-1], out, atol=1e-9)
+
+
+def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
+    part = next(part for part in parts_of(device) if part.name == "camera_clip")
+    said = [words.text for words in draw(part.make(part.plan), part, HARDWARE.printer).words]
+    clip = device.clip
+    assert clip.nest is not None
+    screw = clip.nest.screws[1]
+    mouth = screw.tip - screw.mouth_mm * screw.axis
+    corners = np.vstack([np.vstack([piece.base, piece.top]) for piece in clip.pieces])
+    reach = min(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
+    far = max(abs(float(mouth[0] - side)) for side in (corners[:, 0].min(), corners[:, 0].max()))
+    assert {number(reach), number(far)} & set(said)
+    assert number(float(mouth[1]) - clip.slide_y_mm) in said
+    assert "45°" in said

@@ -1,16 +1,40 @@
-"""Views of a picture: one below the other, and names of points only where these are seen."""
+"""Views of a picture: one below the other, and names of points only where these are seen.
+
+Pieces in pictures: moved with a line to where they belong, put in along their ways, joined to what rests.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
 
+from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.guide.assembly_steps import Stages
 from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, place_of
-from mirrorcam.cad.guide.picture_views import DevicePicture, Item, labels_of, shot_of, views_of, write_picture
+from mirrorcam.cad.guide.picture_views import (
+    ARROW_MM,
+    STEP_SHARE,
+    DevicePicture,
+    Item,
+    joined,
+    labels_of,
+    mean,
+    moved,
+    name_of,
+    places_out,
+    put_in,
+    shot_of,
+    still,
+    triangles_of,
+    views_of,
+    write_picture,
+)
 from mirrorcam.cad.guide.shading import ShadedBody
 from mirrorcam.core.images.pictures import read_image
+from tests.cad.guide.conftest import Made
 
 CUBE = Item(ShadedBody(np.asarray(trimesh.creation.box((20.0, 20.0, 20.0)).triangles), (0.5, 0.5, 0.5)), "")
 NOTES = (("front", np.array([0.0, 0.0, 10.0])), ("back", np.array([0.0, 0.0, -10.0])))
@@ -36,3 +60,57 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
     tall = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above")
     assert not (shot_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
     assert (image[1050:1110, :200] == 255).all()
+
+
+@pytest.fixture
+def stages(made: Made) -> Stages:
+    return Stages(made.pieces)
+
+
+def one(made: Made, kind: str) -> Piece:
+    return next(piece for piece in made.pieces if piece.kind == kind)
+
+
+def test_what_rests_may_be_pale_but_for_mirrors(made: Made) -> None:
+    part, mirror = one(made, "part"), one(made, "mirror")
+    assert still(part).body.rgb == part.rgb
+    assert min(still(part, pale=True).body.rgb) > min(part.rgb)
+    assert still(mirror, pale=True).body.rgb == mirror.rgb
+    assert still(mirror).body.shine and not still(part).body.shine
+
+
+def test_a_piece_is_moved_as_it_is_and_may_have_a_line_from_its_seat(made: Made) -> None:
+    part, away, seat = one(made, "part"), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -4.0])
+    item = moved(part, away, name_of(part), seat=seat)
+    np.testing.assert_allclose(item.body.triangles - triangles_of(part) - away, 0.0, atol=1e-9)
+    assert item.line is not None and item.label == f"{part.number} {part.title}"
+    np.testing.assert_allclose(item.line[1] - item.line[0], away - seat)
+    assert moved(part, away).line is None
+
+
+def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) -> None:
+    insert = one(made, "insert")
+    seat = np.array([5.0, 0.0, 0.0])
+    drawn, arrow = put_in(insert, seat)
+    assert drawn.line is not None
+    np.testing.assert_allclose(np.diff(drawn.line, axis=0), np.diff(places_out(insert), axis=0))
+    way = drawn.line[0] - drawn.line[1]
+    way /= np.linalg.norm(way)
+    along = arrow.body.triangles.reshape(-1, 3) @ way
+    assert np.ptp(along) == pytest.approx(ARROW_MM)
+    assert along.max() < drawn.line[0] @ way
+    assert name_of(insert) == ""
+
+
+def test_fasteners_stand_off_what_rests(stages: Stages) -> None:
+    items = joined(stages.mount, [], stages.holder_screws, stages.mount)
+    assert len(items) == len(stages.mount) + len(stages.holder_screws)
+    base = mean([piece.explode_mm for piece in stages.mount])
+    for screw, item in zip(stages.holder_screws, items[len(stages.mount) :], strict=True):
+        moves = item.body.triangles - triangles_of(screw)
+        np.testing.assert_allclose(moves - STEP_SHARE * (screw.explode_mm - base), 0.0, atol=1e-9)
+
+
+def test_the_mean_of_nothing_is_no_move() -> None:
+    np.testing.assert_array_equal(mean([]), np.zeros(3))
+    np.testing.assert_array_equal(mean([np.zeros(3), np.array([2.0, 4.0, 6.0])]), [1.0, 2.0, 3.0])

@@ -9,12 +9,12 @@ import pytest
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.back import tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
-from mirrorcam.cad.holder.screw_holes import tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -14,15 +14,16 @@ from manifold3d import Manifold
 from shapely import Polygon, union_all
 
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.holder.back import POINT_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
-from mirrorcam.cad.holder.screw_holes import POINT_MM, slot_width_mm, tip_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import STRAY_LIGHT
-from mirrorcam.cad.checks.overhangs import polygons
+from mirrorcam.cad.checks.part_checks import polygons
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg

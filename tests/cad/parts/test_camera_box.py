@@ -1,13 +1,116 @@
-"""A camera's body in rig: the pupil in the origin."""
+"""The nest: forces in equilibrium, a leaf as a beam's closed form has it, and motion by its own definition.
+
+A camera's body in rig: the pupil in the origin.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mirrorcam.cad.parts.camera_box import body_box
+from mirrorcam.cad.parts.camera_box import (
+    PITCH_MM,
+    TURNS,
+    Leaf,
+    Nest,
+    body_box,
+    leaf_thickness_mm,
+    least_contact_n,
+    least_forces_n,
+    motion_of_errors,
+    reactions,
+    wrenches,
+)
+from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
+
+MPA = 2300.0
+MIDDLE = np.array([1.0, 2.0, -8.0])
+
+
+@pytest.fixture
+def nest() -> Nest:
+    found = plan_clip(HARDWARE).nest
+    assert found is not None
+    return found
+
+
+def test_a_leaf_bends_as_the_beam_equation_integrated_says() -> None:
+    """Bent by a load at its end: curvature F (l - x) / (E I) up to where it is stiff, integrated twice."""
+    leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0)
+    force = leaf.force_n(MPA)
+    x = np.linspace(0.0, 30.0, 300_001)
+    curvature = np.where(x < 22.0, force * (30.0 - x) / (MPA * 20.0 * 2.5**3 / 12.0), 0.0)
+    step = x[1]
+    slope = np.cumsum(curvature) * step
+    assert float(np.sum(slope) * step) == pytest.approx(TURNS * PITCH_MM, rel=1e-3)
+    assert curvature[0] * 2.5 / 2.0 == pytest.approx(leaf.strain, rel=1e-9)
+
+
+def test_an_oblique_screw_bends_its_leaf_more_and_presses_harder_than_across() -> None:
+    """By virtual work: the force's part across the leaf, over the leaf's bend, is that of a straight screw."""
+    straight, oblique = Leaf(30.0, 8.0, 20.0, 2.5, 1.0), Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
+    assert oblique.bent_mm == pytest.approx(straight.bent_mm * np.sqrt(2.0))
+    across = oblique.force_n(MPA) * np.sqrt(0.5)
+    assert across / oblique.bent_mm == pytest.approx(straight.force_n(MPA) / straight.bent_mm)
+
+
+def test_the_thickness_for_a_force_gives_it() -> None:
+    leaf = Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
+    assert replace(leaf, thickness_mm=leaf_thickness_mm(7.0, leaf, MPA)).force_n(MPA) == pytest.approx(7.0)
+
+
+def test_the_six_forces_hold_any_load_in_equilibrium(nest: Nest) -> None:
+    loads = np.random.default_rng(1).normal(size=(4, 3))
+    places = np.random.default_rng(2).normal(size=(4, 3)) * 20.0
+    held = reactions(nest, places, loads)
+    assert held.shape == (6, 4)
+    np.testing.assert_allclose(wrenches(nest.points, nest.normals) @ held, -wrenches(places, loads), atol=1e-9)
+
+
+def test_with_the_least_forces_a_point_is_just_about_to_let_go(nest: Nest) -> None:
+    """Each screw's points keep hold at the least forces; of one of them, nothing is to spare."""
+    weight = 3.0
+    forces = least_forces_n(nest, MIDDLE, weight)
+    tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
+    pressed = reactions(nest, tips, axes)
+    strongest = pressed.argmax(axis=1)
+    pulls = weight * reactions(nest, np.tile(MIDDLE, (500, 1)), directions(500))
+    for screw, force in enumerate(forces):
+        mine = strongest == screw
+        left = force * pressed[mine, screw][:, None] + pulls[mine]
+        assert -0.02 * force < left.min() < 0.05 * force
+
+
+def test_the_least_contact_is_that_of_the_worst_of_many_directions(nest: Nest) -> None:
+    tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
+    held = reactions(nest, tips, axes) @ [screw.leaf.force_n(MPA) for screw in nest.screws]
+    worst = (held[:, None] + 3.0 * reactions(nest, np.tile(MIDDLE, (20_000, 1)), directions(20_000))).min()
+    assert least_contact_n(nest, MIDDLE, 3.0, MPA) == pytest.approx(worst, abs=0.05)
+
+
+def directions(count: int) -> np.ndarray:
+    found = np.random.default_rng(3).normal(size=(count, 3))
+    return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+
+
+def test_a_body_that_moves_as_the_jacobian_says_follows_the_errors(nest: Nest) -> None:
+    """Moved by a small shift and turn, the body's points have gone by these errors along their normals."""
+    errors = np.array([3.0, -1.0, 2.0, 1.0, -2.0, 0.5]) * 1e-3
+    motion = motion_of_errors(nest) @ errors
+    gone = motion[:3] + np.cross(motion[3:], nest.points)
+    np.testing.assert_allclose((gone * nest.normals).sum(axis=1), errors, atol=1e-12)
+
+
+def test_a_nest_without_its_far_pad_does_not_fix_the_body(nest: Nest) -> None:
+    points = nest.points.copy()
+    points[0] = (points[1] + points[2]) / 2.0
+    with pytest.raises(np.linalg.LinAlgError):
+        motion_of_errors(replace(nest, points=points))
 
 
 def test_the_body_of_the_c920_is_that_of_its_camera() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.cad.parts.camera_box import motion_of_errors
 from mirrorcam.cad.parts.clip import plan_clip
-from mirrorcam.cad.parts.nest import motion_of_errors
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, _in_play, _moved_px, _on_posts, repeatability
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera_body import BoardHoles

@@ -1,15 +1,42 @@
-"""Where parts are cut: thin walls beside a cut in closed form, corners that it keeps off, pieces and their joints."""
+"""Where parts are cut: thin walls beside a cut in closed form, corners that it keeps off, pieces and their joints.
+
+The printer's bed: which way a part lies on it, when it is too high, and how far cuts may be moved.
+
+Pins between pieces: frames of their holes, the wall round them, and the two places that are farthest apart.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from manifold3d import CrossSection, Manifold
 
-from mirrorcam.cad.plan.cuts import FAR_MM, cells_between, joints_between, off_corners, thin_beside_mm2
-from mirrorcam.cad.splitting.body_cuts import triangles_of
+from mirrorcam.cad.plan.cuts import (
+    FAR_MM,
+    MOVED_MM,
+    bed_lengths_mm,
+    cells_between,
+    clearance_round_pin_mm,
+    cut_slack_mm,
+    farthest_pair,
+    hole_depth_mm,
+    hole_frame,
+    hole_mm,
+    joints_between,
+    off_corners,
+    reach_of_pin_mm,
+    require_height,
+    thin_beside_mm2,
+    turned_onto_bed,
+)
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.part_plan import PartPlan
+from mirrorcam.cad.splitting import triangles_of
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.transforms import transform
 
 
 def test_thin_walls_beside_a_cut_are_measured() -> None:
@@ -61,3 +88,66 @@ def test_neighbouring_pieces_share_a_joint_whose_pins_keep_off_cuts_that_cross()
     assert spans[(1, 1), (2, 1)] == (200.0, (106.0, FAR_MM))
     assert spans[(1, 0), (1, 1)] == (90.0, (116.0, 184.0))
     assert joints_between(cells_between(((), ()), low, high), 16.0) == []
+
+
+LONG_BED = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(200.0, 300.0, 250.0)))
+
+
+def test_the_longer_side_of_a_part_lies_along_the_longer_side_of_the_bed() -> None:
+    assert bed_lengths_mm((250.0, 100.0), LONG_BED) == (300.0, 200.0)
+    assert bed_lengths_mm((100.0, 250.0), LONG_BED) == (200.0, 300.0)
+
+
+def test_a_part_is_turned_by_a_quarter_only_where_it_fits_only_so(block: PartPlan) -> None:
+    assert turned_onto_bed(block, 190.0, 300.0, LONG_BED) is block
+    assert turned_onto_bed(block, 250.0, 200.0, LONG_BED) is block
+    turned = turned_onto_bed(replace(block, print_from_rig=np.eye(4)), 250.0, 300.0, LONG_BED)
+    np.testing.assert_allclose(transform(turned.print_from_rig, np.array([250.0, 100.0, 5.0])), [-100.0, 250.0, 5.0])
+    assert np.linalg.det(turned.print_from_rig) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("length", "count"), [(300.0, 2), (500.0, 3), (800.0, 4)])
+def test_cuts_moved_by_their_slack_leave_pieces_that_fit(length: float, count: int) -> None:
+    slack = cut_slack_mm(length, count, 220.0)
+    longest = length / count + (slack if count == 2 else 2.0 * slack)
+    assert longest + MOVED_MM == pytest.approx(220.0)
+    # No piece is longer than the bed, so cuts of pieces that just fit cannot be moved at all.
+    assert cut_slack_mm(440.0, 2, 220.0) == 0.0
+
+
+def test_what_is_higher_than_the_printer_is_refused() -> None:
+    require_height("bar", 250.0, HARDWARE)
+    with pytest.raises(InputError, match=r"^bar is 250\.1 mm high, expected at most 250 mm \(printer bed\)$"):
+        require_height("bar", 250.1, HARDWARE)
+
+
+DIAMETER, LENGTH = HARDWARE.holder.pin_mm
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_hole_runs_into_its_piece_with_its_roof_up(axis: int, side: float) -> None:
+    frame = hole_frame(np.array([3.0, 4.0, 5.0]), axis, side)
+    np.testing.assert_array_equal(frame[:3, 3], [3.0, 4.0, 5.0])
+    np.testing.assert_array_equal(frame[:3, 2], side * np.eye(3)[axis])
+    np.testing.assert_array_equal(frame[:3, 1], [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(frame[:3, :3] @ frame[:3, :3].T, np.eye(3))
+    assert np.linalg.det(frame) == pytest.approx(1.0)
+
+
+def test_holes_are_wider_and_deeper_than_half_their_pin_and_keep_a_wall() -> None:
+    wall = HARDWARE.printer.wall_mm
+    assert hole_mm(HARDWARE) > DIAMETER
+    assert 2.0 * hole_depth_mm(HARDWARE) > LENGTH
+    assert reach_of_pin_mm(HARDWARE) - hole_depth_mm(HARDWARE) == pytest.approx(wall)
+    # The ridge of the roof is two tangents of the hole away from its axis.
+    ridge = hole_mm(HARDWARE) / 2.0 / np.sin(np.radians(42.0))
+    assert clearance_round_pin_mm(HARDWARE) == pytest.approx(ridge + wall)
+
+
+def test_the_farthest_two_of_points_are_found_and_none_of_none() -> None:
+    pair, apart = farthest_pair(np.array([(0.0, 0.0), (3.0, 0.0), (1.0, 1.0), (3.0, 4.0)]))
+    assert apart == 5.0
+    assert {tuple(point) for point in pair} == {(0.0, 0.0), (3.0, 4.0)}
+    assert farthest_pair(np.zeros((0, 2)))[1] == 0.0
+    assert farthest_pair(np.ones((1, 2)))[1] == 0.0

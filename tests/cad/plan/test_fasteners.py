@@ -1,4 +1,9 @@
-"""Screws: long enough to hold, short enough not to bottom out."""
+"""Sizes of threads by their names, against the rules that the standards follow.
+
+Screws: long enough to hold, short enough not to bottom out.
+
+Frames of bought items: right-handed, along their axes; and moves that end outside.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,61 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
-from mirrorcam.cad.plan.fasteners import ROOF_DEG, Bore, Hexagon, stack, stack_into, thread
+from mirrorcam.cad.plan.fasteners import (
+    CLEAR_MM,
+    COUNTERSUNK,
+    ROOF_DEG,
+    SUNK_HEAD,
+    THREADS,
+    Bore,
+    Hexagon,
+    along,
+    beyond,
+    diameter_mm,
+    stack,
+    stack_into,
+    thread,
+    thread_of,
+)
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
+
+
+def test_metric_sizes_are_their_names() -> None:
+    for name, size in THREADS.items():
+        if name.startswith("M"):
+            assert float(name[1:]) == size.diameter_mm == size.head_height_mm
+        assert size.diameter_mm < size.clearance_mm < size.nut_flats_mm
+        assert size.nut_height_mm > 3.5 * size.pitch_mm
+
+
+def test_the_inch_thread_has_twenty_turns_to_the_inch() -> None:
+    thread = thread_of("1/4-20 UNC")
+    assert thread.pitch_mm == pytest.approx(25.4 / 20)
+    assert thread.diameter_mm == pytest.approx(25.4 / 4)
+    assert thread.nut_flats_mm == pytest.approx(25.4 * 7 / 16, abs=0.01)
+    assert thread.nut_height_mm == pytest.approx(25.4 * 7 / 32, abs=0.01)
+
+
+def test_the_table_of_screws_agrees_with_that_of_threads() -> None:
+    screw, thread = HARDWARE.screw, thread_of("M3")
+    assert (screw.clearance_hole_mm, screw.nut_flats_mm, screw.nut_height_mm, screw.head_height_mm) == (
+        thread.clearance_mm,
+        thread.nut_flats_mm,
+        thread.nut_height_mm,
+        thread.head_height_mm,
+    )
+
+
+def test_a_size_begins_with_its_thread() -> None:
+    assert thread_of(f"M3{COUNTERSUNK}") == thread_of("M3")
+    assert diameter_mm("M2 thread-forming") == 2.0
+    assert diameter_mm("3") == 3.0
+    assert diameter_mm("1/4-20 UNC") == 6.35
+    assert SUNK_HEAD * thread_of("M3").diameter_mm == pytest.approx(6.72)  # ISO 10642
+    with pytest.raises(ValueError, match="size='M33' names no thread, expected one of M1"):
+        thread_of("M33")
+
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -104,3 +161,19 @@ def test_threads_are_cut_for_an_insert_or_a_nut() -> None:
     assert held.wall_mm < 8.0
     assert pocket.mouth[1] == pytest.approx(held.begins_mm)
     assert pocket.mouth[1] + pocket.depth_mm > 8.0
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (0.0, 0.6, 0.8)])
+def test_a_frame_has_its_z_along_the_axis_and_its_x_across(axis: tuple[float, float, float]) -> None:
+    frame = along(np.array([1.0, 2.0, 3.0]), np.array(axis))
+    np.testing.assert_allclose(frame[:3, 2], axis)
+    np.testing.assert_allclose(frame[:3, 3], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(frame[:3, :3] @ frame[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(frame) == pytest.approx(1.0)
+    assert frame[0, 0] == pytest.approx(1.0)
+
+
+def test_a_place_leaves_the_hull_with_room_to_spare() -> None:
+    corners = np.array([(0.0, 0.0, 0.0), (10.0, 5.0, 2.0)])
+    move = beyond(corners, np.array([4.0, 1.0, 1.0]), np.array([-1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(move, [-(4.0 + CLEAR_MM), 0.0, 0.0])

@@ -1,4 +1,7 @@
-"""The table of dimensions: against the tables of another library, and as files that a user writes."""
+"""The table of dimensions: against the tables of another library, and as files that a user writes.
+
+The slicer settings that guide and slicer share.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ from pathlib import Path
 import pytest
 from bd_warehouse.fastener import HeatSetNut, HexNut, PlainWasher, SocketHeadCapScrew
 
-from mirrorcam.cad.plan.hardware import HARDWARE, Hardware, require_same_camera
+from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS, Hardware, require_same_camera
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_body
 
@@ -81,3 +84,9 @@ def test_a_board_camera_may_stand_in_a_table_of_hardware(tmp_path: Path) -> None
     camera = read_model(Hardware, tmp_path / "hardware.json").camera
     assert camera.held_by == read_body("board_38").held_by
     assert camera.field_of_view_deg == (60.0, 40.0)
+
+
+def test_the_perimeters_print_the_thinnest_wall() -> None:
+    assert PRINT_SETTINGS.perimeters * PRINT_SETTINGS.nozzle_mm <= HARDWARE.printer.wall_mm + 1e-9
+    assert PRINT_SETTINGS.layer_mm < PRINT_SETTINGS.nozzle_mm
+    assert 0 < PRINT_SETTINGS.infill_percent < 100

@@ -41,13 +41,13 @@ def test_the_loader_of_this_system_words_it_so() -> None:
 
 
 def test_a_command_ends_with_the_package(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def fails(options: object) -> int:
+    def fails() -> int:
         try:
             raise ImportError(GLIBC)
         except ImportError as error:
             raise RuntimeError("cannot load") from error
 
-    monkeypatch.setattr(cli, "RUNNERS", dict.fromkeys(cli.RUNNERS, fails))
+    monkeypatch.setattr("mirrorcam.run.doctor_command.doctor", fails)
     assert cli.main(["doctor"]) == 2
     assert capsys.readouterr().err == f"mirrorcam: {PACKAGE}\n"
 

@@ -15,7 +15,8 @@ import pytest
 from pydantic import Field
 
 from mirrorcam.core.disk import files
-from mirrorcam.core.values import InputError, Metric, Value, Vector3
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric, Value, Vector3
 
 
 class Note(Value):

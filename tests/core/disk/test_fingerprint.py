@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.fingerprint import differing, digest, file_digest, file_digests, intact, value_digest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 # sha256 of "abc", from FIPS 180-4.
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"

@@ -17,7 +17,7 @@ import pytest
 
 from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
 from mirrorcam.core.disk.written_files import FolderRecord
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 STAGED = ("", "/parts", "/parts/a.stl")
 

@@ -13,7 +13,7 @@ import pytest
 from mirrorcam.core.disk import program, results
 from mirrorcam.core.disk.program import code_digest, modules_of, program_of
 from mirrorcam.core.disk.results import Results
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 MADE_OF = {"picture": "a" * 64, "size": "3", "numpy": "2.1"}
 CONTENTS = {"b": b"\x00\n{}", "a": b"", "parts/x": b"x" * 1000}

@@ -13,7 +13,7 @@ from pydantic import Field
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.resumable import UNFINISHED, FolderManifest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 class Pictures(FolderManifest):

@@ -12,9 +12,9 @@ import pytest
 from mirrorcam.core.disk import stages
 from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
 from mirrorcam.core.disk.stages import Stage, perform, staleness
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes import interruption
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError
 
 
 def done(stage: Stage, root: Path, *, force: bool = False) -> None:

@@ -12,10 +12,10 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.sweep_run import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec

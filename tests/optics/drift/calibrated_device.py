@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -37,7 +38,7 @@ def device(rows: int = 3, cols: int = 3, noise_px: float = 0.03) -> Device:
     truth = as_built(nominal, seed=3)
     poses = mirrored_poses(BOARD, 12, tilt_deg=30, seed=1), direct_poses(BOARD, 5, tilt_deg=30, seed=2)
     views = views_of(truth, BOARD, *poses, noise_px=noise_px)
-    found = calibrate_corners(views.seen, views.base, nominal, BOARD.corners_in_board_mm, level="joint")
+    found = calibrate_corners(views.seen, views.base, nominal, BOARD.corners_in_board_mm, model=RequestedModel())
     return Device(truth, found.layout)
 
 

@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.targets import Charuco
-from mirrorcam.render_scenes.boards.printed_board import board_from_texels
+from mirrorcam.render_scenes.boards import board_from_texels
 from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import map_to_print, virtual_views
 from mirrorcam.render_scenes.sets.poses import plan_frames

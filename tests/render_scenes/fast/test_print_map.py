@@ -1,4 +1,7 @@
-"""Maps to the print beside rays that are cut with the board's plane."""
+"""Scales of a print: as bright as the print, with a black border.
+
+Maps to the print beside rays that are cut with the board's plane.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,19 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.fast.print_map import coefficients, map_to_print, virtual_views
+from mirrorcam.render_scenes.fast.print_map import build_mipmap, coefficients, map_to_print, virtual_views
+
+
+def test_every_scale_of_a_print_is_as_bright_as_the_print() -> None:
+    radiance = np.random.default_rng(0).random((37, 50))
+    pyramid = build_mipmap(radiance)
+    assert len(pyramid.levels) > 3
+    for index, level in enumerate(pyramid.levels):
+        texels = pyramid.texels[level.begin : level.begin + level.columns * level.rows].reshape(level.rows, -1)
+        assert texels.sum() * 4.0**index == pytest.approx(radiance.sum(), rel=1e-5)
+        assert not texels[[0, -1]].any()
+        assert not texels[:, [0, -1]].any()
+
 
 TEXELS_FROM_BOARD = np.array([[4.0, 0.1, 12.0], [-0.1, 4.0, 7.0], [0.0, 0.0, 1.0]])
 

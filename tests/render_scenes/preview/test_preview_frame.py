@@ -1,17 +1,176 @@
-"""Previews of a layout: the same for the same arguments, for layouts of all kinds, and of both subjects."""
+"""Subjects: the same objects as those of a scene, with textures that stay.
+
+Blur out of focus, against the circle of confusion.
+
+What pixels of a sensor show, against the reference's rays and pictures of the same scene.
+
+Previews of a layout: the same for the same arguments, for layouts of all kinds, and of both subjects.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.transforms import transform
-from mirrorcam.render_scenes.preview.arranged import view_from_board
-from mirrorcam.render_scenes.preview.preview_frame import binned_sensor, preview_frame
+from mirrorcam.render_scenes.fields_of_view import common_bounds
+from mirrorcam.render_scenes.preview.mirror_views import mirror_views
+from mirrorcam.render_scenes.preview.preview_frame import (
+    TEXTURE_PX,
+    SensorLight,
+    arranged_tabletop,
+    binned_sensor,
+    out_of_focus,
+    preview_frame,
+    rays_of_pixels,
+    sensor_light,
+    view_from_board,
+)
+from mirrorcam.render_scenes.preview.traced_scene import traced_tabletop
+from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
+from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
+from mirrorcam.render_scenes.truth.pixel_maps import pixel_rays
+
+
+def test_objects_are_those_of_the_scene_with_textures_of_one_size(small_layout: Layout) -> None:
+    found = arranged_tabletop(small_layout, 3)
+    scene = arrange_tabletop(small_layout, default_depths_mm(small_layout), 3)
+    assert [item.replaced(texture_px=None) for item in found.objects] == list(scene.objects)
+    assert all(item.texture_px == (TEXTURE_PX[item.texture] if item.texture else None) for item in found.objects)
+
+
+def test_objects_of_another_layout_move_to_the_middle_of_the_field(small_layout: Layout) -> None:
+    # The same device, half as large again: its views are higher.
+    mirrors = tuple(
+        mirror.replaced(
+            virtual_centre_in_rig_mm=1.5 * mirror.virtual_centre_in_rig_mm,
+            outline_in_rig_mm=1.5 * mirror.outline_in_rig_mm,
+        )
+        for mirror in small_layout.mirrors
+    )
+    large = small_layout.replaced(mirrors=mirrors, metrics={}, verdict={})
+    own, moved = arranged_tabletop(small_layout, 3), arranged_tabletop(large, 3, small_layout)
+    depth = default_depths_mm(small_layout)[1]
+    shift = common_bounds(large, depth).mean(axis=0) - common_bounds(small_layout, depth).mean(axis=0)
+    assert shift[1] < -20.0
+    for before, after in zip(own.objects, moved.objects, strict=True):
+        there = before.view_from_object[:3, 3] + np.array([*shift, 0.0])
+        np.testing.assert_allclose(after.view_from_object[:3, 3], there)
+        np.testing.assert_allclose(after.size_mm, before.size_mm)
+    np.testing.assert_allclose(moved.lit_in_view[:2], own.lit_in_view[:2] + shift)
+
+
+def test_objects_have_room_before_a_layout_that_was_designed_for_less(small_layout: Layout) -> None:
+    assert small_layout.spec is not None
+    near = 0.6 * nearest_mm(small_layout)
+    close = small_layout.replaced(spec=small_layout.spec.replaced(depths_mm=(near, 1.01 * near)))
+    pose = view_from_board(close, default_board())
+    corners = [pose @ [x, y, 0.0, 1.0] for x in (0.0, 240.0) for y in (0.0, 168.0)]
+    assert min(corner[2] for corner in corners) > nearest_mm(close)
+    depths = [item.view_from_object[2, 3] for item in arranged_tabletop(close, 0).objects[2:]]
+    assert min(depths) == pytest.approx(nearest_mm(close) / (1.0 - LEAST_ROOM) + 1.0)
+
+
+def test_the_board_is_in_the_middle_of_the_field_and_before_the_mirrors(fold_90_layout: Layout) -> None:
+    board = default_board()
+    pose = view_from_board(fold_90_layout, board)
+    middle = (pose @ [*np.array(board.size_mm) / 2.0, 0.0, 1.0])[:3]
+    np.testing.assert_allclose(middle[:2], common_bounds(fold_90_layout, middle[2]).mean(axis=0))
+    corners = pose @ np.array([[x, y, 0.0, 1.0] for x in (0.0, board.size_mm[0]) for y in (0.0, board.size_mm[1])]).T
+    assert corners[2].min() > nearest_mm(fold_90_layout)
+    # It shows its print: z of the board is into the paper.
+    assert pose[2, 2] > 0.9
+
+
+CAMERA = Camera.c920().binned(0.25).replaced(aperture_mm=8.0, focus_mm=500.0)
+
+
+def test_what_is_in_focus_or_before_a_pinhole_stays() -> None:
+    picture = np.random.default_rng(0).random((40, 50, 3)).astype(np.float32)
+    assert out_of_focus(picture, np.full((40, 50), 500.0), CAMERA) is picture
+    assert out_of_focus(picture, np.full((40, 50), 200.0), CAMERA.replaced(aperture_mm=0.0)) is picture
+
+
+@pytest.mark.parametrize("distance", [250.0, 350.0, np.inf])
+def test_a_point_gets_the_variance_of_its_circle_of_confusion(distance: float) -> None:
+    picture = np.zeros((81, 81, 3), np.float32)
+    picture[40, 40] = 1.0, 2.0, 3.0
+    blurred = out_of_focus(picture, np.full((81, 81), distance), CAMERA)
+    np.testing.assert_allclose(blurred.sum(axis=(0, 1)), [1.0, 2.0, 3.0], rtol=1e-3)
+    places = np.arange(81) - 40.0
+    variance = (blurred[..., 0].sum(axis=0) * places**2).sum()
+    diameter = CAMERA.fx_px * 8.0 * abs(1.0 / 500.0 - 1.0 / distance)
+    assert variance == pytest.approx(diameter**2 / 16.0, rel=0.03)
+
+
+PUPIL = Pupil(1.8, 500.0)
+
+
+def light_of(layout: Layout) -> SensorLight:
+    return sensor_light(layout.camera, mirror_views(layout, PUPIL, 0.92), traced_tabletop(arranged_tabletop(layout, 0)))
+
+
+@pytest.fixture(params=["distorted_layout", "plates"])
+def small(request: pytest.FixtureRequest) -> Layout:
+    """A layout with a lens that distorts, and with plates, at 480 x 270 pixels."""
+    layout: Layout = request.getfixturevalue(request.param)
+    return layout.replaced(camera=layout.camera.binned(0.25))
+
+
+def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_colour(small: Layout) -> None:
+    found = light_of(small)
+    reference = TabletopScene(small, arranged_tabletop(small, 0), 0.92)
+    rays = pixel_rays(small, mirrors=True, pupil=PUPIL)
+    hits = reference.hits(rays.start, rays.direction)
+    shown = (hits.object_index != NOTHING) & (rays.mirror == found.mirror)
+    # Borders of mirrors are bands in which both are seen.
+    assert shown.mean() > 0.85
+    assert (hits.object_index == found.thing)[shown].mean() > 0.9999
+    same = shown & (hits.object_index == found.thing)
+    depth = hits.points[same] @ small.view_from_rig[2]
+    error = np.abs(depth - found.depth_mm[same])
+    assert np.median(error) < 1e-3
+    assert np.percentile(error, 99.0) < 0.01
+    seen = rays.path_before_mm[same] + hits.path_mm[same]
+    pixels = rays_of_pixels(small.camera.model_dump_json())[same]
+    if not small.mirrors[0].is_second_surface:
+        along = found.along_axis_mm[same] * np.sqrt(1.0 + np.square(pixels).sum(axis=1))
+        np.testing.assert_allclose(along, seen, rtol=1e-4)
+    radiance = reference.photograph(PUPIL, spp=16, subpixels=1, seed=0)
+    grey = [np.clip(light, 0.0, 1.0).mean(axis=2) for light in (radiance, found.radiance)]
+    assert np.corrcoef(grey[0].ravel(), grey[1].ravel())[0, 1] > 0.965
+    assert grey[1][shown].mean() == pytest.approx(grey[0][shown].mean(), rel=0.05)
+    for number in np.unique(found.thing[same]):
+        of_one = same & (found.thing == number)
+        assert grey[1][of_one].mean() == pytest.approx(grey[0][of_one].mean(), rel=0.2)
+
+
+def test_gaps_between_mirrors_are_black_and_nothing_is_at_infinity(small: Layout) -> None:
+    found = light_of(small)
+    gap = found.mirror == NOTHING
+    assert gap.any()
+    assert not found.radiance[gap].any()
+    assert (found.thing[gap] == NOTHING).all()
+    assert np.isinf(found.depth_mm[found.thing == NOTHING]).all()
+    assert np.isfinite(found.depth_mm[found.thing != NOTHING]).all()
+    # Where two mirrors share the pupil, neither is as bright as alone, and both together no brighter.
+    assert np.isfinite(found.radiance).all()
+
+
+def test_edges_are_smooth(small_layout: Layout) -> None:
+    found = light_of(small_layout)
+    board = found.thing == 5
+    grey = found.radiance.mean(axis=2)
+    levels = np.unique(np.round(grey[board], 3))
+    assert len(levels) > 100
 
 
 def test_a_preview_is_a_picture_of_the_width_asked_for_the_same_each_time(fold_90_layout: Layout) -> None:

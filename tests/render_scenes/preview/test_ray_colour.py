@@ -1,4 +1,7 @@
-"""What rays see: closed forms of glass and gloss in an even surrounding."""
+"""Light on surfaces: laws, and the shadow of an object against rays to the lamp.
+
+What rays see: closed forms of glass and gloss in an even surrounding.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,129 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.render_scenes.preview.ray_colour import GLOSS, ray_colour
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
+from mirrorcam.render_scenes.preview.ray_colour import (
+    FLOOR_PART,
+    GLOSS,
+    WALL_PART,
+    facing_normal,
+    own_colour,
+    ray_colour,
+    scattered,
+)
 from mirrorcam.render_scenes.preview.traced_scene import (
+    BOUND,
     FACING,
     FIRST_SIDE,
+    FLOOR_LIGHT,
+    GLOW,
     MIDDLE,
     RADIANCE,
     SKY_LIGHT,
+    WALL_LIGHT,
     TracedScene,
     lamp_light,
+    traced_tabletop,
+)
+from mirrorcam.render_scenes.preview.traced_scene import (
+    COLOUR as COLOUR_COLUMN,
 )
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
 from tests.render_scenes.preview.scenes import item, scene_of
+
+FLOOR = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), [0.0, 40.0, 300.0])
+COLOUR = (0.5, 0.4, 0.3)
+ZERO = (0.0, 0.0, 0.0)
+POINT, UP = (3.0, 40.0, 305.0), (0.0, -1.0, 0.0)
+
+
+def floor() -> Any:
+    return item("rectangle", view_from_object=FLOOR, size_mm=np.array([900.0, 900.0, 0.0]), colour=np.array(COLOUR))
+
+
+def light(scene: TracedScene, *, shaded: bool = True) -> Any:
+    return np.array(scattered(scene, 0, 0, POINT, UP, (0.1, 1.0, 0.2), ZERO, ZERO, shaded))
+
+
+def test_a_matte_surface_alone_scatters_the_light_of_the_sky_and_the_lamp() -> None:
+    scene = scene_of(floor())
+    expected = np.array(COLOUR) * (
+        scene.around[SKY_LIGHT] + lamp_light(scene.lamp, np.array(POINT), np.array(UP)) / np.pi
+    )
+    np.testing.assert_allclose(light(scene), expected)
+    below = scattered(scene, 0, 0, POINT, (0.0, 1.0, 0.0), (0.1, -1.0, 0.2), ZERO, ZERO, True)
+    np.testing.assert_allclose(below, np.array(COLOUR) * scene.around[SKY_LIGHT])
+
+
+def test_an_object_before_the_lamp_takes_its_light_and_some_of_the_sky() -> None:
+    open_scene = scene_of(floor())
+    halfway = tuple(0.5 * (open_scene.lamp[MIDDLE] + POINT))
+    scene = scene_of(floor(), item("sphere", halfway, size_mm=np.array([200.0] * 3)))
+    np.testing.assert_array_less(light(scene), np.array(COLOUR) * open_scene.around[SKY_LIGHT])
+    unshaded = light(scene, shaded=False) - light(scene)
+    lamp = lamp_light(scene.lamp, np.array(POINT), np.array(UP)) / np.pi
+    np.testing.assert_allclose(unshaded, np.array(COLOUR) * lamp, rtol=1e-6)
+    beside = scene_of(floor(), item("sphere", (400.0, -100.0, 300.0)))
+    np.testing.assert_allclose(light(beside), light(open_scene), rtol=0.01)
+
+
+@pytest.mark.parametrize("radius", [6.0, 12.0, 20.0])
+def test_a_part_of_the_lamp_is_hidden_by_what_is_small(radius: float) -> None:
+    open_scene = scene_of(floor())
+    place = np.array(POINT) + 0.3 * (open_scene.lamp[MIDDLE] - POINT)
+    scene = scene_of(floor(), item("sphere", tuple(place), size_mm=np.array([2.0 * radius] * 3)))
+    lit = (light(scene) - light(scene_of(floor()))).sum() / (np.array(COLOUR) * lamp_part(scene)).sum()
+    # The cone to the lamp, of 0.3 times half its side of 44 mm there, is hidden up to the ball's radius.
+    assert (lit < -0.99) == (radius == 20.0)
+    assert lit < -0.1
+
+
+def test_a_ball_takes_its_part_of_the_sky_and_gives_what_it_throws() -> None:
+    radius, away = 20.0, 50.0
+    place = tuple(np.array(POINT) + away * np.array(UP))
+    scene = scene_of(
+        floor(), item("sphere", place, size_mm=np.array([2.0 * radius] * 3), colour=np.array([0.1, 0.2, 0.3]))
+    )
+    # The form factor of a sphere straight above a surface (Howell, A Catalog of Radiation Heat Transfer, B-45).
+    part = (radius / away) ** 2
+    sky, glow = scene.around[SKY_LIGHT], scene.balls[0, GLOW : GLOW + 3]
+    expected = np.array(COLOUR) * (sky + part * (glow - sky) + lamp_part(scene))
+    np.testing.assert_allclose(light(scene, shaded=False), expected, rtol=1e-9)
+
+
+def test_a_floor_and_a_wall_stand_in_for_a_part_of_the_sky(small_layout: Layout) -> None:
+    scene = traced_tabletop(arranged_tabletop(small_layout, 0))
+    alone = scene._replace(balls=scene.balls[:0])
+    names = [thing.name for thing in arranged_tabletop(small_layout, 0).objects]
+    number = names.index("glossy ball")
+    place = tuple(scene.objects[number, BOUND : BOUND + 3])
+    colour = scene.objects[number, COLOUR_COLUMN : COLOUR_COLUMN + 3]
+    seen = {}
+    for name, normal in (("up", UP), ("down", (0.0, 1.0, 0.0))):
+        towards = tuple(-np.array(normal))
+        seen[name] = np.array(scattered(alone, number, 0, place, normal, towards, ZERO, ZERO, False)) / colour
+    sky = scene.around[SKY_LIGHT]
+    half = sky + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - sky)
+    down = sky + FLOOR_PART * (scene.around[FLOOR_LIGHT] - sky)
+    np.testing.assert_allclose(seen["down"], down + 0.5 * WALL_PART * (scene.around[WALL_LIGHT] - down))
+    lamp = lamp_light(scene.lamp, np.array(place), np.array(UP)) / np.pi
+    np.testing.assert_allclose(seen["up"], half + lamp)
+
+
+def lamp_part(scene: TracedScene) -> Any:
+    return lamp_light(scene.lamp, np.array(POINT), np.array(UP)) / np.pi
+
+
+def test_the_colour_is_the_mean_of_the_texture_over_the_footprint() -> None:
+    scene = scene_of(item("rectangle", view_from_object=FLOOR, texture="cover", texture_px=(64, 64), seed=1))
+    normal = facing_normal(scene, 0, 0, (0.0, 40.0, 300.0), (0.0, 1.0, 0.0))
+    np.testing.assert_allclose(normal, UP, atol=1e-12)
+    np.testing.assert_allclose(facing_normal(scene, 0, 0, (0.0, 40.0, 300.0), (0.0, -1.0, 0.0)), (0.0, 1.0, 0.0))
+    wide = own_colour(scene, 0, 0, (0.0, 40.0, 300.0), normal, (0.0, 1.0, 0.0), (40.0, 0.0, 0.0), (0.0, 0.0, 50.0))
+    np.testing.assert_allclose(wide, scene.texels[: 64 * 64].mean(axis=0), atol=0.05)
+
 
 NONE = (1e-4, 0.0, 0.0)
 CENTRE = np.array([0.0, 0.0, 300.0])

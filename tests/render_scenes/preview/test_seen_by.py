@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
-from mirrorcam.render_scenes.preview.arranged import view_from_board
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views
-from mirrorcam.render_scenes.preview.preview_frame import preview_frame
+from mirrorcam.render_scenes.preview.preview_frame import preview_frame, sensor_light, view_from_board
 from mirrorcam.render_scenes.preview.seen_by import SeenBy, seen_by, seen_in
-from mirrorcam.render_scenes.preview.sensor_light import sensor_light
 from mirrorcam.render_scenes.preview.traced_scene import traced_board
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, ToneCurve

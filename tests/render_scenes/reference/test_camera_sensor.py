@@ -10,10 +10,10 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import with_lens
 from mirrorcam.optics.geometry.pupil import Pupil
+from mirrorcam.render_scenes.lens import as_it_is
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
 from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.render_scenes.variant import use_variant
-from mirrorcam.render_scenes.wavy_camera import as_it_is
 from tests.optics.geometry.lenses.cameras import LENSES as ANY_LENS
 from tests.optics.geometry.lenses.cameras import camera_of
 

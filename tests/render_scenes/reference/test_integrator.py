@@ -1,4 +1,9 @@
-"""Corners that the reference renders lie where a float64 projection puts them; Mitsuba's own do not."""
+"""Steps of additive recurrences: the known constants, and points that are spread evenly.
+
+Weights of sampling strategies, and masks of scalar variants.
+
+Corners that the reference renders lie where a float64 projection puts them; Mitsuba's own do not.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +16,59 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
-from mirrorcam.render_scenes.reference.integrator import PathOptions, integrator
+from mirrorcam.render_scenes.reference.integrator import (
+    PathOptions,
+    additive_steps,
+    has_flag,
+    integrator,
+    invert,
+    power_heuristic,
+)
 from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.variant import SCALAR, use_variant
 from tests.render_scenes.corners import TARGET, Crop, errors_by_mirror, photographed, tilted_board, windows
+
+
+def test_the_golden_ratio_and_the_plastic_number_are_known() -> None:
+    assert additive_steps(1)[0] == pytest.approx(2.0 / (1.0 + 5.0**0.5), rel=1e-11)
+    assert additive_steps(2) == pytest.approx((0.7548776662466927, 0.5698402909959032), rel=1e-11)
+
+
+@pytest.mark.parametrize("dimensions", [4, 9])
+def test_means_are_closer_than_those_of_random_points(dimensions: int) -> None:
+    count = 4096
+    points = np.arange(count)[:, None] * np.array(additive_steps(dimensions)) % 1.0
+    error = np.abs(np.cos(2.0 * np.pi * points).mean(axis=0))
+    assert error.max() < 0.1 / count**0.5
+
+
+@pytest.mark.parametrize("variant", [None, SCALAR])
+def test_the_weights_of_two_strategies_add_up_to_one(variant: str | None) -> None:
+    use_variant(variant)
+    import mitsuba as mi
+
+    for own, other in ((1.0, 3.0), (0.2, 0.0), (5.0, 5.0)):
+        weights = [power_heuristic(mi.Float(a), mi.Float(b)) for a, b in ((own, other), (other, own))]
+        assert float(np.sum([np.array(weight) for weight in weights])) == pytest.approx(1.0)
+    assert float(np.sum(np.array(power_heuristic(mi.Float(1.0), mi.Float(3.0))))) == pytest.approx(0.1)
+    assert float(np.sum(np.array(power_heuristic(mi.Float(0.0), mi.Float(0.0))))) == 0.0
+
+
+@pytest.mark.parametrize("variant", [None, SCALAR])
+def test_masks_are_inverted_as_masks(variant: str | None) -> None:
+    use_variant(variant)
+    import mitsuba as mi
+
+    assert not np.array(invert(mi.Bool(True))).any()
+    assert np.array(invert(mi.Bool(False))).all()
+
+
+def test_a_ray_that_meets_nothing_has_no_flag() -> None:
+    use_variant(SCALAR)
+    import mitsuba as mi
+
+    assert not has_flag(None, mi.BSDFFlags.Smooth, mi.Bool(True))
+
 
 BIAS_PX = 0.002  # of the mean of all corners
 LIMIT_PX = 0.005  # of the mean in a window, whose ten corners have noise of their own

@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.interactions import CLEARANCE_MM
+from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.truth.corners import Oracle

@@ -1,4 +1,7 @@
-"""Videos: the same pictures, the same bytes; what H.264 loses."""
+"""Videos: the same pictures, the same bytes; what H.264 loses.
+
+Which videos the frames of a set can make.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,11 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.render_scenes.sets.video import as_key_frame, write_h264, write_mjpeg
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.sets.video import as_key_frame, check_video, write_h264, write_mjpeg
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 
 av = pytest.importorskip("av", reason="videos need the extra render")
 ROOT = Path(__file__).parents[3]
@@ -164,3 +169,43 @@ def test_a_key_frame_of_colours_keeps_them() -> None:
     found = as_key_frame(image, 10).astype(float)
     assert found.shape == image.shape
     assert np.abs(found - image).mean() < 2.0
+
+
+EVEN = Camera.c920()
+ODD = EVEN.replaced(width_px=1919)
+
+
+def refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> str:
+    """The complaint about a video, empty where there is none."""
+    try:
+        check_video(settings, camera, rate_hz)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("settings", "camera", "rate_hz", "complaint"),
+    [
+        (RenderSettings(video="mp4"), EVEN, None, "video mp4: its frames are moments of a motion, expected a rate_hz"),
+        (RenderSettings(video="avi", sensor=SENSORS["ideal"]), EVEN, 30.0, "video avi: holds the JPEG files"),
+        (RenderSettings(video="mp4"), ODD, 30.0, "H.264: a sensor of 1919 x 1080 pixels, expected even numbers"),
+        (RenderSettings(sensor=SensorModel(h264_crf=20)), ODD, None, "H.264: a sensor of 1919 x 1080 pixels"),
+    ],
+)
+def test_videos_that_cannot_be_encoded_are_refused(
+    settings: RenderSettings, camera: Camera, rate_hz: float | None, complaint: str
+) -> None:
+    assert refused(settings, camera, rate_hz).startswith(complaint)
+
+
+@pytest.mark.parametrize(
+    ("settings", "camera", "rate_hz"),
+    [
+        (RenderSettings(), ODD, None),
+        (RenderSettings(video="avi"), ODD, 30.0),
+        (RenderSettings(video="mp4"), EVEN, 30.0),
+    ],
+)
+def test_others_are_not_refused(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
+    assert refused(settings, camera, rate_hz) == ""

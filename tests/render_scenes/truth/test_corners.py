@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.render_scenes.boards.motion import poses_at
+from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, Oracle
 
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)

@@ -1,30 +1,43 @@
-"""`mirrorcam live` as it is typed."""
+"""`mirrorcam live`: its source, its layout and what it refuses."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from mirrorcam.cli import parse
-from mirrorcam.core.values import InputError
-from mirrorcam.studio.live.live_command import LiveOptions
-from tests.command_line import assert_refused
+from mirrorcam import cli
+from mirrorcam.studio.live.values import LiveRequest
+from tests.command_line import assert_refused, assert_refused_here
 
 
-def test_a_source_is_a_camera_unless_it_is_stated() -> None:
-    options = parse(["live", "--layout", "layout.json"]).command
-    assert isinstance(options, LiveOptions)
-    assert options.source == "0" and options.layout == Path("layout.json") and options.board is None
-    named = parse(["live", "video.mp4", "--layout", "a.json", "--board", "b.toml", "--view-width-px", "200"]).command
-    assert isinstance(named, LiveOptions)
-    assert (named.source, named.view_width_px, named.board) == ("video.mp4", 200, Path("b.toml"))
+def test_a_source_is_a_camera_unless_it_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    served: list[tuple[LiveRequest, Any]] = []
+
+    def serve(request: LiveRequest, **options: Any) -> int:
+        served.append((request, options["board"]))
+        return 0
+
+    monkeypatch.setattr("mirrorcam.studio.live.server.serve_live", serve)
+    assert cli.main(["live", "--layout", "layout.json"]) == 0
+    assert cli.main(["live", "video.mp4", "--layout", "a.json", "--board", "b.toml"]) == 0
+    assert served == [
+        (LiveRequest(Path("layout.json"), "0"), None),
+        (LiveRequest(Path("a.json"), "video.mp4"), Path("b.toml")),
+    ]
 
 
-@pytest.mark.parametrize("wrong", [["--layout", "a.json", "--depth-width-px", "0"], [], ["", "--layout", "a.json"]])
-def test_bad_options_are_refused(wrong: list[str]) -> None:
-    with pytest.raises((InputError, SystemExit)):
-        parse(["live", *wrong])
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--layout", "a.json", "--port", "70000"], "--port '70000': expected 0 to 65535"),
+        ([], "expected --layout"),
+        (["", "--layout", "a.json"], "SOURCE is empty"),
+    ],
+)
+def test_bad_options_are_refused(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert_refused_here(["live", *arguments], capsys, expected)
 
 
 def test_a_layout_that_is_not_there_is_one_line(tmp_path: Path) -> None:

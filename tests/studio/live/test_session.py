@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 import simplejpeg
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.views_picture import SEPARATOR_PX, tiles
+from mirrorcam.optics.light_field.io.view_images import SEPARATOR_PX, tiles
 from mirrorcam.studio.live import session as live_session
 from mirrorcam.studio.live.session import LiveSession, ViewsPicture
-from mirrorcam.studio.live.source import LiveSource
+from mirrorcam.studio.live.streams import LiveSource
 from mirrorcam.studio.live.values import LiveRequest, Orders
 from tests.studio.live.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write_live_set
 

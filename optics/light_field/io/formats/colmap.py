@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.array_files import refusing
 from mirrorcam.core.disk.files import inside, read_lines, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, RigCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes

@@ -1,4 +1,4 @@
-"""ROS 2 bags, which `mirrorcam decode --mcap` writes: read frame by frame, written with one frame at time 0."""
+"""ROS 2 bags, which `mirrorcam decode --to mcap` writes: read frame by frame, written with one frame at time 0."""
 
 from __future__ import annotations
 

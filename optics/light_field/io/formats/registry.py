@@ -18,9 +18,9 @@ import numpy as np
 
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
 from mirrorcam.core.disk.files import readable, refuse_pointer
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -72,7 +72,7 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     path
         Light field, recording, or, with a decoder, a frame of the camera (a picture).
     assumed
-        Geometry of the views for files that do not state it.
+        Geometry of the views for files that do not state it; where it is None, `views_toml` of the path may have it.
     decoder
         Decoder of the camera that took a frame; it is not used for light fields.
 
@@ -96,7 +96,7 @@ def open_light_fields(path: Path, *, assumed: Assumed = NOTHING, decoder: Decode
     if form.read is None:
         raise InputError(f"{path}: {form.name} is only written, expected a light field")
     try:
-        return _in_order(form.read(path, assumed))
+        return _in_order(form.read(path, assumed.completed(path)))
     except InputError as error:
         reason = " ".join(str(error).split()) if "\n" in str(error) else str(error)
         raise InputError(shortened(reason if str(path.parent / path.stem) in reason else f"{path}: {reason}")) from None

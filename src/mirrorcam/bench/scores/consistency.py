@@ -9,18 +9,127 @@ squared with r degrees of freedom.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from mirrorcam.bench.scores.gauge import Gauge
-from mirrorcam.bench.scores.stated_covariance import by_parameters, checked_root
+from mirrorcam.bench.scores.matched_views import MatchedView
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.projection_motion import without_motion
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
-from mirrorcam.optics.camera_files.camera_rig import CameraRig
-from mirrorcam.optics.geometry.transforms import transform
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+SCHEMA = "mirrorcam.covariance/1"
+SHARED = "all"
+POSE_NAMES = ("rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm")
+RELATIVE_STEP, SMALLEST_STEP, POSE_STEP_MM = 1e-6, 1e-7, 1e-4
+ASYMMETRY = 1e-6
+
+
+class CovarianceFile(Uncertainty):
+    """The content of a covariance file."""
+
+    schema_id: Literal["mirrorcam.covariance/1"] = Field(alias="schema")
+
+
+def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
+    """A calibration with the covariance of a file; raises InputError in one line for names that it does not have."""
+    if rig.layout is not None:
+        raise InputError(f"{path}: a layout.json has its covariance in itself, expected none beside it")
+    given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
+    known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
+    cameras = {camera.name for camera in rig.cameras} | {SHARED}
+    for name in given.parameters:
+        camera, _, parameter = name.rpartition(" ")
+        if camera not in cameras or parameter not in known:
+            raise InputError(f"{path}: parameter {name[:60]!r}, expected CAMERA NAME, such as '{SHARED} fx_px'")
+    if len(set(given.parameters)) < len(given.parameters):
+        raise InputError(f"{path}: a parameter appears twice")
+    return replace(rig, uncertainty=Uncertainty(parameters=given.parameters, covariance=given.covariance))
+
+
+def checked_root(uncertainty: Uncertainty) -> FloatArray:
+    """A root (g, g) of the covariance, R R^T; raises InputError where it is not symmetric or has negative variances."""
+    covariance = uncertainty.covariance
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if (np.diag(covariance) < 0.0).any() or np.abs(covariance - covariance.T).max(initial=0.0) > ASYMMETRY * max(
+        float(sigma.max(initial=0.0)) ** 2, 1e-300
+    ):
+        raise InputError("the covariance is not symmetric, or has negative variances")
+    sizes = np.where(sigma > 0.0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(sizes, sizes))
+    if values.min(initial=0.0) < -1e-6 * max(values.max(initial=0.0), 1e-300):
+        raise InputError("the covariance has negative eigenvalues, expected none")
+    return np.asarray(sizes[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def lens_names(lens: object) -> tuple[str, ...]:
+    """Names of a lens's parameters."""
+    return lens.intrinsic_names if isinstance(lens, ParametricProjection) else ()
+
+
+def by_parameters(
+    rig: CameraRig, views: tuple[MatchedView, ...], view: NDArray[np.int64], points_in_rig: FloatArray
+) -> FloatArray:
+    """Derivatives (n, 2, g) of pixels of the frame of points (n, 3) in the calibration's rig, each by its view."""
+    assert rig.uncertainty is not None
+    if rig.layout is not None:
+        return _by_layout_parameters(rig.layout, view, points_in_rig)
+    names = rig.uncertainty.parameters
+    found = np.zeros((len(view), 2, len(names)))
+    for each in views:
+        at = view == each.view
+        for place, name in enumerate(names):
+            camera, _, parameter = name.rpartition(" ")
+            if camera in (SHARED, each.camera.name):
+                found[at, :, place] = _slope(each, parameter, points_in_rig[at])
+    return found
+
+
+def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig: FloatArray) -> FloatArray:
+    try:
+        return project(layout, view, points_in_rig).by_parameter
+    except KeyError as error:
+        raise InputError(
+            f"the layout's covariance has the parameter {str(error)[:60]}, not of its camera and mirrors"
+        ) from None
+
+
+def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
+    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences; zero of one it has not."""
+    lens = view.camera.lens
+    if parameter in POSE_NAMES:
+        step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
+        ahead, behind = (_moved(view, parameter, sign * step) for sign in (1.0, -1.0))
+    elif isinstance(lens, ParametricProjection) and parameter in lens.intrinsic_names:
+        place = lens.intrinsic_names.index(parameter)
+        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[place])), SMALLEST_STEP)
+        ahead, behind = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[place]) for sign in (1, -1))
+    else:
+        return np.zeros((len(points_in_rig), 2))
+    return (ahead.project_in_rig(points_in_rig) - behind.project_in_rig(points_in_rig)) / (2.0 * step)
+
+
+def _moved(view: MatchedView, parameter: str, change: float) -> MatchedView:
+    pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
+    turn, shift = np.split(change * np.eye(6)[POSE_NAMES.index(parameter)], 2)
+    return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(turn).as_matrix(), shift) @ pose)
+
+
+def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray) -> MatchedView:
+    return replace(view, camera=replace(view.camera, lens=lens.with_intrinsics(lens.intrinsics + change)))
+
 
 LEVEL = 0.95
 SMALLEST_SHARE = 1e-4

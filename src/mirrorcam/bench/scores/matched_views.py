@@ -1,8 +1,8 @@
 """Which camera of a calibration is which mirror, and which pixels of the frame its pictures are.
 
-A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam cameras`
+A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam camera export`
 states. It is the whole flipped frame, or a part of it: one whose size is that of the mirror's part in the nominal
-layout, as `mirrorcam cameras` cuts it, or one that a file of views places.
+layout, as `mirrorcam camera export` cuts it, or one that a file of views places.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from pydantic import Field
 
 from mirrorcam.core.bounds import LINE_PX
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import FloatArray, InputError, Value
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures, RigCamera
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip, RigCamera
 from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
 from mirrorcam.optics.camera_files.write.virtual_cameras import (
     Flip,
@@ -45,7 +46,7 @@ class ViewsFile(Value):
     """The content of a file of views: which camera of a calibration is which mirror."""
 
     cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
-    pictures: Pictures | None = None
+    pictures: PictureFlip | None = None
 
     @classmethod
     def load(cls, path: Path) -> ViewsFile:
@@ -97,7 +98,7 @@ class MatchedView:
 
 
 def matched_views(
-    rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: Pictures | None = None
+    rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: PictureFlip | None = None
 ) -> tuple[MatchedView, ...]:
     """The cameras of a calibration by the mirrors that they are, in the order of the mirrors.
 
@@ -119,7 +120,7 @@ def matched_views(
     """
     said = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
     if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
-        raise InputError(f"--pictures {pictures}, but the calibration is of pictures {rig.pictures}")
+        raise InputError(f"--flip {pictures}, but the calibration is of pictures {rig.pictures}")
     flip = _flip(said, nominal)
     places = {} if views is None else views.cameras
     unknown = sorted(places.keys() - {camera.name for camera in rig.cameras})
@@ -153,7 +154,7 @@ def _pose_mm(camera: RigCamera, rig: CameraRig) -> FloatArray | None:
     return pose
 
 
-def _flip(pictures: Pictures, nominal: Layout) -> Flip | None:
+def _flip(pictures: PictureFlip, nominal: Layout) -> Flip | None:
     if pictures == "as-is":
         return None
     return upright_flip(nominal) if pictures == "flipped" else pictures
@@ -204,7 +205,7 @@ def _first_pixel(
 
 
 def _parts(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
-    """The parts of the flipped frame that `mirrorcam cameras` cuts for a view: tight, and with a margin."""
+    """The parts of the flipped frame that `mirrorcam camera export` cuts for a view: tight, and with a margin."""
     views = virtual_cameras(nominal)
     name = views[view].name
     cuts = [views[view].sub_image, *(each.crop for each in pose_cameras(nominal, views) if each.name == name)]

@@ -6,8 +6,7 @@ import re
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from mirrorcam.bench.scores.figure_limits import FIGURES, Check
-from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
+from mirrorcam.bench.scores.score_report import FIGURES, Check, ScoredSet, ScoreReport
 from mirrorcam.core.figures.figure_texts import NONE, figure_text
 from mirrorcam.core.names import markdown_text
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -16,18 +17,12 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from mirrorcam.core.figures.figure_texts import (
-    NONE,
-    digits_past_limit,
-    figure_text,
-    figures_alike,
-    label_text,
-    limit_text,
-    unit_text,
-)
+from mirrorcam.core.console.session import session
 from mirrorcam.core.processes import interruption
-from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import Metric
+from mirrorcam.core.progress import Progress, no_progress
+
+if TYPE_CHECKING:
+    from mirrorcam.core.values import Metric
 
 SECONDS_BETWEEN_LINES = 5.0
 TITLE_WIDTH = 12
@@ -40,7 +35,11 @@ def console() -> Console:
 
 
 def say(title: str, text: str) -> None:
-    """Print one line: the title of the work, then a message."""
+    """Report one message under the title of the work."""
+    if session().json:
+        session().message(title, text)
+    if not session().prints:
+        return
     console().print(Text.assemble((title.ljust(TITLE_WIDTH), "bold"), " ", text), soft_wrap=True)
 
 
@@ -51,6 +50,10 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
     The block gets `advance(done, total)`, to be called as the work proceeds; work that cannot count never calls it.
     """
     started = time.monotonic()
+    if not session().prints:
+        yield no_progress
+        interruption.check()
+        return
     if console().is_terminal:
         text, count = TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
         columns = (SpinnerColumn(), text, BarColumn(bar_width=30), count, TimeElapsedColumn())
@@ -75,6 +78,8 @@ def long_work(title: str, doing: str, unit: str = "") -> Iterator[Progress]:
 
 def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
     """Values of one figure with the same decimals, each with its unit only where that is not the row's."""
+    from mirrorcam.core.figures.figure_texts import figure_text, figures_alike, unit_text
+
     alike = iter(figures_alike([metric.value for metric in metrics if metric is not None and metric.unit == unit]))
     cells = []
     for metric in metrics:
@@ -89,6 +94,9 @@ def _cells(metrics: Sequence[Metric | None], unit: str) -> list[str]:
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table of texts; all columns but the first, whose texts are never cut short, stand to the right."""
+    session().table(heads, rows)
+    if not session().prints:
+        return
     table = Table(box=None, pad_edge=False, header_style="bold")
     for place, head in enumerate(heads):
         table.add_column(head, justify="right" if place else "left", no_wrap=not place)
@@ -106,6 +114,18 @@ def print_metrics(
     of no group come last. Whether a figure passes is said of the last column. Lines below the table give the reasons
     of figures that are none.
     """
+    session().figures(columns)
+    if not session().prints:
+        return
+    from mirrorcam.core.figures.figure_texts import (
+        NONE,
+        digits_past_limit,
+        figure_text,
+        label_text,
+        limit_text,
+        unit_text,
+    )
+
     names = list(dict.fromkeys(name for metrics in reversed(list(columns.values())) for name in metrics))
     every = {name: metric for metrics in columns.values() for name, metric in metrics.items()}
     limited = any(metric.limit is not None for metric in every.values())

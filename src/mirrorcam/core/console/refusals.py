@@ -1,26 +1,32 @@
-"""Messages about a wrong command line, in one line."""
+"""What is wrong with a command line, in one line."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
-import tyro
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnusedCliTokensError,
+    ValidationError,
+)
+from cyclopts.annotations import get_hint_name
+from cyclopts.argument import Argument
 
 from mirrorcam.core.causes import causes
-from mirrorcam.core.messages import LONGEST_MESSAGE, shortened
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.messages import LONGEST_MESSAGE, one_line, shortened
 
-Commands = Mapping[str, type[BaseModel]]
-"""The options of each command by its name."""
+if TYPE_CHECKING:
+    from pydantic import ValidationError as PydanticError
+
 LONGEST_VALUE = 80
 _LONG_WORD = re.compile(rf"\S{{{LONGEST_VALUE + 1},}}")
-_FRAME = re.compile(r"\x1b\[[0-9;]*m|[─│╭╮╰╯]+|-{20,}")
-# Texts of help are indented further than what is missing.
-_HELP_INDENT = 9
 
 
 def one_line_message(message: str, hint: str = "") -> str:
@@ -36,85 +42,71 @@ def one_line_message(message: str, hint: str = "") -> str:
     return shortened(line, most) + hint
 
 
-def refusal(error: SystemExit, box: str, arguments: Sequence[str], commands: Commands) -> str:
-    """The error that tyro reported, in one line: from its cause, else from the box that it printed."""
+def refusal(error: CycloptsError, commands: Sequence[str]) -> InputError:
+    """The parser's error as bad input, with the command whose help explains more; `commands` are the names of all."""
+    chain = tuple(error.command_chain or ())
+    chain = chain if chain[:1] and chain[0] in commands else ()
+    return InputError(one_line_message(_reason(error, commands), f" (see {' '.join(('mirrorcam', *chain))} --help)"))
+
+
+def _reason(error: CycloptsError, commands: Sequence[str]) -> str:
+    from pydantic import ValidationError as PydanticError
+
     for cause in causes(error):
-        if isinstance(cause, InvalidValue):
-            return _invalid(cause, commands)
+        if isinstance(cause, PydanticError):
+            return _invalid(cause, error.argument)
         if isinstance(cause, InputError):
             return str(cause)
-    return (_unknown(arguments, commands) if "nrecognized" in box else "") or _reason(box)
+    if isinstance(error, UnknownCommandError):
+        given = next(iter(error.unused_tokens or ()), "")
+        known = [name for name in error.app or () if not name.startswith("-")] if error.command_chain else commands
+        meant = get_close_matches(given, known, n=1)
+        expected = f", expected {', '.join(known)}" if error.command_chain else ""
+        return f"unknown command {given!r}" + (f", did you mean {meant[0]}?" if meant else expected)
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        name = error.argument.name
+        return f"{name}: expected a value" if error.keyword else f"expected {name}"
+    if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
+        return f"{_given(error.argument, error.token.value)}: expected {_expected(error.target_type)}"
+    if isinstance(error, ValidationError) and error.argument is not None and error.argument.tokens:
+        values = " ".join(token.value for token in error.argument.tokens)
+        return f"{_given(error.argument, values)}: {error.exception_message}"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unknown argument {' '.join(error.unused_tokens or ())}"
+    return str(error).rstrip(".")
 
 
-def option_fields(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str, FieldInfo]]:
-    """The fields of the options of a command, those of groups of options among them, each with its model."""
-    for name, field in model.model_fields.items():
-        group = field.annotation
-        if isinstance(group, type) and issubclass(group, BaseModel) and tyro.conf.OmitArgPrefixes in field.metadata:
-            yield from option_fields(group)
-        elif tyro.conf.Suppress not in field.metadata:
-            yield model, name, field
+def _expected(kind: Any) -> str:
+    """The values that a type takes: its choices, or its name."""
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(get_args(kind))}" if len(get_args(kind)) > 1 else str(get_args(kind)[0])
+    if inner := [each for each in get_args(kind) if each is not type(None)]:
+        return " or ".join(map(_expected, inner))
+    return get_hint_name(kind).upper()
 
 
-def flag(name: str) -> str:
-    return "--" + name.replace("_", "-")
+def _given(argument: Argument, value: object) -> str:
+    """An option with the value that was given, and where, unless on the command line."""
+    source = next((token.source for token in argument.tokens if token.source not in ("", "cli")), "")
+    stated = {"": "", "env": " of the environment"}.get(source, f" of {source}")
+    return f"{argument.name} {shortened(repr(value), LONGEST_VALUE)}{stated}"
 
 
-def _metavar(name: str, field: FieldInfo) -> str:
-    """The placeholder of one value of an option in its help."""
-    stated = next((mark.metavar for mark in field.metadata if getattr(mark, "metavar", None)), name.upper())
-    return str(stated).strip("[]").removesuffix("...")
-
-
-def _invalid(error: InvalidValue, commands: Commands) -> str:
-    """What is wrong with the value of an option, by the first of pydantic's findings."""
-    detail, reason = error.first, error.reason
-    if detail is None or not detail["loc"]:
-        return reason
-    name = str(detail["loc"][0])
-    fields = (each for model in commands.values() for each in option_fields(model))
-    field = next((field for owner, own, field in fields if own == name and owner.__name__ == error.title), None)
-    positional = field is not None and tyro.conf.Positional in field.metadata
-    option = _metavar(name, field) if positional and field is not None else flag(name)
-    if detail["type"] == "too_short":
-        return f"expected at least one {option}" if positional else f"{option}: expected at least one value"
-    if detail["type"] == "too_long":
-        count, most = detail["ctx"]["actual_length"], detail["ctx"]["max_length"]
-        return f"{option}: {count} values, expected {most} or fewer"
-    return f"{option} {shortened(repr(detail['input']), LONGEST_VALUE)}: {reason}"
-
-
-def _unknown(arguments: Sequence[str], commands: Commands) -> str:
-    """The first argument that is no command or no option of the command, with what may have been meant; or nothing."""
-    command = next((argument for argument in arguments if not argument.startswith("-")), "")
-    if command not in commands:
-        known, tried = list(commands), [command]
-    else:
-        known = ["--debug", "--help", *(flag(name) for _, name, _ in option_fields(commands[command]))]
-        given = (argument.partition("=")[0].replace("_", "-") for argument in arguments)
-        tried = [each for each in given if each.startswith("--") and each not in known]
-    if not tried or not tried[0]:
-        return ""
-    meant = get_close_matches(tried[0], known, n=1)
-    return f"Unrecognized options: {tried[0]}" + (f", did you mean {meant[0]}?" if meant else "")
-
-
-def _choices(found: re.Match[str]) -> str:
-    """What may be chosen, which tyro prints as a tuple, without the None of an option that was not given."""
-    names = [name.strip().strip("'\"") for name in found[1].split(",")]
-    return f", expected one of {', '.join(sorted(name for name in names if name not in ('', 'None')))}"
-
-
-def _reason(box: str) -> str:
-    """The first paragraph of a box that tyro printed, without its frame, its title and texts of help."""
-    paragraph: list[str] = []
-    for line in box.splitlines()[1:]:
-        text = _FRAME.sub("", line)
-        if text.strip() and len(text) - len(text.lstrip()) < _HELP_INDENT:
-            paragraph.append(text.strip())
-        elif not text.strip() and paragraph:
-            break
-    reason = " ".join(paragraph).rstrip(".")
-    reason = re.sub(r" \(applied to [^)]*\)", "", reason)
-    reason = re.sub(r"\. Expected one of \(([^()]*)\)", _choices, reason)
-    return re.sub(r"no type matching (?:\{None\}\|)?(\S+) could be instantiated from", r"expected \1, not", reason)
+def _invalid(error: PydanticError, argument: Argument | None) -> str:
+    """The first of pydantic's findings about the options of a command, with the option in place of the field."""
+    first = error.errors(include_url=False)[0]
+    if not first["loc"]:
+        return one_line(error)
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return str(cause)
+    option = f"--{str(first['loc'][0]).replace('_', '-')}"
+    if first["type"] == "too_short":
+        return f"{option}: expected at least one value"
+    if first["type"] == "too_long":
+        given = first["ctx"]
+        return f"{option}: {given['actual_length']} values, expected {given['max_length']} or fewer"
+    own = next((each for each in argument.children if each.name == option), None) if argument is not None else None
+    value = first["input"]
+    stated = _given(own, value) if own is not None else f"{option} {shortened(repr(value), LONGEST_VALUE)}"
+    return f"{stated}: {first['msg'].removeprefix('Value error, ')}"

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from mirrorcam.core.disk.nested_text import json_value, toml_value
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line, shortened
-from mirrorcam.core.values import InputError, InvalidValue, Metric
+from mirrorcam.core.values import InvalidValue, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
 LARGEST_TEXT_BYTES = 1_000_000

@@ -21,7 +21,8 @@ from pydantic import Field
 from mirrorcam.core.disk.files import inside, read_record, write_text
 from mirrorcam.core.disk.results import Results
 from mirrorcam.core.disk.written_files import ADVICE, FORCE_ADVICE, FolderRecord, discard, refuse_blocked
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 HIDDEN = ".mirrorcam"
 RECORD, LOCK, HOLDER, UNFINISHED, RESULTS = "written.jsonl", "lock", "holder.json", "unfinished", "results"

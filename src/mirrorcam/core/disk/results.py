@@ -21,7 +21,8 @@ from mirrorcam.core.disk.files import (
 )
 from mirrorcam.core.disk.fingerprint import differing, digest
 from mirrorcam.core.disk.program import NOT_INSTALLED
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 _BEGINNING = b'{"schema":"mirrorcam.result/1",'
 _LONGEST_VERSION = 40

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digests, intact, is_intact
 from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
 """Hidden folder for files that are not finished, which may hold what a killed run has left."""

@@ -12,8 +12,9 @@ from pydantic import Field
 
 from mirrorcam.core.disk.files import is_inside, json_of, model_from, read_lines, write_text
 from mirrorcam.core.disk.fingerprint import file_digest, file_digests
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 FORCE_ADVICE = "expected another --out, or --force to replace it"
 ADVICE = "expected it removed, or another --out"

@@ -15,17 +15,13 @@ from typing import Self
 import numpy as np
 
 from mirrorcam.core.disk.files import numbered
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.background_recorder import new_recording
 from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.live.calibration import CalibrationRun
-from mirrorcam.studio.live.decoding_thread import DecodingThread
-from mirrorcam.studio.live.depth_thread import DepthThread
-from mirrorcam.studio.live.pictures import LivePicture, LivePictures
-from mirrorcam.studio.live.setup_thread import SetupThread
-from mirrorcam.studio.live.status import LiveMeters, LiveStatus
-from mirrorcam.studio.live.values import DECODED, LiveRequest, PictureKind, SessionAbout
+from mirrorcam.studio.live.status import CalibrationRun, LiveMeters, LiveStatus
+from mirrorcam.studio.live.threads import DecodingThread, DepthThread, SetupThread
+from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
 
 OUTLINE_POINTS = 8
 """Points of an edge of an outline."""

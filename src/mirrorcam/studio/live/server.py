@@ -1,4 +1,4 @@
-"""The server of `mirrorcam live`: its page, the newest pictures, and what the page orders."""
+"""The server of `mirrorcam live`: its page, the newest pictures, and the orders of the page."""
 
 from __future__ import annotations
 
@@ -17,14 +17,36 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 
+from mirrorcam.core.html.templates import render
 from mirrorcam.core.values import Value
-from mirrorcam.studio.live.engine import LiveEngine
-from mirrorcam.studio.live.page import live_page
+from mirrorcam.studio.live.engine import LEAST_PICTURES, LiveEngine
 from mirrorcam.studio.live.values import LiveRequest, PictureKind
-from mirrorcam.studio.local_access import FILES, LocalAccess
-from mirrorcam.studio.loopback import listening_socket, run_server
-from mirrorcam.studio.page_requests import REFUSALS, asked
-from mirrorcam.studio.served_files import ServedFiles
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, asked, listening_socket, run_server
+from mirrorcam.studio.page import WEB, script_json
+
+SCRIPTS = ("dom.js", "server.js", "live_pictures.js", "live_meters.js", "live.js")
+
+
+def live_page(engine: LiveEngine, *, nonce: str) -> str:
+    """The page that a server gives; only scripts and styles with the nonce run."""
+    start = {
+        "about": asdict(engine.about),
+        "outlines": engine.outlines_px(),
+        "board": engine.board is not None,
+        "least_pictures": LEAST_PICTURES,
+    }
+    return render(
+        WEB,
+        "live.html",
+        start=script_json(start),
+        scripts=SCRIPTS,
+        nonce=nonce,
+        about=engine.about,
+        board=engine.board is not None,
+        out=str(engine.out),
+        layout=str(engine.request.layout),
+    )
+
 
 WAIT_S = 2.0
 """How long a picture is waited for before the page asks again."""

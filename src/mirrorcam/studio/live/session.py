@@ -18,22 +18,19 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.optics.alignment.exposure_meter import measure_exposure
-from mirrorcam.optics.alignment.focus_meter import FocusMeter, sharpness
-from mirrorcam.optics.alignment.sub_image_masks import sub_image_masks
+from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, sharpness, sub_image_masks
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
 from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
-from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
-from mirrorcam.studio.live.recording import LiveRecording
-from mirrorcam.studio.live.source import open_source
+from mirrorcam.studio.live.streams import LiveRecording, open_source
 from mirrorcam.studio.live.values import Answer, LiveRequest, Orders, PictureKind, SessionAbout, Shown
 
 JPEG_QUALITY = 82

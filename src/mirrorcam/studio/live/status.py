@@ -1,4 +1,4 @@
-"""How a live session goes: its counts, rates, latencies, meters and messages."""
+"""How far a live session is: frames, meters, calibration pictures, and the calibration that was started."""
 
 from __future__ import annotations
 
@@ -8,13 +8,71 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from mirrorcam.optics.alignment.exposure_meter import Exposure
-from mirrorcam.studio.live.calibration import CalibrationState
+from mirrorcam.core.processes.child_command import ChildCommand
+from mirrorcam.optics.alignment.meters import Exposure
 from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
 from mirrorcam.studio.live.values import Answer, Shown
+
+State = Literal["running", "done", "alarm", "failed", "cancelled"]
+_STATES: dict[int, State] = {0: "done", 1: "alarm"}
+
+
+@dataclass(frozen=True)
+class CalibrationState:
+    """How far a calibration is.
+
+    Attributes
+    ----------
+    state
+        "alarm" where it is done, but the diagnostics contradict the model.
+    lines
+        The last lines that it has printed.
+    report
+        report.html, once it is there.
+    layout
+        The calibrated layout.json, once it is there.
+    """
+
+    state: State
+    lines: tuple[str, ...]
+    report: Path | None
+    layout: Path | None
+
+
+class CalibrationRun:
+    """A calibration that has been started."""
+
+    def __init__(self, pictures: Path, board: Path, layout: Path, out: Path) -> None:
+        self.out = out
+        given = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
+        self._command = ChildCommand(["calibrate", *given])
+
+    def state(self) -> CalibrationState:
+        """How far it is."""
+        command, code = self._command, self._command.returncode
+        state: State = "running" if code is None else "cancelled" if command.cancelled else _STATES.get(code, "failed")
+        written = state in ("done", "alarm")
+        return CalibrationState(
+            state,
+            command.lines,
+            self.out / "report.html" if written else None,
+            self.out / "layout.json" if written else None,
+        )
+
+    def wait(self, timeout_s: float | None = None) -> CalibrationState:
+        """How far it is once it has ended, or after a time."""
+        self._command.wait(timeout_s)
+        return self.state()
+
+    def cancel(self) -> None:
+        """End it as Ctrl-C would; it is killed where that takes long."""
+        self._command.cancel()
+        self._command.wait()
+
 
 REMEMBERED = 120
 """Frames over which rates and latencies are measured."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection import charuco
-from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, marker_places
+from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, linked_tags, marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import linked_grids
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
@@ -101,3 +101,33 @@ def test_markers_of_two_boards_fall_into_two_groups_and_misread_ones_into_none()
         list(range(count, 2 * count)),
     ]
     assert groups(places[:0], near[:0]) == []
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0, 90.0, 200.0])
+def test_corners_are_linked_and_tags_told_from_gaps(turn_deg: float) -> None:
+    pose = posed(Sheet(), np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, turn_deg]), direct=True)
+    picture = render(CAMERA, None, Sheet(), pose, noise_grey=1.0)
+    (places, pixels), *others = linked_tags(picture, GRID)
+    assert others == []
+    assert len(places) > 80
+    truth = seen(GRID.corners_in_board_mm, pose, None)
+    apart = np.linalg.norm(pixels[:, None] - truth, axis=2)
+    assert apart.min(axis=1).max() < 1.0
+    row, col = np.divmod(apart.argmin(axis=1), 2 * GRID.cols)
+    true = {(int(c), int(r)): number for number, (c, r) in enumerate(zip(col, row, strict=True))}
+    for number, (x, y) in enumerate(zip(col, row, strict=True)):
+        # The corner across a tag, along the grid's own axes.
+        x, y = int(x), int(y)
+        other = true.get((x + 1 if x % 2 == 0 else x - 1, y))
+        if other is None:
+            continue
+        low = np.minimum(places[number], places[other])
+        axis = int(np.flatnonzero(places[number] != places[other])[0])
+        assert np.abs(places[number] - places[other]).sum() == 1
+        assert low[axis] % 2 == (1, 0)[axis], "tags begin at odd x and even y"
+
+
+def test_a_checkerboard_is_none() -> None:
+    board = Checkerboard(cols=9, rows=7, square_mm=16.0)
+    pose = posed(board, np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, 10.0]), direct=True)
+    assert linked_tags(render(CAMERA, None, board, pose), GRID) == []

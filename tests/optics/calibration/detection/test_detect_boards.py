@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection import detection_cache
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, direct_view, sub_images
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -12,8 +12,7 @@ import pytest
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.results import Results
 from mirrorcam.optics.calibration.detection import detection_cache
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.targets import Charuco
 

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics, diagnose, reference_of
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_uncertainty
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import depth_uncertainty
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.diagnostics.conftest import BOARD, NOISE_PX, Scene, behind_glass, scene_of
 
 
-def gathered(scene: Scene, seed: int, level: str | None = None) -> Diagnostics:
+def gathered(scene: Scene, seed: int, model: str = "auto") -> Diagnostics:
     seen = scene.noisy(seed)
-    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, level=level)
+    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, model=RequestedModel.parse(model))
     return diagnose(reached, seen, scene.calibrated(reached.solution))
 
 
@@ -57,7 +58,7 @@ def test_the_figures_are_those_of_the_parts(diagnostics: Diagnostics) -> None:
 
 def test_every_witness_against_a_wrong_model_is_heard(device: Layout) -> None:
     """Boards that bow: model selection, free views and a split each detect it."""
-    found = gathered(scene_of(device, warp_mm=0.3), 0, level="joint")
+    found = gathered(scene_of(device, warp_mm=0.3), 0, model="joint")
     assert any("joint+warp" in alarm for alarm in found.alarms)
     assert any(alarm.startswith("split") for alarm in found.alarms)
     assert found.metrics["alarms"].value == len(found.alarms) >= 2
@@ -74,7 +75,7 @@ def test_corners_without_noise_support_no_conclusion(scene: Scene) -> None:
 def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:
     scene = scene_of(device, warp_mm=0.3)
     seen = scene.noisy(0)
-    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, level="joint")
+    reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, model=RequestedModel())
     found = diagnose(reached, seen, scene.calibrated(reached.solution))
     assert found.widened == max(reached.widened, *(split.widening for split in found.splits)) > reached.widened
     layout = scene.calibrated(reached.widened_to(found.widened).solution)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
@@ -23,10 +24,10 @@ from tests.optics.calibration.diagnostics.conftest import (
 )
 
 
-def selected(scene: Scene, nominal: Layout, seed: int, level: str | None = None) -> ModelSelection:
+def selected(scene: Scene, nominal: Layout, seed: int, model: str = "auto") -> ModelSelection:
     """The model selected from a layout that describes the mirrors as `nominal` does."""
     start = Estimate.of(nominal.camera, nominal.mirrors, scene.poses)
-    return select_model(start, scene.noisy(seed), BOARD.corners_in_board_mm, level=level)
+    return select_model(start, scene.noisy(seed), BOARD.corners_in_board_mm, model=RequestedModel.parse(model))
 
 
 @pytest.fixture(scope="module")
@@ -107,14 +108,14 @@ def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_a
 
 
 def test_a_level_that_is_asked_for_is_kept_and_the_one_above_recommended(warped: Scene, device: Layout) -> None:
-    found = selected(warped, device, 0, level="joint")
+    found = selected(warped, device, 0, model="joint")
     assert found.level == "joint"
     assert "the data support a further level, joint+warp" in found.alarms
     assert len(found.solution.parameters) == 9 + 12
 
 
 def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> None:
-    found = selected(scene_of(bent(device, 0.02)), device, 0, level="joint+bend")
+    found = selected(scene_of(bent(device, 0.02)), device, 0, model="joint+bend")
     assert found.level == "joint+bend"
     assert found.alarms == ()
     assert len(found.solution.parameters) == 9 + 12 + 12
@@ -122,7 +123,7 @@ def test_a_level_that_is_asked_for_and_right_raises_no_alarm(device: Layout) -> 
 
 def test_a_wrong_model_is_less_certain(warped: Scene, device: Layout, of_warped: ModelSelection) -> None:
     """The board's bow correlates the errors of a frame: sigmas must cover it, and a note must report it."""
-    wrong = selected(warped, device, 0, level="joint")
+    wrong = selected(warped, device, 0, model="joint")
     assert wrong.widened > 1.5
     assert any("corners in one frame are correlated" in note for note in wrong.notes)
     assert of_warped.widened == 1.0
@@ -132,7 +133,7 @@ def test_a_wrong_model_is_less_certain(warped: Scene, device: Layout, of_warped:
 
 
 def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
-    found = selected(scene, device, 0, level="paper")
+    found = selected(scene, device, 0, model="paper")
     assert found.level == "paper"
     assert found.alarms == (), "the camera it holds is the true one"
     assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
@@ -142,7 +143,7 @@ def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
 
 def test_the_paper_with_a_wrong_camera_raises_the_alarm(scene: Scene, device: Layout) -> None:
     camera = device.camera.replaced(fx_px=1.005 * device.camera.fx_px, cx_px=device.camera.cx_px + 3.0)
-    found = selected(scene, device.replaced(camera=camera), 0, level="paper")
+    found = selected(scene, device.replaced(camera=camera), 0, model="paper")
     assert found.level == "paper"
     assert "the data support a further level, joint" in found.alarms
 
@@ -159,7 +160,7 @@ def test_a_camera_that_corners_do_not_determine_is_held_and_noted(scene: Scene, 
     assert found.level == "paper"
     assert found.notes[0].startswith("the corners leave the intrinsics open")
     with pytest.raises(UndeterminedError):
-        select_model(start, first, BOARD.corners_in_board_mm, level="joint")
+        select_model(start, first, BOARD.corners_in_board_mm, model=RequestedModel())
 
 
 def test_two_frames_cannot_be_held_out_and_support_no_further_level(warped: Scene, device: Layout) -> None:
@@ -192,4 +193,4 @@ def test_the_figures_of_each_comparison_follow_from_its_residuals(of_warped: Mod
 
 def test_a_plate_thickness_is_not_asked_of_first_surface_mirrors(scene: Scene, device: Layout) -> None:
     with pytest.raises(InputError, match="the layout has no second-surface mirror"):
-        selected(scene, device, 0, level="joint+sheet")
+        selected(scene, device, 0, model="joint+sheet")

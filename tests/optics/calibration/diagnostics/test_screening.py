@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
-from mirrorcam.optics.calibration.diagnostics import consistency, plausibility
+from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
@@ -54,7 +56,7 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *plausibility.check_solution(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *consistency.check_solution(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
@@ -137,7 +139,7 @@ def test_one_picture_given_several_times_counts_once(good: Views, fold_90_layout
 
 
 def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, fold_90_layout: Layout) -> None:
-    found = calibrate_corners(good.seen, good.base, fold_90_layout, 1.05 * CORNERS, level="joint")
+    found = calibrate_corners(good.seen, good.base, fold_90_layout, 1.05 * CORNERS, model=RequestedModel())
     square_mm = float(CORNERS[0, 0])
     assert found.diagnostics is not None
     (alarm,) = found.diagnostics.mismatches

@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
-from mirrorcam.render_scenes.wavy_camera import WavyCamera
+from mirrorcam.render_scenes.lens import WavyCamera
 from tests.optics.geometry.lenses.cameras import LENSES, assert_comes_back, assert_derivatives, camera_of, points
 
 PLAIN = camera_of("brown_conrady", [0.05, -0.12, 4e-4, -6e-4, 0.01])

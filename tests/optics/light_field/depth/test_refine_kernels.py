@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
+from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import Pinhole, Terms, View, add_terms, applied, bends
 from mirrorcam.optics.light_field.depth.sweep import sweep
 from tests.optics.light_field.depth.surfaces import grid_views

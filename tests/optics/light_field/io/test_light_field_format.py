@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.light_field.io.light_field_format import (
+    NOTHING,
+    Assumed,
+    Format,
+    StoredFrames,
+    single,
+    views_toml,
+    without_depth,
+)
 from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 from tests.optics.light_field.io.formats.planes import plane
 
 PATH = Path("a.npy")
+COUNT = 5
 
 
-def test_geometry_that_is_needed_is_given_or_its_option_is_named() -> None:
-    assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.0)
-    assert assumed.need("rows", PATH) == 3
-    assert assumed.need("reference_depth_mm", PATH) == np.inf
-    assert assumed.need("step_mm", PATH) == 0.0
+def test_geometry_that_is_needed_is_given_or_its_key_and_file_are_named(tmp_path: Path) -> None:
+    assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.5)
+    assert assumed.need(PATH, "rows", "reference_depth_mm", "step_mm") == (3, np.inf, 0.5)
     for name in ("rows", "cols", "step_mm", "focal_px", "reference_depth_mm"):
-        with pytest.raises(InputError, match=rf"a\.npy: does not state its {name}, .* --{name.replace('_', '-')}$"):
-            NOTHING.need(name, PATH)
+        with pytest.raises(InputError, match=rf"^a\.npy: does not state its {name}: expected in a\.views\.toml$"):
+            NOTHING.need(PATH, name)
+    (tmp_path / "set").mkdir()
+    with pytest.raises(InputError, match=r"set: does not state its cols, focal_px: expected in set/views\.toml$"):
+        assumed.need(tmp_path / "set", "rows", "cols", "focal_px")
+
+
+def test_what_is_not_given_is_taken_from_views_toml(tmp_path: Path) -> None:
+    given = Assumed(rows=3, step_mm=0.5)
+    assert given.completed(tmp_path) == given
+    views_toml(tmp_path).write_text("cols = 4\nstep_mm = 2.0\nreference_depth_mm = inf\n", encoding="utf-8")
+    assert given.completed(tmp_path) == Assumed(rows=3, cols=4, step_mm=0.5, reference_depth_mm=np.inf)
 
 
 def test_formats_whose_ending_has_no_point_are_folders() -> None:
@@ -50,3 +69,46 @@ def test_writers_without_a_place_for_depth_leave_it_out() -> None:
     write(PATH, light_field, np.ones((2, 2), np.float32))
     write(PATH, light_field, None)
     assert written == [(PATH, light_field)] * 2
+
+
+class Frames(StoredFrames):
+    """Frames whose identity is their number, and the numbers of those that were read."""
+
+    def __init__(self, frame: LightField) -> None:
+        self.path, self.read = Path("recording.zarr"), list[int]()
+        self._one = frame
+
+    def __len__(self) -> int:
+        return COUNT
+
+    def _frame(self, number: int) -> LightField:
+        self.read.append(number)
+        return replace(self._one, layout_identity=str(number))
+
+
+@pytest.fixture
+def frames() -> Frames:
+    return Frames(photograph(grid_views(width_px=12, height_px=9), [Surface(500.0)])[0])
+
+
+def test_indices_are_those_of_a_list_and_nothing_else_is_read(frames: Frames) -> None:
+    numbers = list(range(COUNT))
+    for index in (0, 3, COUNT - 1, -1, -COUNT):
+        assert frames[index].layout_identity == str(numbers[index])
+    assert frames.read == [0, 3, 4, 4, 0]
+    for part in (slice(1, 3), slice(None, None, -2), slice(-2, None), slice(3, 99), slice(4, 1)):
+        frames.read.clear()
+        assert [each.layout_identity for each in frames[part]] == [str(number) for number in numbers[part]]
+        assert frames.read == numbers[part]
+
+
+def test_frames_can_be_iterated(frames: Frames) -> None:
+    assert [each.layout_identity for each in frames] == ["0", "1", "2", "3", "4"]
+    assert [each.layout_identity for each in reversed(frames)] == ["4", "3", "2", "1", "0"]
+
+
+@pytest.mark.parametrize("index", [COUNT, -COUNT - 1])
+def test_other_indices_are_refused(frames: Frames, index: int) -> None:
+    with pytest.raises(IndexError, match=rf"recording\.zarr: frame {index}, expected one of {COUNT}"):
+        frames[index]
+    assert not frames.read

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk import array_files
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.formats.registry import (
     NAMES,
@@ -21,7 +21,7 @@ from mirrorcam.optics.light_field.io.formats.registry import (
     open_light_field,
     write_light_field,
 )
-from mirrorcam.optics.light_field.io.light_field_format import Assumed
+from mirrorcam.optics.light_field.io.light_field_format import Assumed, views_toml
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
 from tests.optics.light_field.io.bags import HAS_ROSBAGS
@@ -147,21 +147,49 @@ def test_what_is_no_light_field_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("to", ["eslf", "tiles", "stanford", "plenpy", "plenopticam"])
-def test_without_our_file_the_geometry_must_be_given(tmp_path: Path, to: Any) -> None:
+def test_geometry_that_a_file_lacks_is_given_or_in_views_toml(tmp_path: Path, to: Any) -> None:
     light_field = plane(3, 3, 1.0)
     path = tmp_path / f"a{formats()[to].ending}"
     write_light_field(path, light_field, to)
     (path.with_suffix(".json") if path.is_file() else path / "views.json").unlink()
-    with pytest.raises(InputError, match=r"(without a_\w+\.json|does not state its (step_mm|focal_px)).* expected --"):
+    sidecar = views_toml(path)
+    assert sidecar == (tmp_path / f"{path.stem}.views.toml" if path.is_file() else path / "views.toml")
+    with pytest.raises(
+        InputError, match=r"without a_\w+\.json.* rows and cols|does not state its .*focal_px"
+    ) as refused:
         open_light_field(path)
+    assert f"in {sidecar.relative_to(tmp_path)}" in str(refused.value)
     given = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=400.0, reference_depth_mm=455.0)
     found = open_light_field(path, assumed=given)
+    sidecar.write_text("".join(f"{name} = {value}\n" for name, value in given), encoding="utf-8")
+    assert_same(open_light_field(path), found)
+    assert open_light_field(path, assumed=Assumed(focal_px=300.0)).focal_px == 300.0  # arguments win
     assert np.allclose(found.positions_mm, light_field.positions_mm)
     assert found.reference_distance_mm == pytest.approx(light_field.reference_distance_mm)
     if to == "plenpy" or (to == "plenopticam" and found.samples.dtype == np.float32):
         assert np.abs(found.samples.astype(float) * 255 - light_field.samples).max() < 1e-3
     else:
         assert np.array_equal(found.samples, light_field.samples)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rows = 2\ncols = 2", r"its step_mm, focal_px, reference_depth_mm: expected in a_tiles\.views\.toml"),
+        ("step = 2.0", r"a_tiles\.views\.toml: step: not known, did you mean step_mm\?"),
+        ("rows = 0", "rows: Input should be greater than or equal to 1"),
+        ("rows = true", "rows: Input should be a valid integer"),
+        ("focal_px = nan", "focal_px: Input should be"),
+        ("reference_depth_mm = 2e6", "reference_depth_mm: expected 0.001 to 1000000 or inf"),
+        ("rows 2", "not valid TOML"),
+    ],
+)
+def test_a_views_toml_is_checked(tmp_path: Path, text: str, message: str) -> None:
+    write_light_field(tmp_path / "a_tiles.png", noise(2, 2), "tiles")
+    (tmp_path / "a_tiles.json").unlink()
+    (tmp_path / "a_tiles.views.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        open_light_field(tmp_path / "a_tiles.png")
 
 
 def test_views_files_of_something_else_are_refused(tmp_path: Path) -> None:

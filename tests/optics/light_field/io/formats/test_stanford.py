@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_fields
 from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
-from mirrorcam.optics.light_field.io.view_names import PLACED
+from mirrorcam.optics.light_field.io.view_order import PLACED
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 from tests.optics.light_field.io.orders import GIVEN, scene
 
@@ -48,7 +47,7 @@ def test_stanfords_own_unit_is_scaled_to_a_step(tmp_path: Path) -> None:
         # The archive's unit, and names without the last underscore.
         file.rename(tmp_path / f"out_{row}_{col}_{5 * float(y) - 70:.6f}_{5 * float(x) + 900:.6f}.png")
     given = Assumed(focal_px=400.0, reference_depth_mm=455.0)
-    (found,) = read_stanford(tmp_path, replace(given, step_mm=light_field.step_mm())).frames
+    (found,) = read_stanford(tmp_path, given.replaced(step_mm=light_field.step_mm())).frames
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-5)
     assert read_stanford(tmp_path, given).frames[0].step_mm() == pytest.approx(5 * light_field.step_mm(), rel=1e-6)
 
@@ -81,7 +80,7 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JP" in name.upper() else 1e-9)
     if not places:
         with pytest.raises(InputError, match="does not state its step_mm"):
-            read_stanford(tmp_path, replace(given, step_mm=None))
+            read_stanford(tmp_path, given.replaced(step_mm=None))
 
 
 def test_folders_of_pictures_that_are_no_grid_are_refused(tmp_path: Path) -> None:

@@ -1,0 +1,289 @@
+"""Backs on a bracket: arms with a flange across their axis, and stands for monitors.
+
+The bracket has an upright plate behind the mount's foot, a shelf and two ribs; it prints on its back.
+
+Arms, whose views look along the axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 is measured in sections of
+`bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
+BSD-3-Clause): the face lies 61.525 mm before the link's origin, where `end_effector_link` is; four core holes of
+4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that stands out by 2.9 mm.
+
+Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Carrier, Load, Neck, RobotLink
+from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, foot_stack
+from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
+from mirrorcam.cad.plan.dimension import length
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, along, thread_of
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
+from mirrorcam.cad.plan.prisms import along_x, box
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid
+
+RIB_MM = 5.0
+
+
+@dataclass(frozen=True)
+class Bracket:
+    """A bracket in rig, mm: its plan, the middle (3,) of its plate's back, the heads (4, 3) of the foot's screws.
+
+    The plate's front is at y = `front_mm`.
+    """
+
+    plan: BlocksPlan
+    middle: FloatArray
+    front_mm: float
+    heads: FloatArray
+    neck: Neck
+
+
+def plan_bracket(
+    name: str,
+    below_mm: float,
+    sides_mm: tuple[float, float, float],
+    rib_x_mm: float,
+    cuts: tuple[Frustum | Bore | Hexagon, ...],
+    grip_mm: float,
+    mount: MountPlan,
+    hardware: Hardware,
+    ends: tuple[tuple[FloatArray, FloatArray], ...] = (),
+) -> Bracket:
+    """Lay out a bracket whose plate has its middle `below_mm` under the mount's foot.
+
+    `sides_mm` are the plate's half width, how far it reaches below its middle, and its thickness; the ribs stand from
+    `rib_x_mm` outwards on both sides. `cuts` of the plate, and the `ends` (3,) of further dimensions, are given
+    about the middle of its back as the origin. The shelf is `grip_mm` thick: heads rest under it.
+    """
+    half, down, thick = sides_mm
+    foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
+    front = slide - FOOT_DEPTH_MM
+    back, middle_z = front - thick, foot_z - below_mm
+    middle, reach = np.array([0.0, back, middle_z]), rib_x_mm + RIB_MM
+    heads = mount.foot - grip_mm * ABOVE
+    rib = np.array(
+        [(front - 1.0, middle_z - down / 2.0), (front - 1.0, foot_z), (slide, foot_z), (slide, foot_z - grip_mm)]
+    )
+    rib = np.vstack([rib, [(front, middle_z - down / 2.0)]])
+    pieces = [
+        box((-half, back, middle_z - down), (half, front, foot_z)),
+        box((-reach, back, foot_z - grip_mm), (reach, slide, foot_z)),
+        *(along_x(rib, low, low + RIB_MM) for low in (-reach, rib_x_mm)),
+    ]
+    clearance = hardware.screw.clearance_hole_mm / 2.0
+    own = [_moved(cut, middle) for cut in cuts]
+    own += [Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads]
+    root = np.array([-reach, slide, foot_z])
+    lengths = [
+        length(np.array([-half, back, foot_z]), np.array([-half, front, foot_z])),
+        length(root, root - grip_mm * ABOVE),
+        length(root, root + RIB_MM * ALONG_X),
+        length(np.array([-reach, front, foot_z]), np.array([-reach, front, middle_z - down / 2.0])),
+    ]
+    if reach < half:
+        lengths.append(length(root, root + 2.0 * reach * ALONG_X))
+    # The ribs alone, at the root of the shelf.
+    deep = below_mm + down / 2.0
+    neck = Neck("ribs at the plate", np.array([0.0, front, foot_z - deep / 2.0]), ALONG_Y, ABOVE, (deep, 2.0 * RIB_MM))
+    lengths += [length(start + middle, end + middle) for start, end in ends]
+    return Bracket(BlocksPlan(name, tuple(pieces), tuple(own), tuple(lengths)), middle, front, heads, neck)
+
+
+def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:
+    """The section of the plate `up_mm` over its middle, over the screws that hold it."""
+    at = bracket.middle + np.array([0.0, thick_mm / 2.0, up_mm])
+    return Neck("plate over its screws", at, ABOVE, ALONG_X, (width_mm, thick_mm))
+
+
+def _moved(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | Hexagon:
+    if isinstance(cut, Bore):
+        return Bore(cut.mouth + by, cut.axis, cut.radius_mm, cut.depth_mm, cut.up)
+    if isinstance(cut, Hexagon):
+        return Hexagon(cut.mouth + by, cut.axis, cut.up, cut.flats_mm, cut.depth_mm)
+    return Frustum(cut.base + by, cut.top + by)
+
+
+BRACKET, CENTRING = Iso9409Back.parts
+_, SPACER = Gen3Back.parts
+# The centring ring is loose in the plate and in the flange by this much on each side, so that it goes in by hand.
+LOOSE_MM = 0.2
+RING_WALL_MM = 4.0
+EXPLODE = np.array([0.0, -60.0, -45.0])
+INNER = np.array([0.0, -110.0, -45.0])
+
+
+def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the bracket of a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
+    at = table.circle_mm / 2.0 / np.sqrt(2.0)
+    spots = np.array([(x, z) for x in (-at, at) for z in (-at, at)])
+    centre, thick = table.centre_mm / 2.0, table.plate_mm
+    cuts = (
+        *_holes(spots, thread_of("M6").clearance_mm / 2.0, thick),
+        *_holes(np.zeros((1, 2)), centre, thick),
+        *_holes(np.array([[table.circle_mm / 2.0, 0.0]]), table.pin_mm / 2.0 + hardware.fit.press_mm, thick),
+    )
+    half = table.flange_mm / 2.0 + 2.0
+    bracket = plan_bracket(
+        BRACKET, table.below_mm, (half, half, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
+    )
+    face = bracket.middle
+    radius, deep = centre - LOOSE_MM, table.centre_deep_mm
+    low = face - deep * ALONG_Y
+    hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, deep + thick + 2.0 * OUTSIDE_MM)
+    centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, deep + thick),))
+    flange = ring(face - 6.0 * ALONG_Y, (centre, table.flange_mm / 2.0), 6.0)
+    arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
+    back = _back_of(table, bracket, centring, "Centring ring", spots, "M6", hardware)
+    return replace(
+        back,
+        carriers=(Carrier("flange", (*flange, arm)),),
+        robot=RobotLink(
+            parent=table.link,
+            xyz_mm=(0.0, 0.0, 0.0),
+            rpy=(0.0, -np.pi / 2.0, 0.0),
+            origin_in_rig=face,
+            arms="any with a flange ISO 9409-1-50-4-M6, such as UR3e, UR5e, UR10e and UR16e",
+        ),
+    )
+
+
+def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the bracket of a Kinova Gen3, and a disc that bridges the rim round its face."""
+    x, z = table.holes_mm
+    spots = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
+    thick, (disc_radius, disc_thick) = table.plate_mm, table.spacer_mm
+    clearance = thread_of("M5").clearance_mm / 2.0
+    half = x + 11.0
+    cuts = _holes(spots, clearance, thick)
+    bracket = plan_bracket(
+        BRACKET, table.below_mm, (half, 36.0, thick), half - 5.0, cuts, table.grip_mm, mount, hardware
+    )
+    face = bracket.middle - disc_thick * ALONG_Y
+    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thick))
+    # Between a hole and the rim there is no space for a wall: it is a slot, open to the edge.
+    slots = (_slot(spot, clearance, disc_thick, face) for spot in spots)
+    spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thick),))
+    inner, outer, high = table.rim_mm
+    module = faceted(Disc(face - 40.0 * ALONG_Y, outer, 40.0))
+    back = _back_of(table, bracket, spacer, "Spacer", spots, "M5", hardware)
+    return replace(
+        back,
+        carriers=(Carrier("arm", (*ring(face, (inner, outer), high), module)),),
+        # Away from the vision module, which is on the side of the link's y.
+        robot=RobotLink(
+            parent=table.link,
+            xyz_mm=(0.0, 0.0, 0.0),
+            rpy=(np.pi / 2.0, -np.pi / 2.0, 0.0),
+            origin_in_rig=face,
+            arms="Kinova Gen3 with 6 or 7 joints",
+        ),
+    )
+
+
+def _back_of(
+    table: Iso9409Back | Gen3Back,
+    bracket: Bracket,
+    behind: BlocksPlan,
+    title: str,
+    spots: FloatArray,
+    size: str,
+    hardware: Hardware,
+) -> Back:
+    """The back of a bracket with a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
+
+    What it is fastened to is not among it.
+    """
+    middle, front, thick = bracket.middle, bracket.front_mm, table.plate_mm
+    places = [np.array([x, front, middle[2] + z]) for x, z in spots]
+    out = EXPLODE + 40.0 * ALONG_Y
+    width = float(np.ptp(bracket.plan.corners[:, 0]))
+    joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), middle)
+    return Back(
+        table=table,
+        parts=(
+            BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
+            BackPart(behind.name, title, behind, BACK_DOWN, INNER, SECOND_RGB),
+        ),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=bracket.heads,
+        items=tuple(
+            BoughtItem("screw", size, table.screw_mm, along(place, ALONG_Y), out, (BRACKET,)) for place in places
+        ),
+        connections=(Connection(behind.name.removeprefix("adapter_"), BRACKET, behind.name, joint, joint),),
+        necks=(bracket.neck, plate_neck(bracket, width, thick, float(spots[:, 1].max()) + 5.0)),
+    )
+
+
+def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray) -> Frustum:
+    """What opens a hole at a spot (2,; x and z) outwards, in a disc on a face about a point (3,)."""
+    out = spot / np.linalg.norm(spot)
+    side = radius_mm * np.array([-out[1], out[0]])
+    corners = np.array([spot - side, spot + side, spot + side + 20.0 * out, spot - side + 20.0 * out])
+    base = face + np.column_stack([corners[:, 0], np.full(4, -1.0), corners[:, 1]])
+    return Frustum(base, base + (thick_mm + 2.0) * ALONG_Y)
+
+
+def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, ...]:
+    """Holes along y through a plate, at spots (n, 2; x and z) about the middle of its back."""
+    return tuple(Bore(np.array([x, -OUTSIDE_MM, z]), ALONG_Y, radius_mm, thick_mm + 2.0 * OUTSIDE_MM) for x, z in spots)
+
+
+(NAME,) = VesaBack.parts
+# From a screw to the plate's edge, from the shelf to the upper screws, and the ribs from the middle.
+EDGE_MM, UNDER_MM, RIB_X_MM = 8.0, 14.0, 26.0
+
+
+def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the bracket; its plate is open in the middle."""
+    m4, at, thick = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
+    spots = [(x, z) for x in (-at, at) for z in (-at, at)]
+    deep = m4.nut_height_mm + NUT_FIT_MM
+    cuts: list[Frustum | Bore | Hexagon] = []
+    for x, z in spots:
+        mouth = np.array([x, thick + OUTSIDE_MM, z])
+        cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thick + 2.0 * OUTSIDE_MM))
+        cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, deep + OUTSIDE_MM))
+    window, low, high = RIB_X_MM - 6.0, -at + 4.0, at - 12.0
+    cuts.append(box((-window, -1.0, low), (window, thick + 1.0, high)))
+    corner, upper = np.array([-window, thick, low]), np.array([-window, thick, high])
+    ends = (
+        (corner, corner + 2.0 * window * ALONG_X),
+        (corner, upper),
+        (upper, np.array([-window, thick, at + UNDER_MM])),
+    )
+    half = at + EDGE_MM
+    bracket = plan_bracket(
+        NAME, at + UNDER_MM, (half, half, thick), RIB_X_MM, tuple(cuts), table.grip_mm, mount, hardware, ends
+    )
+    middle, items = bracket.middle, []
+    for x, z in spots:
+        place = middle + np.array([x, -table.arm_mm, z])
+        items.append(
+            BoughtItem("screw", "M4", table.screw_mm, along(place, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
+        )
+        seat, way = middle + np.array([x, thick - deep, z]), 25.0 * ALONG_Y
+        frame = along(seat, -ALONG_Y)
+        items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + way, (NAME,), way[None]))
+    arm = box(
+        (-half, float(middle[1]) - table.arm_mm, float(middle[2]) - half),
+        (half, float(middle[1]), float(middle[2]) + half),
+    )
+    return Back(
+        table=table,
+        parts=(BackPart(NAME, "VESA bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=bracket.heads,
+        items=tuple(items),
+        carriers=(Carrier("arm", (arm,)),),
+        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thick, at + 5.0)),
+    )

@@ -1,0 +1,261 @@
+"""Backs of one plate under the mount's foot: on a desk, a tripod, a clamp of the kind of Arca-Swiss, a profile.
+
+- Desk and tripod: a plate with a nut for a tripod's screw; on a desk it is larger, so that the device stands.
+- Arca-Swiss: a dovetail across the device, which prints standing on its end.
+- Aluminium profile of 20 mm: a plate on its slot, held by two T-nuts on both sides of the mount.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mirrorcam.cad.backs.back import AS_IT_STANDS, ON_ITS_SIDE, RGB, Back, BackPart, Carrier, Load, Neck, Stand
+from mirrorcam.cad.backs.blocks import (
+    ALONG_X,
+    ALONG_Y,
+    BlocksPlan,
+    countersunk_hole,
+    head_cuts,
+    tripod_cuts,
+    tripod_depth_mm,
+    tripod_nut,
+)
+from mirrorcam.cad.parts.camera_box import ABOVE
+from mirrorcam.cad.parts.mount import MountPlan
+from mirrorcam.cad.parts.truss import foot_stack
+from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
+from mirrorcam.cad.plan.dimension import Length, length
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, along, thread_of
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.prisms import along_x, box
+from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+
+BEHIND_MM = 2.0
+"""How far a plate reaches behind the mount: the wall of the nut's pocket."""
+
+EXPLODE = np.array([0.0, 0.0, -45.0])
+
+
+@dataclass(frozen=True)
+class FootPlate:
+    """Where a plate under the mount's foot is, in rig, mm.
+
+    Its faces are at `low_z_mm` and `thick_mm` higher, the heads of its screws rest at points (4, 3), and its nut is
+    about a point (3,) of the upper face: between the hind screws, where all of the mount's foot is over the nut.
+    """
+
+    low_z_mm: float
+    thick_mm: float
+    heads: FloatArray
+    nut_at: FloatArray
+
+
+def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
+    """A plate thick enough for the nut, and for the countersunk heads of the foot's screws."""
+    foot_z = mount.foot_z_mm
+    thick = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
+    heads = mount.foot - table.grip_mm * ABOVE
+    return FootPlate(foot_z - thick, thick, heads, np.array([0.0, float(heads[:, 1].min()), foot_z]))
+
+
+def back_of_plate(
+    table: DeskBack | TripodBack,
+    name: str,
+    title: str,
+    plate: FootPlate,
+    outline: FloatArray,
+    hardware: Hardware,
+    lengths: tuple[Length, ...] = (),
+) -> Back:
+    """The back of one plate with an outline (n, 2; x and y), without its necks and what it stands on."""
+    base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
+    sink = plate.thick_mm - table.grip_mm
+    cuts = (
+        *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3")),
+        *tripod_cuts(plate.nut_at, plate.thick_mm, table.nut),
+    )
+    plan = BlocksPlan(name, (Frustum(base, base + plate.thick_mm * ABOVE),), cuts, lengths)
+    return Back(
+        table=table,
+        parts=(BackPart(name, title, plan, AS_IT_STANDS, EXPLODE, RGB),),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=plate.heads,
+        foot_size=f"M3{COUNTERSUNK}",
+        items=(tripod_nut(plate.nut_at, plate.thick_mm, table.nut, name, EXPLODE),),
+    )
+
+
+(DESK,) = DeskBack.parts
+
+
+def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out a plate so large that the device does not fall over when tipped by `tip_deg` and `spare_deg` more."""
+    plate = foot_plate(table, mount, hardware)
+    outline = _outline(table, mount, load, plate.low_z_mm)
+    left, back = outline.min(axis=0)
+    corner = np.array([left, back, plate.low_z_mm])
+    chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°", before=f"{len(outline) // 2}x ")
+    return replace(
+        back_of_plate(table, DESK, "Desk foot", plate, outline, hardware, (chamfer,)),
+        necks=(_before_mount(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
+        stand=Stand(outline, plate.low_z_mm, table.tip_deg),
+    )
+
+
+def _before_mount(slide_y: float, outline: FloatArray, z: float, thick: float) -> Neck:
+    """The plate's section at the front of the mount, which bends where the device leans on the plate's front edge."""
+    width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
+    return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thick), arm)
+
+
+def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
+    """The plate's outline (n, 2; x and y): under all of the mount's foot, and as far about the load as it may tip."""
+    reach = float((load.at[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
+    # Over a corner that is cut off it falls no sooner than over a side.
+    cut = table.corner_mm
+    half = max(mount.half_width_mm, abs(float(load.at[0])) + reach)
+    back = min(float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM, float(load.at[1]) - reach)
+    front = max(float(mount.slide[1]), float(load.at[1]) + reach)
+    corners = []
+    for (x, y), first in (((half, front), 0), ((-half, front), 1), ((-half, back), 0), ((half, back), 1)):
+        ends = [(x, y - np.sign(y - (front + back) / 2.0) * cut), (x - np.sign(x) * cut, y)]
+        corners += ends if first == 0 else ends[::-1]
+    return np.array(corners)
+
+
+(TRIPOD,) = TripodBack.parts
+# The tripod's head: a plate that is kept clear, as a common ball head has it.
+HEAD_MM = (50.0, 20.0)
+# The plate reaches this far before the mount: the wall of the countersinks.
+BEFORE_MM = 1.0
+
+
+def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out a plate under all of the mount's foot."""
+    plate = foot_plate(table, mount, hardware)
+    half, front = mount.half_width_mm, float(mount.slide[1]) + BEFORE_MM
+    back = float(mount.slide[1]) - mount.section.depth_mm - BEHIND_MM
+    outline = np.array([(half, back), (half, front), (-half, front), (-half, back)])
+    low_z, y = plate.low_z_mm, float(plate.nut_at[1])
+    side, high = HEAD_MM[0] / 2.0, HEAD_MM[1]
+    head = box((-side, y - side, low_z - high), (side, y + side, low_z))
+    # Tipped over the edge of the tripod's head, the plate bends across the nut's pocket.
+    neck = Neck(
+        "plate beside the nut",
+        np.array([0.0, y, low_z + plate.thick_mm / 2.0]),
+        ALONG_Y,
+        ALONG_X,
+        (2.0 * half - table.nut.pocket_mm, plate.thick_mm),
+        front - back,
+    )
+    return replace(
+        back_of_plate(table, TRIPOD, "Tripod plate", plate, outline, hardware),
+        carriers=(Carrier("tripod", (head,)),),
+        necks=(neck,),
+    )
+
+
+(DOVETAIL,) = ArcaBack.parts
+
+
+def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the dovetail; raises InputError where its slope is higher than all of it."""
+    half, foot_z = mount.half_width_mm, mount.foot_z_mm
+    wide, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
+    heads = mount.foot - table.grip_mm * ABOVE
+    # Under the middle of the screws.
+    y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
+    edge = low + table.lip_mm
+    over = edge + wide - neck
+    if not edge < over < foot_z:
+        raise InputError(
+            f"dovetail's slope ends {over - low:.1f} mm over its lower face, expected less than its height, "
+            f"{table.height_mm:g} mm, and more than its lip, {table.lip_mm:g} mm"
+        )
+    tail = np.array([(-wide, low), (wide, low), (wide, edge), (neck, over), (-neck, over), (-wide, edge)])
+    stem = np.array([(-neck, edge), (neck, edge), (neck, foot_z), (-neck, foot_z)])
+    pieces = tuple(along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
+    lip = np.array([[half, y - wide, low], [half, y + wide, low]])
+    plan = BlocksPlan(
+        DOVETAIL,
+        pieces,
+        tuple(head_cuts(heads, table.grip_mm, ALONG_X, hardware)),
+        (
+            length(lip[0], lip[1], "dovetail"),
+            length(np.array([half, y - neck, over]), np.array([half, y + neck, over])),
+            length(lip[1], np.array([half, y + wide, edge])),
+            length(lip[1], np.array([half, y + neck, over]), "", ABOVE),
+        ),
+    )
+    return Back(
+        table=table,
+        parts=(BackPart(DOVETAIL, "Dovetail", plan, ON_ITS_SIDE, np.array([0.0, 0.0, -45.0]), RGB),),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=heads,
+        necks=(Neck("over the slope", np.array([0.0, y, over]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck)),),
+    )
+
+
+(PROFILE,) = ProfileBack.parts
+T_NUT = "M5 T-slot"
+# From the mount to a screw's axis, and on to the end of the plate; the plate stands out so far before and behind.
+BESIDE_MM, BEYOND_MM, OVER_MM = 9.0, 8.0, 3.0
+SHOWN_MM = 120.0
+# Deep below the face, the heads' holes leave a wall between each other.
+FLARE_MM = 0.6
+
+
+def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+    """Lay out the plate over a profile along x, its slot under the hind screws of the mount's foot."""
+    foot_z, m5 = mount.foot_z_mm, thread_of("M5")
+    low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
+    heads = mount.foot - table.grip_mm * ABOVE
+    y, x = float(heads[:, 1].min()), mount.half_width_mm + BESIDE_MM
+    end, back = x + BEYOND_MM, front - mount.section.depth_mm
+    sink = table.plate_mm - table.grip_mm
+    cuts = [cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3", FLARE_MM)]
+    grip = table.plate_mm - table.sunk_mm
+    explode, items = np.array([0.0, 0.0, -45.0]), []
+    for side in (-x, x):
+        top = np.array([side, y, foot_z])
+        cuts.append(Bore(top + OUTSIDE_MM * ABOVE, -ABOVE, m5.clearance_mm / 2.0, table.plate_mm + 1.0))
+        cuts.append(
+            Bore(
+                top + OUTSIDE_MM * ABOVE,
+                -ABOVE,
+                m5.head_mm / 2.0 + 2.0 * hardware.fit.free_mm,
+                table.sunk_mm + OUTSIDE_MM,
+            )
+        )
+        head = top - table.sunk_mm * ABOVE
+        items.append(BoughtItem("screw", "M5", table.screw_mm, along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,)))
+        nut = np.array([side, y, low_z - table.lip_mm])
+        way = -30.0 * ABOVE
+        items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + way, (PROFILE,), way[None]))
+    plan = BlocksPlan(PROFILE, (box((-end, back - OVER_MM, low_z), (end, front + OVER_MM, foot_z)),), tuple(cuts))
+    half = table.profile_mm / 2.0
+    profile = box((-SHOWN_MM, y - half, low_z - table.profile_mm), (SHOWN_MM, y + half, low_z))
+    depth = front - back + 2.0 * OVER_MM
+    # Both sides of the mount bear together.
+    neck = Neck(
+        "plate beside the mount",
+        np.array([0.0, y, low_z + grip / 2.0]),
+        ALONG_X,
+        ALONG_Y,
+        (2.0 * depth, table.plate_mm),
+    )
+    return Back(
+        table=table,
+        parts=(BackPart(PROFILE, "Profile plate", plan, AS_IT_STANDS, explode, RGB),),
+        foot=foot_stack(table.grip_mm, hardware),
+        foot_heads=heads,
+        foot_size=f"M3{COUNTERSUNK}",
+        items=tuple(items),
+        carriers=(Carrier("profile", (profile,)),),
+        necks=(neck,),
+    )

@@ -1,0 +1,173 @@
+"""Checks of what bears loads: the six points and leaves of the camera's clip, and the back under the device.
+
+How well the camera repeats in its clip, whether the device stands, whether a tripod's screw holds, and the stress where
+the load passes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import manifold3d
+import numpy as np
+
+from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.backs.back import Back, Stand
+from mirrorcam.cad.backs.blocks import TRIPOD
+from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, least_contact_n
+from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.reclamping import repeatability
+from mirrorcam.cad.plan.device_names import CLIP
+from mirrorcam.cad.plan.fasteners import thread_of
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem, MassProperties
+from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.geometry.camera_body import BoardHoles
+from mirrorcam.optics.geometry.layout import Layout
+
+# Gaps beyond this are not measured.
+NEAR_MM = 5.0
+
+
+def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
+    """Check that the screws press a body on all six points, and bend their leaves no further than lasts.
+
+    Parameters
+    ----------
+    clip : ClipPlan
+        The clip; one that holds a board by its screws has no points nor leaves to check.
+    layout : Layout
+        Camera and mirrors: how sub-images move.
+    hardware : Hardware
+        The camera's mass, the acceleration that the nest withstands, and the plastic.
+
+    Returns
+    -------
+    dict of str to Metric
+        The least force at any point at that acceleration, the greatest strain of a leaf; as figures the screws' forces;
+        and of a board too, what re-clamping does, one standard deviation.
+    """
+    repeats = repeatability(clip, layout, hardware)
+    figures = {
+        "reclamped_mm": (repeats.shift_mm, "mm", 4),
+        "reclamped_deg": (repeats.turn_deg, "deg", 4),
+        "reclamped_px": (repeats.image_px, "px", 2),
+        "reclamped_between_views_px": (repeats.between_views_px, "px", 3),
+    }
+    reclamped = {
+        f"{CLIP}.{name}": Metric(value=round(value, digits), unit=unit)
+        for name, (value, unit, digits) in figures.items()
+    }
+    if clip.nest is None:
+        return reclamped
+    printer, camera = hardware.printer, hardware.camera
+    weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
+    least = least_contact_n(clip.nest, body_box(camera).middle, weight, printer.plastic_mpa)
+    forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.nest.screws]
+    strain = max(screw.leaf.strain for screw in clip.nest.screws)
+    return {
+        f"{CLIP}.contact_n": Metric(value=round(least, 2), unit="N", limit=0.0, lower_is_better=False),
+        f"{CLIP}.leaf_strain": Metric(value=round(strain, 5), unit="", limit=printer.plastic_strain),
+        f"{CLIP}.back_screw_n": Metric(value=round(forces[0], 1), unit="N"),
+        f"{CLIP}.end_screw_n": Metric(value=round(forces[1], 1), unit="N"),
+        **reclamped,
+    }
+
+
+def check_rest(
+    clip: manifold3d.Manifold | None, camera: manifold3d.Manifold | None, hardware: Hardware
+) -> dict[str, Metric]:
+    """Check that a lens that rests on its clip can be drawn onto it, as far as the play of its board's holes.
+
+    Parameters
+    ----------
+    clip, camera : Manifold or None
+        The solids as they stand in the device, in rig, mm; None where one is not valid.
+    hardware : Hardware
+        The camera's body; one without `rest_mm` has nothing to check.
+
+    Returns
+    -------
+    dict of str to Metric
+        The gap between clip and barrel over the board; without either solid, as large as is looked for.
+    """
+    body = hardware.camera
+    if body.rest_mm is None or not isinstance(body.held_by, BoardHoles):
+        return {}
+    # Posts and board end below the rest.
+    over = body.pupil_behind_front_mm + body.rest_mm[0] / 2.0
+    gap = NEAR_MM
+    if clip is not None and camera is not None:
+        upper = [solid.trim_by_plane((0.0, 0.0, 1.0), over) for solid in (clip, camera)]
+        gap = min(float(upper[0].min_gap(upper[1], NEAR_MM)), NEAR_MM)
+    return {f"{CLIP}.rest_gap_mm": Metric(value=round(gap, 3), unit="mm", limit=round(body.held_by.play_mm, 3))}
+
+
+STANDARD_GRAVITY = 9.80665
+# A device that is carried, knocked or moved by an arm bears so many times its weight.
+TIMES_ITS_WEIGHT = 3.0
+# Stress that a print bears across its layers for years: a sixth of what breaks it there at once, about 30 MPa of PLA
+# (Kuznetsov et al., Strength of PLA components fabricated with fused deposition technology, Polymers 10, 2018).
+STRESS_MPA = 5.0
+TURNS = 3.0
+
+
+def check_back(
+    back: Back, items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold], whole: MassProperties
+) -> dict[str, Metric]:
+    """Check a back under a device.
+
+    Parameters
+    ----------
+    back : Back
+        Its plan.
+    items : sequence of BoughtItem
+        All bought items of the device, in the order of their names.
+    solids : mapping of str to Manifold
+        The solids of the assembled device by name, in rig, mm.
+    whole : MassProperties
+        Of all pieces together.
+
+    Returns
+    -------
+    dict of str to Metric
+        The largest stress where the back's load passes, which is so many times the device's weight in any direction;
+        of a device that stands by itself how far it can be tipped; and how many turns of a tripod's screw are in the
+        nut that the back holds.
+    """
+    force = TIMES_ITS_WEIGHT * whole.mass_g / 1000.0 * STANDARD_GRAVITY
+    stress = max((neck.stress_mpa(force, whole.centre_in_rig_mm) for neck in back.necks), default=0.0)
+    checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
+    if back.stand is not None:
+        tips = tips_at_deg(back.stand, whole.centre_in_rig_mm)
+        limit = back.stand.tip_deg
+        checks["device.tips_at_deg"] = Metric(value=round(tips, 2), unit="deg", limit=limit, lower_is_better=False)
+    for name, item in zip(item_names(items), items, strict=True):
+        if item.kind == "nut" and item.size == TRIPOD:
+            turns = tripod_turns(back.table.nut.screw_mm, solids.get(name), solids.get(item.joins[0]))
+            checks["device.tripod_turns"] = Metric(value=round(turns, 2), unit="", limit=TURNS, lower_is_better=False)
+    return checks
+
+
+def tips_at_deg(stand: Stand, centre_mm: FloatArray) -> float:
+    """The angle in deg by which a device may be tipped over any side of its support; negative where it falls at once.
+
+    Its centre of mass (3,) passes over the side when tipped by atan(d / h), d its distance from the side as seen from
+    above, h its height.
+    """
+    starts, ends = stand.corners, np.roll(stand.corners, -1, axis=0)
+    ways = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
+    inside = np.column_stack([-ways[:, 1], ways[:, 0]])
+    middle = stand.corners.mean(axis=0)
+    inside *= np.sign(((middle - starts) * inside).sum(axis=1))[:, None]
+    distance = float(((centre_mm[:2] - starts) * inside).sum(axis=1).min())
+    return float(np.degrees(np.arctan2(distance, centre_mm[2] - stand.z_mm)))
+
+
+def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None) -> float:
+    """Turns of a screw that stands out by `screw_mm` in a nut over the lower face of a part; 0 where one is missing."""
+    if nut is None or part is None:
+        return 0.0
+    under = nut.bounding_box()[2] - part.bounding_box()[2]
+    thread = thread_of(TRIPOD)
+    return max(0.0, min(screw_mm - under, thread.nut_height_mm)) / thread.pitch_mm

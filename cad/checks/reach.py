@@ -1,0 +1,179 @@
+"""Whether fasteners get to their places: the spaces that they and their tools sweep, against the parts at that step.
+
+- An insert is pressed in by a soldering iron, into its part alone.
+- A screw comes along its axis and is turned by a straight driver, or, where that does not reach, by a hex key, which
+  swings by the sixth of a turn after which it is put on again (ISO 2936).
+- A nut is pushed along its way by a rod as thick as closed tweezers, from 40 mm beyond its end.
+
+Inserts and nuts are swept through the meshes of their parts along the way that the pictures show.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+
+import manifold3d
+import numpy as np
+
+from mirrorcam.cad.assembly.build_steps import is_piece_of, parts_when_joined
+from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, ROUNDING_MM, common_mm3
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm
+from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.core.values import FloatArray, Metric
+
+
+def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifold:
+    """The volume that the hull of a solid sweeps by moves (n, 3), one after the other."""
+    place, passed = solid.hull(), []
+    for move in moves_mm:
+        moved = place.translate(tuple(float(by) for by in move))
+        passed.append(manifold3d.Manifold.batch_hull([place, moved]))
+        place = moved
+    return manifold3d.Manifold.batch_boolean(passed, manifold3d.OpType.Add)
+
+
+def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
+    """Check that every insert and nut can be put in.
+
+    Parameters
+    ----------
+    items : sequence of BoughtItem
+        All bought items of a device, in the order of their names.
+    solids : mapping of str to Manifold
+        The solids of the assembled device by name, in rig, mm: bought items, and parts, which may be in pieces.
+
+    Returns
+    -------
+    dict of str to Metric
+        Volume that the ways to the seats have in common with the part that holds the seat, and the number of inserts
+        and nuts whose way does not begin outside the hull of that part.
+    """
+    common, inside = 0.0, 0
+    for name, item in zip(item_names(items), items, strict=True):
+        if item.kind not in ("insert", "nut"):
+            continue
+        home = [solid for part, solid in solids.items() if re.fullmatch(rf"{item.joins[-1]}(_\d+)?", part)]
+        if not home or not len(item.way_out_mm) or name not in solids:
+            inside += 1
+            continue
+        part = manifold3d.Manifold.compose(home)
+        pressed = PRESSED_MM if item.kind == "insert" else ROUNDING_MM
+        common += common_mm3(part, swept(solids[name], item.way_out_mm), pressed)
+        outside = solids[name].translate(tuple(float(by) for by in item.way_out_mm.sum(axis=0)))
+        inside += not (part.hull() ^ outside).is_empty()
+    return {
+        "device.insertion_clash_mm3": Metric(value=common, unit="mm3", limit=0.0),
+        "device.threads_that_cannot_enter": Metric(value=inside, unit="", limit=0),
+    }
+
+
+# The barrel of a soldering iron behind its tip, which is inside the insert: diameter and length.
+IRON_MM = (8.0, 30.0)
+# A driver: its handle, and its blade by the diameter of the screw.
+HANDLE_MM = (20.0, 30.0)
+BLADES_MM = {2.0: (3.0, 50.0), 3.0: (4.0, 75.0), 4.0: (4.5, 75.0), 5.0: (5.0, 75.0), 6.0: (6.0, 100.0)}
+OTHER_BLADE_MM = (6.0, 100.0)
+# Hex keys (ISO 2936): across corners, short and long arm, by the diameter of the screw.
+KEYS_MM = {2.0: (1.7, 14.0, 45.0), 3.0: (2.9, 18.0, 56.0), 4.0: (3.4, 20.0, 63.0), 5.0: (4.6, 25.0, 70.0)}
+SUNK_KEYS_MM = {3.0: (2.3, 16.0, 50.0), 4.0: (2.9, 18.0, 56.0)}
+KEY_SWINGS_DEG = 60.0
+KEY_TURNS = 12
+ROD_MM = (2.5, 40.0)
+# A tool keeps off what it only passes by this much: an iron does not stand on the part's face.
+OFF_MM = 0.05
+SEGMENTS = 48
+
+
+def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
+    """Check that a tool reaches every screw, insert and nut.
+
+    Parameters
+    ----------
+    items : sequence of BoughtItem
+        All bought items of a device, in the order of their names.
+    solids : mapping of str to Manifold
+        The solids of the assembled device by name, in rig, mm: parts, mirrors, camera; fasteners are not looked at.
+
+    Returns
+    -------
+    dict of str to Metric
+        The largest volume that any fastener's tool shares with the parts there, and each tool's own where it clashes.
+    """
+    others = {name: solid for name, solid in solids.items() if not name.startswith(FASTENERS)}
+    clashes = {
+        name: clash
+        for name, item in zip(item_names(items), items, strict=True)
+        if (clash := tool_clash_mm3(item, others)) > 0.0
+    }
+    worst = max(clashes.values(), default=0.0)
+    return {
+        "device.tool_clash_mm3": Metric(value=round(worst, 3), unit="mm3", limit=0.0),
+        **{
+            f"{name}.tool_clash_mm3": Metric(value=round(clash, 3), unit="mm3", limit=0.0)
+            for name, clash in clashes.items()
+        },
+    }
+
+
+def tool_clash_mm3(item: BoughtItem, solids: Mapping[str, manifold3d.Manifold]) -> float:
+    """Volume in mm3 that the best tool for a fastener has in common with the solids (by name) that are there then."""
+    if item.kind not in ("insert", "nut", "screw"):
+        return 0.0
+    if item.kind in ("insert", "nut"):
+        there = [solid for name, solid in solids.items() if is_piece_of(name, item.joins[-1])]
+    else:
+        there = [solids[name] for name in sorted(parts_when_joined(item.joins, solids))]
+    around = manifold3d.Manifold.compose(there)
+    return min(common_mm3(around, tool, PRESSED_MM) for tool in _tools(item))
+
+
+def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
+    """The space that each tool for a fastener would take, in rig."""
+    frame = item.rig_from_item
+    if item.kind == "insert":
+        yield _placed(_cylinder(*IRON_MM, OFF_MM), frame)
+        return
+    if item.kind == "nut":
+        yield _along_way(item)
+        return
+    diameter = diameter_mm(item.size)
+    sunk = item.size.endswith(COUNTERSUNK)
+    head_mm = (SUNK_HEAD * diameter, 0.0) if sunk else (1.9 * diameter, diameter)
+    head = _cylinder(head_mm[0], item.length_mm + head_mm[1], OFF_MM)
+    blade, reach = BLADES_MM.get(diameter, OTHER_BLADE_MM)
+    top = OFF_MM + head_mm[1]
+    driver = _cylinder(blade, reach, top) + _cylinder(*HANDLE_MM, top + reach)
+    yield _placed(head + driver, frame)
+    keys = SUNK_KEYS_MM if sunk else KEYS_MM
+    across, short, long = keys.get(diameter, KEYS_MM[5.0])
+    arm = _cylinder(across, short, top)
+    swings = np.radians(np.linspace(0.0, KEY_SWINGS_DEG, 7))
+    for turn in np.linspace(0.0, 2.0 * np.pi, KEY_TURNS, endpoint=False):
+        ends = np.array([(long * np.cos(turn + swing), long * np.sin(turn + swing)) for swing in swings])
+        fan = manifold3d.Manifold.hull_points(
+            np.vstack([[(0.0, 0.0, z), *((x, y, z) for x, y in ends)] for z in (top + short - across, top + short)])
+        )
+        yield _placed(head + arm + fan, frame)
+
+
+def _along_way(item: BoughtItem) -> manifold3d.Manifold:
+    """A rod's passage along all legs of a nut's way, and beyond its end."""
+    places = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.way_out_mm, axis=0)])
+    if len(places) > 1:
+        last = item.way_out_mm[-1] / np.linalg.norm(item.way_out_mm[-1])
+        places[-1] = places[-1] + ROD_MM[1] * last
+    middle = -item.length_mm / 2.0 * item.rig_from_item[:3, 2]
+    ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(places[0] + middle))
+    return swept(ball, np.diff(places, axis=0)) if len(places) > 1 else ball
+
+
+def _cylinder(diameter_mm: float, length_mm: float, from_mm: float) -> manifold3d.Manifold:
+    """A cylinder along z, from a height on."""
+    rod = manifold3d.Manifold.cylinder(length_mm, diameter_mm / 2.0, circular_segments=SEGMENTS)
+    return rod.translate((0.0, 0.0, from_mm))
+
+
+def _placed(solid: manifold3d.Manifold, rig_from_item: FloatArray) -> manifold3d.Manifold:
+    return solid.transform(rig_from_item[:3])

@@ -1,0 +1,274 @@
+"""Stiffness of the mount's structure: a bent sandwich beam in closed form, and folded plates by finite strips.
+
+`FoldedPlates` are flat strips of one width, joined along straight edges parallel to x: the finite strip method with
+polynomials across the width (Cheung 1976, Finite Strip Method in Structural Analysis). A strip is a thin plate
+(Kirchhoff) and a membrane. Across the width, fields are Legendre polynomials; along the strip, from one edge to the
+next, deflection is a cubic and displacement in the plane a parabola.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from mirrorcam.core.values import FloatArray
+
+POISSON = 0.35
+"""Poisson's ratio of PLA; the shear modulus is E / (2 (1 + POISSON))."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Two skins, `depth_mm` from outside to outside, `width_mm` wide (along x), and webs at `web_deg` to them."""
+
+    depth_mm: float
+    width_mm: float
+    skin_mm: float
+    web_mm: float
+    web_deg: float
+    plastic_mpa: float
+
+    @property
+    def plastic_mm2(self) -> float:
+        """Volume of plastic per length: both skins, and the webs, which are 1 / cos of their angle longer."""
+        return float(self.width_mm * (2.0 * self.skin_mm + self.web_mm / np.cos(np.deg2rad(self.web_deg))))
+
+    @property
+    def bending_nmm2(self) -> float:
+        """E I about x, of both skins about the middle (parallel axes)."""
+        inside = self.depth_mm - 2.0 * self.skin_mm
+        return self.plastic_mpa * self.width_mm * (self.depth_mm**3 - inside**3) / 12.0
+
+    @property
+    def sideways_nmm2(self) -> float:
+        """E I about the skins' normal: both stand on edge."""
+        return self.plastic_mpa * 2.0 * self.skin_mm * self.width_mm**3 / 12.0
+
+    @property
+    def shear_n(self) -> float:
+        """Shear force per angle: E A sin^2 a cos a of webs of area A at an angle a (Timoshenko's laced columns)."""
+        angle = np.deg2rad(self.web_deg)
+        return float(self.plastic_mpa * self.web_mm * self.width_mm * np.sin(angle) ** 2 * np.cos(angle))
+
+    @property
+    def torsion_nmm2(self) -> float:
+        """G J of two skins whose edges are open, h apart, on a core that shears.
+
+        With the skins' warping +-w(x), equilibrium of a skin is w'' = k^2 (w + h x phi' / 2), k^2 = 2 S / (G t h b h)
+        where S is `shear_n`; free edges give G J = 2 G t h^2 b (1 - tanh(k b / 2) / (k b / 2)).
+        """
+        modulus = self.plastic_mpa / (2.0 * (1.0 + POISSON))
+        apart = self.depth_mm - self.skin_mm
+        core = self.shear_n / (self.width_mm * apart)
+        k_half = np.sqrt(2.0 * core / (modulus * self.skin_mm * apart)) * self.width_mm / 2.0
+        return float(2.0 * modulus * self.skin_mm * apart**2 * self.width_mm * (1.0 - np.tanh(k_half) / k_half))
+
+
+def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tuple[FloatArray, FloatArray]:
+    """Turn in rad and shift in mm, both (3, 3), of a load at a point (3,) in rig, per N of its weight.
+
+    Column j is for a force along axis j. The beam follows a path (n, 2; y and z), clamped at its first point, and holds
+    the load rigidly at its last. Castigliano's theorem: the moment (load - p) x F is linear along each straight piece,
+    so that Simpson's rule is exact for what it is squared in. Shear of the truss moves the load and turns nothing.
+    """
+    turn, shift = np.zeros((3, 3)), np.zeros((3, 3))
+    for start, end in pairwise(path):
+        length = float(np.linalg.norm(end - start))
+        tangent = np.array([0.0, *(end - start) / length])
+        across = np.array([1.0, 0.0, 0.0])
+        normal = np.cross(across, tangent)
+        pliant = (
+            np.outer(across, across) / section.bending_nmm2
+            + np.outer(normal, normal) / section.sideways_nmm2
+            + np.outer(tangent, tangent) / section.torsion_nmm2
+        )
+        for at, weight in ((start, 1.0 / 6.0), ((start + end) / 2.0, 4.0 / 6.0), (end, 1.0 / 6.0)):
+            moments = np.cross(load - np.array([0.0, *at]), np.eye(3)).T
+            turn += length * weight * pliant @ moments
+            shift += length * weight * moments.T @ pliant @ moments
+        shift += length * np.outer(normal, normal) / section.shear_n
+    return turn, shift
+
+
+# Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
+MODES = 5
+# Displacements of an edge, for each mode: along x, y and z, and the turn about x.
+EDGE = 4
+# Ground is this much stiffer than the stiffest displacement of an edge.
+GROUND = 1e4
+# Fields of a strip: along x, along the strip, across it. Each term of its strain energy is a stiffness and two
+# derivatives of fields: (field, order along the strip, order along x).
+_X, _ALONG, _ACROSS = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class FoldedPlates:
+    """Strips in rig, mm: straight lines in the y-z plane between two edges, extruded from -`half_width_mm` to it.
+
+    `edges` (n, 2) are y and z of the edges, `strips` (m, 2) the edges of each strip, `thickness_mm` (m,) its thickness
+    and `modulus_mpa` (m,) its modulus of elasticity.
+    """
+
+    edges: FloatArray
+    strips: NDArray[np.int64]
+    thickness_mm: FloatArray
+    modulus_mpa: FloatArray
+    poisson: float
+    half_width_mm: float
+
+    def compliance(
+        self,
+        *,
+        ground: tuple[NDArray[np.int64], FloatArray],
+        held: tuple[NDArray[np.int64], FloatArray],
+        at: FloatArray,
+        bed: FloatArray | None = None,
+    ) -> FloatArray:
+        """How a rigid body that some points are fixed to moves, per load on it.
+
+        Parameters
+        ----------
+        ground, held : (k,) and (k,) arrays
+            Points that are held, and those fixed to the body: their edges and x in mm, with the turn of the edge.
+        at : (3,) array
+            Point in rig, mm, where forces act on the body, and whose shift is reported.
+        bed : (4,) array or None
+            Stiffness of what holds each point of `ground`: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
+
+        Returns
+        -------
+        (6, 6) array
+            Column j: shift in mm and turn in rad for a unit force (j < 3, N) or moment (N mm) along an axis of rig.
+        """
+        stiffness = self._stiffness()
+        ground_at, held_at = self._displacements(*ground), self._displacements(*held)
+        rigid = GROUND * float(np.diagonal(stiffness).max())
+        bedding = np.tile(np.full(EDGE, rigid) if bed is None else bed, len(ground[0]))
+        stiffness += ground_at.T @ (bedding[:, None] * ground_at)
+        factor = cho_factor(stiffness, lower=True, check_finite=False)
+        pliant = held_at @ cho_solve(factor, held_at.T, check_finite=False)
+        body = self._rigid_body(*held, at)
+        compliance = np.linalg.inv(body.T @ np.linalg.solve(pliant, body))
+        return np.asarray((compliance + compliance.T) / 2.0)
+
+    def _displacements(self, edges: NDArray[np.int64], x_mm: FloatArray) -> FloatArray:
+        """Displacements and turn (k EDGE,) of points on edges, as a matrix on all modes of all edges."""
+        modes = legendre.legvander(x_mm / self.half_width_mm, MODES - 1)
+        found = np.zeros((len(edges), EDGE, len(self.edges), EDGE, MODES))
+        for point, edge in enumerate(edges):
+            for component in range(EDGE):
+                found[point, component, edge, component] = modes[point]
+        return found.reshape(len(edges) * EDGE, -1)
+
+    def _rigid_body(self, edges: NDArray[np.int64], x_mm: FloatArray, at: FloatArray) -> FloatArray:
+        """The same displacements as a matrix (k EDGE, 6) on a shift and a turn of all points about one."""
+        arms = np.column_stack([x_mm, self.edges[edges]]) - at
+        found = np.zeros((len(edges), EDGE, 6))
+        found[:, :3, :3] = np.eye(3)
+        found[:, :3, 3:] = np.cross(np.eye(3), arms[:, None]).transpose(0, 2, 1)
+        found[:, 3, 3] = 1.0
+        return found.reshape(-1, 6)
+
+    def _stiffness(self) -> FloatArray:
+        """Stiffness (n EDGE MODES, n EDGE MODES) of all edges, in N/mm, N and N mm."""
+        ends = self.edges[self.strips]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        own = _condensed(_strip_stiffness(self, lengths))
+        tangents = (ends[:, 1] - ends[:, 0]) / lengths[:, None]
+        # A strip's own axes: along x, along the strip, and x cross that, which is where a turn about x moves its end.
+        turned = np.zeros((len(lengths), EDGE, EDGE))
+        turned[:, 0, 0] = turned[:, 3, 3] = 1.0
+        turned[:, 1, 1:3] = tangents
+        turned[:, 2, 1], turned[:, 2, 2] = -tangents[:, 1], tangents[:, 0]
+        shape = (len(lengths), 2, EDGE, MODES, 2, EDGE, MODES)
+        own = np.einsum("sia,seimfjo,sjb->seamfbo", turned, own.reshape(shape), turned, optimize=True)
+        block = EDGE * MODES
+        whole = np.zeros((len(self.edges), block, len(self.edges), block))
+        for strip, matrix in zip(self.strips, own.reshape(-1, 2, block, 2, block), strict=True):
+            for i, row in enumerate(strip):
+                for j, column in enumerate(strip):
+                    whole[row, :, column] += matrix[i, :, j]
+        return whole.reshape(len(self.edges) * block, -1)
+
+
+def _condensed(stiffness: FloatArray) -> FloatArray:
+    """Stiffness of strips' edges alone: no force acts on the bubbles, which come last."""
+    edges = 2 * EDGE * MODES
+    coupling = stiffness[:, edges:, :edges]
+    bubbles = np.linalg.solve(stiffness[:, edges:, edges:], coupling)
+    return np.asarray(stiffness[:, :edges, :edges] - coupling.transpose(0, 2, 1) @ bubbles)
+
+
+def _strip_stiffness(plates: FoldedPlates, lengths: FloatArray) -> FloatArray:
+    """Stiffness (m, 10 MODES, 10 MODES) of strips in their own axes.
+
+    In the order of both edges' displacements (along x, along the strip, across it, turn), then of the bubbles (along x,
+    along the strip), which are 0 at both edges; for each of these the modes.
+    """
+    membrane = plates.modulus_mpa * plates.thickness_mm / (1.0 - plates.poisson**2)
+    plate = membrane * plates.thickness_mm**2 / 12.0
+    sheared = (1.0 - plates.poisson) / 2.0
+    terms = [(membrane, (_X, 0, 1), (_X, 0, 1)), (membrane, (_ALONG, 1, 0), (_ALONG, 1, 0))]
+    terms += _both(membrane * plates.poisson, (_X, 0, 1), (_ALONG, 1, 0))
+    terms += [(membrane * sheared, (_X, 1, 0), (_X, 1, 0)), (membrane * sheared, (_ALONG, 0, 1), (_ALONG, 0, 1))]
+    terms += _both(membrane * sheared, (_X, 1, 0), (_ALONG, 0, 1))
+    terms += [(plate, (_ACROSS, 0, 2), (_ACROSS, 0, 2)), (plate, (_ACROSS, 2, 0), (_ACROSS, 2, 0))]
+    terms += _both(plate * plates.poisson, (_ACROSS, 0, 2), (_ACROSS, 2, 0))
+    terms.append((plate * 4.0 * sheared, (_ACROSS, 1, 1), (_ACROSS, 1, 1)))
+    fields, weights = _fields_along(lengths)
+    modes, mode_weights = _modes_across(plates.half_width_mm)
+    stiffness = np.zeros((len(lengths), 10, MODES, 10, MODES))
+    for factor, (a, along_a, across_a), (b, along_b, across_b) in terms:
+        along = np.einsum("sp,spi,spj->sij", factor[:, None] * weights, fields[a, along_a], fields[b, along_b])
+        across = np.einsum("p,pk,pl->kl", mode_weights, modes[across_a], modes[across_b])
+        stiffness += along[:, :, None, :, None] * across[:, None, :]
+    return stiffness.reshape(len(lengths), 10 * MODES, 10 * MODES)
+
+
+_Term = tuple[FloatArray, tuple[int, int, int], tuple[int, int, int]]
+
+
+def _both(factor: FloatArray, a: tuple[int, int, int], b: tuple[int, int, int]) -> list[_Term]:
+    return [(factor, a, b), (factor, b, a)]
+
+
+def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
+    """Modes (3, points, MODES) across the width, with their first and second derivatives, and weights (points,)."""
+    points, weights = legendre.leggauss(MODES)
+    orders = [legendre.legder(np.eye(MODES), order) if order else np.eye(MODES) for order in range(3)]
+    return (
+        np.stack([legendre.legval(points, modes).T / half_width**order for order, modes in enumerate(orders)]),
+        weights * half_width,
+    )
+
+
+def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fields (3, 3, m, points, 10) along strips of lengths (m,), with two derivatives, and weights (m, points).
+
+    The first axis is the displacement (along x, along the strip, across it), the second the order of the derivative.
+    """
+    points, weights = legendre.leggauss(4)
+    s, one = (points + 1.0) / 2.0, np.ones(4)
+    linear = np.array([[1.0 - s, s, 4.0 * s * (1.0 - s)], [-one, one, 4.0 - 8.0 * s], [0.0 * s, 0.0 * s, -8.0 * one]])
+    hermite = np.array(
+        [
+            [1.0 - 3.0 * s**2 + 2.0 * s**3, s - 2.0 * s**2 + s**3, 3.0 * s**2 - 2.0 * s**3, s**3 - s**2],
+            [6.0 * s**2 - 6.0 * s, 1.0 - 4.0 * s + 3.0 * s**2, 6.0 * s - 6.0 * s**2, 3.0 * s**2 - 2.0 * s],
+            [12.0 * s - 6.0, 6.0 * s - 4.0, 6.0 - 12.0 * s, 6.0 * s - 2.0],
+        ]
+    )
+    fields = np.zeros((3, 3, len(lengths), 4, 10))
+    for order in range(3):
+        by_length = lengths[:, None, None] ** -float(order)
+        fields[_X, order][..., [0, 4, 8]] = linear[order].T * by_length
+        fields[_ALONG, order][..., [1, 5, 9]] = linear[order].T * by_length
+        deflections = hermite[order].T * by_length
+        # Deflections and slopes of its ends define a cubic.
+        deflections[..., [1, 3]] *= lengths[:, None, None]
+        fields[_ACROSS, order][..., [2, 3, 6, 7]] = deflections
+    return fields, lengths[:, None] * weights / 2.0

@@ -1,0 +1,372 @@
+"""Splitting of a part larger than the printer's bed into pieces, and the pins between them.
+
+Cuts run through the meshed part, at the places with the most space for pins; a piece is a B-rep solid, what lies
+between two cuts, with holes for its pins.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, reduce
+from typing import Any
+
+import numpy as np
+import shapely
+from build123d import (
+    Box,
+    BuildPart,
+    BuildSketch,
+    Circle,
+    Location,
+    Locations,
+    Mode,
+    Part,
+    Plane,
+    Polygon,
+    extrude,
+    insert,
+)
+from manifold3d import Manifold, Mesh64
+from shapely import get_coordinates
+from shapely.geometry.base import BaseGeometry
+
+from mirrorcam.cad.plan.cuts import (
+    BEYOND_MM,
+    FAR_MM,
+    PINS_APART,
+    Cell,
+    Cuts,
+    Joint,
+    PiecePlan,
+    Span,
+    bed_lengths_mm,
+    cells_between,
+    clearance_round_pin_mm,
+    cut_slack_mm,
+    farthest_pair,
+    hole_depth_mm,
+    hole_frame,
+    hole_mm,
+    joints_between,
+    off_corners,
+    reach_of_pin_mm,
+    require_height,
+    turned_onto_bed,
+)
+from mirrorcam.cad.plan.fasteners import ROOF_DEG
+from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.transforms import rigid, transform
+
+# How many places are tried for each cut.
+TRIED = 9
+# Distance of the sections that are looked at along a pin.
+SLICE_MM = 1.0
+MESH_MM = 0.05
+
+
+def mesh_of(solid: Part) -> Manifold:
+    """A solid's mesh, for sections and to see what falls apart."""
+    points, triangles = solid.tessellate(MESH_MM)
+    corners = np.array([tuple(point) for point in points])
+    mesh = Mesh64(corners, np.array(triangles, dtype=np.uint64))
+    mesh.merge()
+    return Manifold(mesh)
+
+
+def triangles_of(body: Manifold) -> FloatArray:
+    """The triangles (n, 3, 3) of a body, counter-clockwise from outside."""
+    mesh = body.to_mesh64()
+    triangles: FloatArray = np.asarray(mesh.vert_properties)[np.asarray(mesh.tri_verts, dtype=np.int64)]
+    return triangles
+
+
+def falls_apart(body: Manifold, axis: int, place_mm: float, crumb_mm: float) -> bool:
+    """Return whether a cut across an axis leaves more than two pieces that are larger than a cube of `crumb_mm`."""
+    normal = np.eye(3)[axis]
+    return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, place_mm))
+
+
+def fragments(body: Manifold, crumb_mm: float) -> list[Manifold]:
+    """The separate pieces of a body, without fragments too small to print."""
+    return [piece for piece in body.decompose() if piece.volume() > crumb_mm**3]
+
+
+def inside(body: Manifold, spans: tuple[Span, Span]) -> Manifold:
+    """The part of a body within spans along x and y."""
+    for normal, (low, high) in zip(np.eye(3), spans, strict=False):
+        body = body.trim_by_plane(normal, low).trim_by_plane(-normal, -high)
+    return body
+
+
+def best_places_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware: Hardware) -> tuple[float, ...]:
+    """Places to cut a body, over a span along an axis, into equal pieces that fit the bed.
+
+    Each cut may be moved a little; of the places that are tried, the one with the most space for pins is taken.
+    """
+    start, end = span
+    count = int(np.ceil((end - start) / bed_mm))
+    slack = cut_slack_mm(end - start, count, bed_mm)
+    places = []
+    for i in range(1, count):
+        middle = start + (end - start) * i / count
+        tried = np.linspace(middle - slack, middle + slack, TRIED)
+        areas = [area_for_pins(body, axis, float(place), (-FAR_MM, FAR_MM), hardware).area for place in tried]
+        # Of places that are as good, the one nearest to the middle.
+        best = max(range(TRIED), key=lambda k: (round(areas[k], 3), -abs(tried[k] - middle)))
+        places.append(float(tried[best]))
+    return tuple(places)
+
+
+def area_for_pins(body: Manifold, axis: int, place_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
+    """Places for the axis of a pin in a cut, with the thinnest wall all along the pin and beyond its ends.
+
+    Parameters
+    ----------
+    body : Manifold
+        The part as it lies on the bed.
+    axis, place_mm : int, float
+        Axis of the bed that is cut across (0 or 1), and where.
+    span : (float, float)
+        Where along the bed's other axis pins may be.
+    hardware : Hardware
+        Pins, fits and the thinnest wall.
+
+    Returns
+    -------
+    BaseGeometry
+        An area; its x is along the bed's other axis, its y is up.
+    """
+    # The bed's other axis, up, and the axis that is cut across.
+    turned = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
+    half = reach_of_pin_mm(hardware)
+    levels = np.linspace(place_mm - half, place_mm + half, int(np.ceil(2.0 * half / SLICE_MM)) + 1)
+    solid = shapely.intersection_all([_section(turned, float(level)) for level in levels])
+    around = clearance_round_pin_mm(hardware)
+    return solid.buffer(-around).intersection(shapely.box(span[0] + around, -FAR_MM, span[1] - around, FAR_MM))
+
+
+def _section(body: Manifold, level: float) -> BaseGeometry:
+    """A section across z; loops inside loops are holes."""
+    loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
+    return reduce(lambda one, other: one.symmetric_difference(other), loops, shapely.Polygon())
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A part before it is cut; the same numbers, the same part."""
+
+    numbers: str
+    plan: Any = field(compare=False)
+    make: Callable[[Any], Part] = field(compare=False)
+
+
+def whole_part(plan: Any, make: Callable[[Any], Part]) -> Part:
+    """A part before it is cut, made once for all its pieces; each gets a copy, since booleans change their operands."""
+    numbers = json.dumps([f"{make.__module__}.{make.__qualname__}", plain(plan)])
+    return deepcopy(_make_whole(_Whole(numbers, plan, make)))
+
+
+@lru_cache(maxsize=1)
+def _make_whole(whole: _Whole) -> Part:
+    return whole.make(whole.plan)
+
+
+def make_piece(plan: PiecePlan) -> Part:
+    """Cut a piece out of its part, and drill its holes for pins; raises InputError where it is not one solid."""
+    low, high = np.array(plan.low_mm), np.array(plan.high_mm)
+    with BuildPart() as piece:
+        insert(whole_part(plan.whole, plan.make))
+        with Locations(_plane(plan.rig_from_bed)), Locations(Location(tuple((low + high) / 2.0))):
+            width, length, height = (high - low).tolist()
+            Box(width, length, height, mode=Mode.INTERSECT)
+        for frame in plan.rig_from_pins:
+            # A hole lies when printed: its ceiling is a roof that needs no support.
+            with BuildSketch(_plane(frame)):
+                Circle(plan.hole_mm[0] / 2.0)
+                Polygon(*_roof(plan.hole_mm[0] / 2.0), align=None)
+            extrude(amount=plan.hole_mm[1], mode=Mode.SUBTRACT)
+    solids = [solid for solid in piece.solids() if solid.volume > plan.crumb_mm**3]
+    if len(solids) != 1:
+        raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)}, expected one")
+    return Part(solids)
+
+
+def _plane(frame: FloatArray) -> Plane:
+    """The plane z = 0 of a frame (4, 4)."""
+    return Plane(origin=tuple(frame[:3, 3]), x_dir=tuple(frame[:3, 0]), z_dir=tuple(frame[:3, 2]))
+
+
+def _roof(radius_mm: float) -> tuple[tuple[float, float], ...]:
+    """The triangle on a circle whose upper sides are its tangents, `ROOF_DEG` from upright."""
+    steep = np.radians(ROOF_DEG)
+    side, height = radius_mm * np.cos(steep), radius_mm * np.sin(steep)
+    return (-side, height), (side, height), (0.0, radius_mm / np.sin(steep))
+
+
+EXPLODE_MM = 25.0
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The printed parts that a part is split into, or itself, and the pins between them."""
+
+    parts: tuple[PartPlan, ...]
+    pins: tuple[BoughtItem, ...]
+
+
+@dataclass(frozen=True)
+class _Pin:
+    """A pin between two pieces; `rig_from_holes` (2, 4, 4) are the frames of its hole in either."""
+
+    cells: tuple[Cell, Cell]
+    rig_from_holes: FloatArray
+
+
+def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_mm: Cuts | None = None) -> Pieces:
+    """The part as it is, where it fits the printer's bed; else cut in pieces.
+
+    Parameters
+    ----------
+    part : PartPlan
+        The whole part. It is made only if it has to be cut.
+    corners_in_rig : (n, 3)
+        Points in rig, mm, whose box on the bed holds the part.
+    hardware : Hardware
+        The printer's bed and thinnest wall, fits and pins.
+    cuts_mm : pair of tuples of float, optional
+        Places of cuts along the bed's x and y, kept to within `plan.cuts.MOVED_MM`; without them, the places with the
+        most space for pins.
+
+    Returns
+    -------
+    Pieces
+        One part without pins, or pieces numbered along the bed's x and then y, with two pins in every joint. Cuts are
+        upright on the bed, so that every piece prints as the whole part would.
+
+    Raises
+    ------
+    InputError
+        With the measure that breaks: too high, no space for two pins in a cut, or a piece that falls apart.
+    """
+    corners = transform(part.print_from_rig, corners_in_rig)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    require_height(part.title.lower(), float(high[2] - low[2]), hardware)
+    lengths = (float(high[0] - low[0]), float(high[1] - low[1]))
+    bed = bed_lengths_mm(lengths, hardware)
+    if lengths[0] <= bed[0] and lengths[1] <= bed[1]:
+        return Pieces((turned_onto_bed(part, lengths[0], bed[0], hardware),), ())
+    body = mesh_of(whole_part(part.plan, part.make)).transform(part.print_from_rig[:3])
+    if cuts_mm is None:
+        spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
+        cuts_mm = (
+            best_places_mm(body, 0, spans[0], bed[0], hardware),
+            best_places_mm(body, 1, spans[1], bed[1], hardware),
+        )
+    triangles, wall = triangles_of(body), hardware.printer.wall_mm
+    cuts_mm = (off_corners(triangles, 0, cuts_mm[0], wall), off_corners(triangles, 1, cuts_mm[1], wall))
+    return _pieces(part, body, (low, high), cuts_mm, bed, hardware)
+
+
+def _pieces(
+    part: PartPlan,
+    body: Manifold,
+    box_on_bed: tuple[FloatArray, FloatArray],
+    cuts_mm: Cuts,
+    bed_mm: Span,
+    hardware: Hardware,
+) -> Pieces:
+    """The pieces between the cuts, numbered along the bed's x and then y, with two pins in every joint."""
+    low, high = box_on_bed
+    rig_from_bed = np.asarray(np.linalg.inv(part.print_from_rig), dtype=np.float64)
+    cells = cells_between(cuts_mm, low, high)
+    pins = [
+        pin
+        for joint in joints_between(cells, hardware.holder.pin_mm[1])
+        for pin in _two_pins(part, body, joint, rig_from_bed, hardware)
+    ]
+    pieces = {}
+    for number, (cell, spans) in enumerate(cells.items(), start=1):
+        bounds = _bounds_of_piece(part, number, inside(body, spans), bed_mm, hardware)
+        holes = [hole for pin in pins for at, hole in zip(pin.cells, pin.rig_from_holes, strict=True) if at == cell]
+        plan = PiecePlan(
+            whole=part.plan,
+            make=part.make,
+            rig_from_bed=rig_from_bed,
+            low_mm=(spans[0][0], spans[1][0], float(low[2]) - BEYOND_MM),
+            high_mm=(spans[0][1], spans[1][1], float(high[2]) + BEYOND_MM),
+            rig_from_pins=np.array(holes).reshape(-1, 4, 4),
+            hole_mm=(hole_mm(hardware), hole_depth_mm(hardware)),
+            crumb_mm=hardware.printer.wall_mm,
+        )
+        piece = _piece(part, number, plan, bounds, bounds.mean(axis=0) - (low + high) / 2.0)
+        pieces[cell] = turned_onto_bed(piece, float(bounds[1, 0] - bounds[0, 0]), bed_mm[0], hardware)
+    return Pieces(tuple(pieces.values()), tuple(_bought(pin, pieces, hardware) for pin in pins))
+
+
+def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off_middle: FloatArray) -> PartPlan:
+    """A piece as a part, from its bounds (2, 3) on the bed and how far its middle (3,) is from the whole part's."""
+    lowered = rigid(np.eye(3), [0.0, 0.0, -bounds[0, 2]])
+    apart = plan.rig_from_bed[:3, :3] @ (off_middle * [1.0, 1.0, 0.0])
+    return replace(
+        part,
+        name=f"{part.name}_{number}",
+        title=f"{part.title}, piece {number}",
+        number=f"{part.number}-{number}",
+        plan=plan,
+        make=make_piece,
+        print_from_rig=lowered @ part.print_from_rig,
+        explode_mm=part.explode_mm + EXPLODE_MM * apart / max(float(np.linalg.norm(apart)), 1e-9),
+    )
+
+
+def _bought(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> BoughtItem:
+    """A pin in its place, half in either piece."""
+    diameter, length = hardware.holder.pin_mm
+    first, second = (pieces[cell] for cell in pin.cells)
+    return BoughtItem(
+        kind="pin",
+        size=f"{diameter:g}",
+        length_mm=length,
+        rig_from_item=pin.rig_from_holes[1] @ rigid(np.eye(3), [0.0, 0.0, length / 2.0]),
+        explode_mm=(first.explode_mm + second.explode_mm) / 2.0,
+        joins=(first.name, second.name),
+    )
+
+
+def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatArray, hardware: Hardware) -> list[_Pin]:
+    """The two pins of a joint, as far apart as they can be."""
+    axis, cut = joint.axis, joint.at_mm
+    area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
+    corners, apart = farthest_pair(get_coordinates(area))
+    needed = PINS_APART * hardware.holder.pin_mm[0]
+    if apart < needed:
+        raise InputError(
+            f"{part.title.lower()} is larger than the printer's bed, and a cut at {'xy'[axis]} = {cut:.1f} mm has "
+            f"space for two pins {apart:.1f} mm apart, expected {needed:g} mm"
+        )
+    pins = []
+    for corner in corners:
+        middle = np.zeros(3)
+        middle[[1 - axis, 2]], middle[axis] = corner, cut
+        holes = [rig_from_bed @ hole_frame(middle, axis, side) for side in (-1.0, 1.0)]
+        pins.append(_Pin(joint.cells, np.array(holes)))
+    return pins
+
+
+def _bounds_of_piece(part: PartPlan, number: int, body: Manifold, bed_mm: Span, hardware: Hardware) -> FloatArray:
+    """Bounds (2, 3) on the bed of a piece; raises InputError where it falls apart or does not fit the bed."""
+    title = f"piece {number} of the {part.title.lower()}"
+    found = fragments(body, hardware.printer.wall_mm)
+    if len(found) != 1:
+        raise InputError(f"{title} falls apart into {len(found)}, expected one")
+    bounds: FloatArray = np.array(found[0].bounding_box()).reshape(2, 3)
+    for length, longest in zip(np.ptp(bounds, axis=0), bed_mm, strict=False):
+        if length > longest + 1e-6:
+            raise InputError(f"{title} is {length:.1f} mm along the bed, expected at most {longest:g} mm")
+    return bounds

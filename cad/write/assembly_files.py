@@ -1,0 +1,301 @@
+"""The assembled device as one STEP file and as GLB.
+
+The STEP file is a labelled, coloured tree, put together by joints, in one order. Open CASCADE numbers the placed
+components of a process (`NEXT_ASSEMBLY_USAGE_OCCURRENCE`), and writes colours in the order of a map whose keys are
+memory addresses: `ordered_step` takes both out of the text. The geometry before them comes in the order it was given.
+
+The GLB has a node for every piece, with its name, number, colour and displacement when exploded.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from copy import deepcopy
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import trimesh
+from build123d import (
+    Axis,
+    Color,
+    Compound,
+    Face,
+    LinearJoint,
+    Location,
+    Plane,
+    RigidJoint,
+    Shape,
+    Solid,
+    Vector,
+    Wire,
+    import_step,
+)
+from trimesh.exchange.gltf import export_glb
+from trimesh.graph import smooth_shade
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
+
+from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.device_plan import Device, connections
+from mirrorcam.cad.assembly.pieces import (
+    CAMERA_RGB,
+    ITEM_RGB,
+    MIRROR_RGB,
+    Kind,
+    Piece,
+    camera_solid,
+    holder_under,
+    item_names,
+    item_solid,
+)
+from mirrorcam.cad.plan.device_names import APART, CLIP
+from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart, Connection, Rgb
+from mirrorcam.cad.write.part_export import write_step
+from mirrorcam.cad.write.threemf import DESIGNER
+from mirrorcam.core.disk.files import atomic, write_text
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.transforms import inverse, rigid
+
+# "#12 = NAME(...);", over several lines; and, within its body, quoted text or a reference.
+ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.DOTALL | re.MULTILINE)
+TOKEN = re.compile(r"'(?:[^']|'')*'|#(\d+)")
+COLOURS = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
+PLACED = re.compile(r"^NEXT_ASSEMBLY_USAGE_OCCURRENCE\('\d+'")
+
+
+def ordered_step(text: str) -> str:
+    """A STEP file's text with its components counted from 1, and its colours in the order of what they colour."""
+    start, _, rest = text.partition("DATA;\n")
+    data, _, end = rest.partition("ENDSEC;")
+    bodies = {int(number): re.sub(r"\n\s*", "", body) for number, body in ENTITY.findall(data)}
+    refers = {number: _references(body) for number, body in bodies.items()}
+    referred = {other for others in refers.values() for other in others}
+    roots = [number for number in bodies if number not in referred]
+    colours = [root for root in roots if bodies[root].startswith(COLOURS)]
+    plain = {number for root in roots if root not in colours for number in _below(root, refers)}
+
+    def coloured(root: int) -> list[int]:
+        return sorted(other for number in _below(root, refers) for other in refers[number] if other in plain)
+
+    # Those that colours share come with the first that has them.
+    order = dict.fromkeys(sorted(plain))
+    for root in sorted(colours, key=coloured):
+        order |= dict.fromkeys(number for number in _below(root, refers) if number not in order)
+    new = {number: place for place, number in enumerate(order, start=1)}
+    placed = 0
+    lines = []
+    for number in order:
+        body, components = PLACED.subn(f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{placed + 1}'", bodies[number])
+        placed += components
+        body = TOKEN.sub(lambda token: f"#{new[int(token[1])]}" if token[1] else token[0], body)
+        lines.append(f"#{new[number]} = {body};\n")
+    return f"{start}DATA;\n{''.join(lines)}ENDSEC;{end}"
+
+
+def _references(body: str) -> list[int]:
+    return [int(token[1]) for token in TOKEN.finditer(body) if token[1]]
+
+
+def _below(root: int, refers: dict[int, list[int]]) -> list[int]:
+    """An entity and all that it refers to, directly or not, in the order in which they are met."""
+    found, waiting = {root: None}, [root]
+    while waiting:
+        fresh = [other for other in refers[waiting.pop()] if other not in found]
+        found |= dict.fromkeys(fresh)
+        waiting += reversed(fresh)
+    return list(found)
+
+
+ROOT = "mirrorcam"
+
+
+def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> None:
+    """Write the device as STEP, its printed parts read from their own STEP files.
+
+    The tree: `mirrorcam` over `printed`, `mirrors`, `bought`; below these the pieces, named and coloured as in the GLB.
+    """
+    assembly = assemble(device, parts)
+    with TemporaryDirectory() as folder:
+        raw = Path(folder) / path.name
+        write_step(raw, assembly)
+        write_text(path, ordered_step(raw.read_text(encoding="utf-8")))
+
+
+def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
+    """The device in rig: printed parts joined by their plans' connections, and joined to them every piece with a frame.
+
+    Parts are made where they belong, so connecting them moves nothing by more than their plans disagree.
+    """
+    fitted = [part for part in parts if part.name not in APART]
+    printed = {part.name: _printed(part) for part in fitted}
+    for connection in connections(device):
+        parent, child = _bearer((connection.parent,), printed), _bearer((connection.child,), printed)
+        connect(connection, parent, child)
+    mirrors, bought = [], []
+    for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
+        solid = _coloured(_mirror_solid(mirror), f"mirror_{name}", MIRROR_RGB)
+        seat = mirror.rig_from_plane.copy()
+        seat[:3, 3] += mirror.back_mm * mirror.normal_in_rig
+        mirrors.append(_joined(printed[holder_under(mirror, fitted).name], solid, seat))
+    camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
+    bought.append(_joined(_bearer((CLIP,), printed), camera, np.eye(4)))
+    items = bought_items(device)
+    shapes: dict[tuple[str, str, float], Shape[Any]] = {}
+    for name, item in zip(item_names(items), items, strict=True):
+        key = (item.kind, item.size, item.length_mm)
+        if key not in shapes:
+            shapes[key] = item_solid(item)
+        solid = _coloured(shapes[key], name, ITEM_RGB[item.kind])
+        bought.append(_joined(_bearer(item.joins, printed), solid, item.rig_from_item))
+    groups = {"printed": list(printed.values()), "mirrors": mirrors, "bought": bought}
+    return Compound(label=ROOT, children=[Compound(label=name, children=group) for name, group in groups.items()])
+
+
+def connect(connection: Connection, parent: Solid, child: Solid) -> None:
+    """Join two parts, both as they are in rig, by joints of the connection's name; sliding parts at mid-travel."""
+    rig_from_parent, rig_from_child = connection.rig_from_parent_joint, connection.rig_from_child_joint
+    if connection.slides_mm == 0.0:
+        place = RigidJoint(connection.name, parent, location_of(rig_from_parent))
+        place.connect_to(RigidJoint(connection.name, child, location_of(rig_from_child)))
+        return
+    origin = rig_from_parent[:3, 3]
+    way = Axis(tuple(origin), tuple(rig_from_parent[:3, 0]))
+    slide = LinearJoint(connection.name, parent, way, (-connection.slides_mm, connection.slides_mm))
+    # A linear joint hands on where it is, but not how its frame is turned: that is left to the child's.
+    level = rigid(np.eye(3), origin)
+    turned = rig_from_child @ inverse(rig_from_parent) @ level
+    slide.connect_to(RigidJoint(connection.name, child, location_of(turned)), position=0.0)
+
+
+def _printed(part: BuiltPart) -> Solid:
+    return _coloured(import_step(part.step), part.name, part.rgb)
+
+
+def _coloured(shape: Shape[Any], label: str, rgb: Rgb) -> Solid:
+    """A copy of a shape's one solid: solids that share their geometry share their name in STEP."""
+    (solid,) = deepcopy(shape).solids()
+    solid.label, solid.color = label, Color(*rgb)
+    return solid
+
+
+def _mirror_solid(mirror: Mirror) -> Solid:
+    """A mirror as cut, in its own frame but for its height: the back at z = 0."""
+    corners = [Vector(x, y, 0.0) for x, y in mirror.outline_in_plane_mm]
+    face = Face(Wire.make_polygon(corners))
+    return Solid.extrude(face, Vector(0.0, 0.0, mirror.thickness_mm))
+
+
+def _joined(bearer: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
+    """The solid, joined by its own frame's origin to a place on its bearer."""
+    place = RigidJoint(solid.label, bearer, location_of(rig_from_solid))
+    place.connect_to(RigidJoint("origin", solid, Location()))
+    return solid
+
+
+def _bearer(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
+    """The printed part of the first of some names that there is, or a piece of it."""
+    for name in names:
+        for label, solid in printed.items():
+            if label == name or label.startswith(f"{name}_"):
+                return solid
+    raise ValueError(f"{names=} are no printed parts, expected one of {', '.join(printed)}")
+
+
+def location_of(rig_from_frame: FloatArray) -> Location:
+    """A rigid transform (4, 4) as a location."""
+    x_axis, _, z_axis, origin = (tuple(column) for column in rig_from_frame[:3].T)
+    return Plane(origin=origin, x_dir=x_axis, z_dir=z_axis).location
+
+
+GLB_ROOT = "device"
+GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
+    [[-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1000.0]]
+)
+"""glTF is in metres, +Y up, its front towards +Z: the device stands with the rig's z up and looks along the rig's y."""
+
+# Metallic and roughness of the material of a piece.
+FINISH: dict[Kind, tuple[float, float]] = {
+    "part": (0.0, 0.75),
+    "mirror": (1.0, 0.04),
+    "camera": (0.0, 0.45),
+    "screw": (0.9, 0.35),
+    "insert": (0.9, 0.35),
+    "washer": (0.9, 0.35),
+    "nut": (0.9, 0.35),
+    "pin": (0.9, 0.35),
+    "spring": (0.9, 0.35),
+}
+# What glTF calls ELEMENT_ARRAY_BUFFER and ARRAY_BUFFER.
+INDICES, VERTICES = 34963, 34962
+# Edges sharper than this stay edges; the facets of a round hole melt into each other.
+CREASE_RAD = np.radians(30.0)
+
+
+def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
+    """Write the pieces as binary glTF 2.0.
+
+    The node `device` carries `GLTF_FROM_RIG`; the nodes below it, one per piece and named like it, are in rig, mm.
+    Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in rig: to explode the device, move each
+    node by a share of it.
+    """
+    scene = trimesh.Scene()
+    scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)
+    for piece in pieces:
+        extras = {
+            "kind": piece.kind,
+            "number": piece.number,
+            "title": piece.title,
+            "explode_mm": [round(float(length), 4) for length in piece.explode_mm],
+        }
+        scene.add_geometry(
+            _shaded(piece), node_name=piece.name, geom_name=piece.name, parent_node_name=GLB_ROOT, metadata=extras
+        )
+    colours = {piece.name: [*linear(np.array(piece.rgb)).round(6).tolist(), 1.0] for piece in pieces}
+
+    def finish(tree: dict[str, Any]) -> None:
+        tree["asset"]["copyright"] = f"{DESIGNER}, {LICENCE}"
+        # trimesh keeps colours in steps of 1/255.
+        for material in tree["materials"]:
+            material["pbrMetallicRoughness"]["baseColorFactor"] = colours[material["name"]]
+        for mesh in tree["meshes"]:
+            for primitive in mesh["primitives"]:
+                _set_target(tree, primitive["indices"], INDICES)
+                for accessor in primitive["attributes"].values():
+                    _set_target(tree, accessor, VERTICES)
+
+    data = export_glb(scene, include_normals=True, tree_postprocessor=finish)
+    with atomic(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def _set_target(tree: dict[str, Any], accessor: int, target: int) -> None:
+    """Set the target of an accessor's buffer view, which viewers use before they read it."""
+    tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = target
+
+
+def _shaded(piece: Piece) -> trimesh.Trimesh:
+    """The mesh of a piece, its vertices doubled along sharp edges, with its material."""
+    mesh = smooth_shade(piece.mesh, angle=CREASE_RAD, facet_minarea=None)
+    metallic, roughness = FINISH[piece.kind]
+    material = PBRMaterial(
+        name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
+    )
+    normals = np.array(mesh.vertex_normals)
+    # The corners of a facet without area have none; nothing is seen of it, but glTF requires unit vectors.
+    normals[np.linalg.norm(normals, axis=1) < 0.5] = (0.0, 0.0, 1.0)
+    return trimesh.Trimesh(
+        mesh.vertices,
+        mesh.faces,
+        vertex_normals=normals,
+        visual=TextureVisuals(material=material),
+        process=False,
+    )
+
+
+def linear(srgb: FloatArray) -> FloatArray:
+    """Linear light of sRGB values 0 to 1 (IEC 61966-2-1): glTF's colours are linear."""
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

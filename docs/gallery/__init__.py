@@ -1,0 +1,1 @@
+"""The gallery of devices, made by `python -m docs.gallery OUT`."""

@@ -1,0 +1,89 @@
+"""The model that a calibration is requested to fit: words joined by "+".
+
+`joint` (the default) solves the camera with the mirrors; `paper` holds it as the pictures without mirrors determine it.
+A lens is the camera's for certain; without one it is the layout's. `sheet`, `bend`, `warp`, `bow` and `prism` free more
+numbers (`nested_models`); with a direct view `sheet`, `bow`, `turn` and `board`. `auto` selects what the pictures
+support beyond the words before it. `first_surface` and `second_surface` correct the layout's mirrors. The names of
+levels in results, such as joint+bend, are such models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.lenses.families import LensName
+
+ADDITIONS = ("sheet", "bend", "warp", "bow", "prism")
+"""Additions to `joint`, besides lenses, that can be requested with a layout."""
+DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
+"""Those that are tried where frames show their board directly and in mirrors at once."""
+SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
+
+
+@dataclass(frozen=True)
+class RequestedModel:
+    """A model of camera, mirrors and board to fit.
+
+    Attributes
+    ----------
+    lens
+        Lens model of the camera, so that no other is tried; None: the layout's.
+    additions
+        What is freed besides the camera, the virtual centres and the board's poses.
+    paper
+        Whether the camera is held, without additions.
+    auto
+        Whether further additions are made where the pictures support them; else an alarm is raised there.
+    surface
+        Which surface of the mirrors reflects; None: as the layout states.
+    """
+
+    lens: LensName | None = None
+    additions: tuple[str, ...] = ()
+    paper: bool = False
+    auto: bool = False
+    surface: Literal["first", "second"] | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> RequestedModel:
+        """Parse words joined by "+"; raises InputError for an unknown word, and for contradictory ones."""
+        words = text.split("+")
+        lenses = [word for word in get_args(LensName) if word in words]
+        surfaces = [surface for word, surface in SURFACES.items() if word in words]
+        additions = tuple(word for word in words if word in ADDITIONS or word in DIRECT_ADDITIONS)
+        named = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
+        if unknown := [word for word in words if word not in named]:
+            known = ("auto", "joint", "paper", *get_args(LensName), *dict.fromkeys(ADDITIONS + DIRECT_ADDITIONS))
+            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*known, *SURFACES))}")
+        paper, auto = "paper" in words, "auto" in words
+        held = paper and (auto or additions or "joint" in words)
+        if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or held:
+            raise InputError(
+                "a model has each word once, one lens, one surface, and paper without joint, auto and additions"
+            )
+        return cls(
+            lens=lenses[0] if lenses else None,
+            additions=additions,
+            paper=paper,
+            auto=auto,
+            surface=surfaces[0] if surfaces else None,
+        )
+
+    def check_mirrored(self) -> None:
+        """Raise InputError where a word needs a direct view of the board, or another layout."""
+        if self.surface is not None:
+            raise InputError(f"model: {self.surface}_surface, expected it in the layout")
+        if direct := [name for name in self.additions if name not in ADDITIONS]:
+            raise InputError(f"model: {direct[0]} needs a direct view of the board, expected {', '.join(ADDITIONS)}")
+
+    def check_direct(self) -> None:
+        """Raise InputError where a word needs a layout."""
+        needs_layout = self.lens is not None or self.paper or self.surface is not None
+        if needs_layout or any(name not in DIRECT_ADDITIONS for name in self.additions):
+            raise InputError(f"model: expected auto or joint, with any of {', '.join(DIRECT_ADDITIONS)}: no layout")
+
+
+AUTO = RequestedModel(auto=True)
+"""The largest model that the pictures support."""

@@ -1,0 +1,139 @@
+"""Calibration boards: their print, and their motion.
+
+The print is a texture with a margin of white paper, in its place on the board. A board moves along smooth paths through
+key poses; a rolling shutter reads its rows out at different poses.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.settings import RenderSettings
+
+MARGIN_SQUARES = 1  # of white paper around the printed squares; as wide as a tag around an AprilGrid
+_MOST_TEXELS_PER_SQUARE = 64
+_MOST_TEXELS_PER_MODULE = 32
+
+
+def print_on_paper(target: Target) -> NDArray[np.uint8]:
+    """Return the print with its margin of white paper, 0 ink and 255 paper, at the lowest exact resolution.
+
+    One texel per square is exact for a checkerboard. With markers, one texel per marker module is exact where a square
+    is a whole number of modules; otherwise markers (never squares) are drawn at the nearest size that falls on texels.
+    The gaps of an AprilGrid are whole numbers of texels to within 1/2000 of a module, and exactly for a spacing of two
+    decimals.
+    """
+    if isinstance(target, AprilGrid):
+        texels = _texels_per_tag(target)
+        return np.pad(target.image(texels), MARGIN_SQUARES * texels, constant_values=255)
+    if isinstance(target, Checkerboard):
+        return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
+    texels, marker_mm = _marker_raster(target)
+    image = target.replaced(marker_mm=marker_mm).image(texels)
+    return np.pad(image, MARGIN_SQUARES * texels, constant_values=255)
+
+
+def margin_mm(target: Target) -> float:
+    """Width of the white paper around the printed squares."""
+    return MARGIN_SQUARES * (target.tag_mm if isinstance(target, AprilGrid) else target.square_mm)
+
+
+def _texels_per_tag(target: AprilGrid) -> int:
+    gap_modules = Fraction(target.spacing * TAG_MODULES).limit_denominator(_MOST_TEXELS_PER_MODULE)
+    return TAG_MODULES * gap_modules.denominator
+
+
+def _marker_raster(target: Charuco) -> tuple[int, float]:
+    """Texels per square, and the marker size (mm) nearest to the target's whose modules are whole numbers of texels."""
+    modules = target.markers.shape[1]
+    choices = [
+        (texels, texels_per_module * modules * target.square_mm / texels)
+        for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1)
+        for texels_per_module in range(1, (texels - 1) // modules + 1)
+        if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
+    ]
+    return min(choices, key=lambda choice: (round(abs(choice[1] - target.marker_mm), 9), choice[0]))
+
+
+def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
+    """Radiance (rows, columns) of the texels of the print."""
+    return np.asarray(settings.ink + (settings.paper - settings.ink) * (print_on_paper(target) / 255.0))
+
+
+def board_from_texels(target: Target) -> FloatArray:
+    """Affine 3x3 from (column, row, 1), texels from the print's top left corner, to (x, y, 1) on the board, mm."""
+    margin = margin_mm(target)
+    if isinstance(target, AprilGrid):
+        texel_mm = target.tag_mm / _texels_per_tag(target)
+    else:
+        texels = print_on_paper(target).shape[1] // (target.cols + 2 * MARGIN_SQUARES)
+        texel_mm = target.size_mm[0] / texels / target.cols
+    return np.array([[texel_mm, 0.0, -margin], [0.0, texel_mm, -margin], [0.0, 0.0, 1.0]])
+
+
+def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
+    """Affine 4x4 from Mitsuba's rectangle ([-1, 1]^2, emitting along +z, v up) to the print of a board in rig, mm."""
+    width, height = target.size_mm
+    margin = margin_mm(target)
+    board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
+    board_from_rectangle[:2, 3] = width / 2, height / 2
+    return rig_from_board @ board_from_rectangle
+
+
+def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
+    """Interpolate a smooth motion through key poses.
+
+    Positions follow a clamped cubic spline, at rest at both ends; rotations follow SciPy's `RotationSpline`. Before the
+    first and after the last key the board rests.
+
+    Parameters
+    ----------
+    keys
+        Rigid key poses (k, 4, 4), passed at times 0, 1, 2, ...
+    times
+        Times (n,).
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
+    """
+    at = np.clip(times, 0.0, len(keys) - 1.0)
+    if len(keys) == 1:
+        return np.repeat(keys, len(at), axis=0)
+    knots = np.arange(len(keys), dtype=np.float64)
+    turns = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
+    return rigid(turns.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
+
+
+def poses_at(poses: FloatArray, parts: FloatArray) -> FloatArray:
+    """Interpolate poses within the readout of one frame.
+
+    Positions, and rotation vectors relative to the middle, follow parabolas: the acceleration within a readout is taken
+    as constant.
+
+    Parameters
+    ----------
+    poses
+        Poses (3, 4, 4) at the begin, middle and end of the readout.
+    parts
+        Fractions (n,) of the readout, 0 to 1.
+
+    Returns
+    -------
+    FloatArray
+        Poses (n, 4, 4).
+    """
+    middle = Rotation.from_matrix(poses[1, :3, :3])
+    turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
+    begin, end = (2.0 * parts - 1.0) * (parts - 1.0), parts * (2.0 * parts - 1.0)
+    weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
+    return rigid((middle * Rotation.from_rotvec(weights @ turns)).as_matrix(), weights @ poses[:, :3, 3])

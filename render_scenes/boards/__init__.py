@@ -1,1 +1,0 @@
-"""Calibration boards: their print and their motion."""

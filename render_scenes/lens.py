@@ -1,0 +1,146 @@
+"""The lens of a sensor: undistorted pixels of a whole sensor, smooth waves off its model, and blur out of focus.
+
+Undistorted pixels come from a spline between nodes at which they are exact.
+
+A thin lens that is in focus at a distance shows a point at another one, both along the axis, as a disc of the diameter
+f A |1 / focus - 1 / distance|. The discs of a plane grow linearly in the image. Views whose boards are planes are
+blurred by a Gaussian with the variance of this circle of confusion.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.interpolate import RectBivariateSpline
+
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.render_scenes.settings import SensorModel
+
+STEPS = 4
+"""Steps of a fixed-point iteration: each reduces the error to less than a hundredth, for waves below a pixel."""
+PERIODS = 2.0
+"""Waves across the width of the sensor."""
+
+
+class WavyCamera(Camera):
+    """A camera whose pixel p sees what the model's pixel p - w(p) sees.
+
+    With a = 2 pi `PERIODS` p / width and A twice the RMS, w = A (sin a_x cos a_y, cos a_x sin a_y).
+
+    Attributes
+    ----------
+    waves_px
+        RMS of w along an axis.
+    """
+
+    waves_px: float = Field(ge=0)
+
+    @cached_property
+    def model(self) -> Camera:
+        """The same camera without waves."""
+        return Camera.model_validate(self.model_dump(exclude={"waves_px"}))
+
+    def waves(self, pixels: FloatArray) -> FloatArray:
+        """The waves w (..., 2) at pixels (..., 2), px."""
+        angle = 2.0 * np.pi * PERIODS * pixels / self.width_px
+        sine, cosine = np.sin(angle), np.cos(angle)
+        return 2.0 * self.waves_px * np.stack([sine[..., 0] * cosine[..., 1], cosine[..., 0] * sine[..., 1]], axis=-1)
+
+    def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
+        in_model = self.model.pixels_from_normalized(normalized)
+        pixels = in_model
+        for _ in range(STEPS):
+            pixels = in_model + self.waves(pixels)
+        return pixels
+
+    def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
+        pixels = np.asarray(pixels, dtype=np.float64)
+        return self.model.normalized_from_pixels(pixels - self.waves(pixels))
+
+
+def as_it_is(camera: Camera, sensor: SensorModel) -> Camera:
+    """The camera with the lens of a sensor model, which follows the camera's model unless it has waves."""
+    if sensor.lens_waves_px == 0.0:
+        return camera
+    return WavyCamera(**camera.model_dump(), waves_px=sensor.lens_waves_px)
+
+
+GRID_PX = 8.0  # spacing of exact undistortion; a quintic spline between the nodes is good to 1e-7 px
+
+
+def undistorted_pixels(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Normalized coordinates (n_v, n_u, 2) of the pixels with columns u and rows v, both increasing."""
+    # Nodes up to the edge of the sensor, beyond which the lens model may have no rays.
+    nodes = [
+        np.linspace(-0.5, length - 0.5, int(length / GRID_PX) + 2) for length in (camera.height_px, camera.width_px)
+    ]
+    exact = camera.normalized_from_pixels(np.stack(np.meshgrid(nodes[1], nodes[0]), axis=-1))
+    splines = [RectBivariateSpline(*nodes, exact[..., axis], kx=5, ky=5) for axis in range(2)]
+    return np.stack([spline(v, u) for spline in splines], axis=-1)
+
+
+BLUR_STEP_PX = 0.25
+"""Largest step of sigma, px, between blurred copies that are mixed."""
+
+LEAST_BLUR_PX = 0.02
+"""Sigma, px, that is left out."""
+
+ROWS = 32
+"""Rows that are mixed at a time."""
+
+LEAST_SAMPLED = 0.7
+"""Sigma, subpixels, from which on a sampled Gaussian has the variance of the Gaussian; less is mixed."""
+
+
+def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], subpixels: int) -> NDArray[np.float32]:
+    """Blur a view (h, w) by a variance (h, w) of each subpixel, mixed between levels.
+
+    Parameters
+    ----------
+    sharp
+        The view in focus.
+    variance_px2
+        Variance of the defocus along an axis, px^2.
+    subpixels
+        Squares along each side of a pixel.
+    """
+    low, high = (float(np.sqrt(end)) for end in (variance_px2.min(), variance_px2.max()))
+    if high < LEAST_BLUR_PX:
+        return sharp
+    levels = _levels(low * subpixels, high * subpixels, BLUR_STEP_PX * subpixels)
+    blurred = [_blurred(sharp, level) for level in levels]
+    found = np.empty_like(sharp)
+    # A few rows at a time stay in the processor's cache.
+    for start in range(0, len(sharp), ROWS):
+        rows = slice(start, start + ROWS)
+        mixed = blurred[0][rows]
+        for (before, level), more in zip(pairwise(levels), blurred[1:], strict=True):
+            part = variance_px2[rows] * np.float32(subpixels**2 / (level**2 - before**2))
+            part -= np.float32(before**2 / (level**2 - before**2))
+            if len(levels) > 2:
+                np.clip(part, 0.0, 1.0, out=part)
+            part *= more[rows] - mixed
+            part += mixed
+            mixed = part
+        found[rows] = mixed
+    return found
+
+
+def _levels(low: float, high: float, step: float) -> list[float]:
+    """Rising sigmas from `low` (or less) to `high` (or more), all 0 or at least `LEAST_SAMPLED`."""
+    low = low if low >= LEAST_SAMPLED else 0.0
+    even = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 1) + 1).tolist()
+    inner = [level for level in even[1:-1] if level >= LEAST_SAMPLED]
+    return sorted({low, *inner, max(high, LEAST_SAMPLED)})
+
+
+def _blurred(picture: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    if sigma == 0.0:
+        return picture
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)

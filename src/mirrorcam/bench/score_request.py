@@ -1,0 +1,84 @@
+"""What is scored: how calibrations are read and judged, and which command makes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from cyclopts import Parameter
+from pydantic import Field, model_validator
+
+from mirrorcam.core.bounds import DEPTH_MM, Bounds
+from mirrorcam.core.values import Value
+
+Format = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
+Unit = Literal["mm", "cm", "m", "none"]
+Flip = Literal["flipped", "left-right", "top-bottom", "as-is"]
+TIMEOUT_S = Bounds(1.0, 86400.0)
+WORSE_BY = Bounds(1.0, 1000.0)
+
+
+@Parameter(name="*")
+class Reading(Value):
+    """How calibrations are read, where their files do not state it, and the limits of their figures."""
+
+    format: Format | None = Field(
+        default=None, description="format of the calibrations. [default: as their content states]"
+    )
+    unit: Unit | None = Field(
+        default=None, description="unit of their poses; none: they have no scale. [default: as the format has it]"
+    )
+    flip: Flip | None = Field(
+        default=None,
+        description="how their pictures were flipped from frames. [default: as the file states, else so that views are "
+        "upright]",
+    )
+    views: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
+        default=None, description="TOML file that states which camera is which mirror, where names do not"
+    )
+    limits: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
+        default=None, description="TOML file of limits: FIGURE = NUMBER"
+    )
+
+
+@Parameter(name="*")
+class ScoreRequest(Value):
+    """Calibrations of rendered sets to score."""
+
+    calibration: Annotated[tuple[Path, ...], Parameter(metavar="FILE|FOLDER...")] = Field(
+        min_length=1,
+        description="the calibration of each set; or one folder that holds one for each, by the name of the set",
+    )
+    covariance: Annotated[tuple[Path, ...], Parameter(metavar="FILE...")] = Field(
+        default=(),
+        description="covariance of the parameters of each calibration, JSON, for NEES; a layout.json has its own",
+    )
+    distance_mm: float | None = DEPTH_MM.field(
+        None, "working distance from each view", unset="that of the set's layout"
+    )
+
+
+@Parameter(name="*")
+class EvaluationRequest(Value):
+    """A calibrator to run on the sets of a suite, and what its results are compared with."""
+
+    command: str = Field(
+        min_length=1,
+        description="a line for the shell that calibrates one set: it reads the folder $MIRRORCAM_SET, and writes its "
+        "calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
+    )
+    timeout_s: float = TIMEOUT_S.field(
+        600.0, "seconds that the command may take on one set, with those to read and score its result"
+    )
+    baseline: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
+        default=None, description="evaluation.json of an earlier run, to show the change against"
+    )
+    worse_by: float | None = WORSE_BY.field(
+        None, "factor by which the RMS error of a set may exceed that of the baseline", unset="any"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.worse_by is not None and self.baseline is None:
+            raise ValueError("--worse-by: expected --baseline with it")
+        return self

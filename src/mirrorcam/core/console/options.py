@@ -1,0 +1,49 @@
+"""Options that commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter, Token
+
+from mirrorcam.core.bounds import WORKERS, Bounds
+
+
+def _whole(_: object, tokens: Sequence[Token]) -> int:
+    return int(tokens[0].value)  # cyclopts by itself rounds 2.5
+
+
+def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
+    """A numeric option in a range, which its help states; `unset` says what a default of None stands for.
+
+    It takes whole numbers where the bounds are such.
+    """
+
+    def check(_: object, value: object) -> None:
+        if value == ():
+            raise ValueError("expected at least one value")
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, int | float) and not bounds.least <= each <= bounds.most:
+                raise ValueError(f"expected {bounds}")
+
+    stated = f" [default: {unset}]" if unset else ""
+    converter = _whole if isinstance(bounds.least, int) else None
+    return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
+
+
+Force = Annotated[bool, Parameter(help="replace files that this command did not write, or that were changed since")]
+Workers = Annotated[int | None, bounded(WORKERS, "worker processes on this machine", unset="all cores")]
+Scheduler = Annotated[
+    str | None, Parameter(metavar="ADDRESS", help="Dask scheduler whose workers do the work, such as tcp://host:8786")
+]
+Layout = Annotated[Path, Parameter(metavar="FILE", help="layout.json, calibrated if possible")]
+Adapter = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
+AdapterOption = Annotated[
+    Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm and others (docs/cad.md)")
+]
+Mounting = Annotated[
+    Literal["glue", "screws"],
+    Parameter(help="mirrors glued to the holder, or each on a carrier that three sprung screws hold and tilt"),
+]

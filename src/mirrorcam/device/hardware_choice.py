@@ -1,0 +1,66 @@
+"""The hardware that a device is built from: a table of dimensions, and the choices that change most often."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+from pydantic import Field
+
+from mirrorcam.core.console.options import Adapter
+from mirrorcam.core.values import Value
+
+if TYPE_CHECKING:
+    from mirrorcam.cad.plan.hardware import Hardware
+    from mirrorcam.optics.geometry.layout import Layout
+
+UNSET = "[default: as in --hardware, else {}]"
+
+
+@Parameter(name="*")
+class HardwareChoice(Value):
+    """What replaces the default hardware of a device."""
+
+    hardware: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
+        default=None,
+        description="hardware.toml, whose values replace those of the table of dimensions (docs/cad.md)",
+    )
+    body: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
+        default=None,
+        description="body of the camera: a name that mirrorcam camera list prints, or a TOML file. "
+        + UNSET.format("the layout's"),
+    )
+    adapter: Adapter | None = Field(
+        default=None,
+        description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md). "
+        + UNSET.format("none"),
+    )
+    mounting: Literal["glue", "screws"] | None = Field(
+        default=None,
+        description="how mirrors sit: glued to the holder, or each on a carrier that three sprung screws tilt. "
+        + UNSET.format("glue"),
+    )
+
+    def read(self, layout: Layout | None = None) -> Hardware:
+        """Read the hardware of a device of a layout.
+
+        Where neither `body` nor the table states one, the body is that of the camera of the library that the layout is
+        made for, else that of the C920. An adapter of the same kind as the table's keeps its dimensions. Raises
+        InputError for a file that is not valid.
+        """
+        from mirrorcam.cad.plan.back_table import back_of
+        from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+        from mirrorcam.core.disk.files import read_model
+        from mirrorcam.optics.geometry.camera_library import profile_of, read_body
+
+        hardware = HARDWARE if self.hardware is None else read_model(Hardware, self.hardware)
+        if self.body:
+            hardware = hardware.replaced(camera=read_body(self.body))
+        elif layout is not None and "camera" not in hardware.model_fields_set and (known := profile_of(layout.camera)):
+            hardware = hardware.replaced(camera=known.body)
+        if self.mounting:
+            hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
+        if self.adapter and self.adapter != hardware.back.kind:
+            hardware = hardware.replaced(back=back_of(self.adapter))
+        return hardware

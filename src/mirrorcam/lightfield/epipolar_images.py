@@ -1,0 +1,115 @@
+"""Epipolar-plane images as files: arrays, and a figure in which depths are slopes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mirrorcam.core.disk.files import atomic, write_npz
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.depth.parallax import reference_index
+from mirrorcam.optics.light_field.light_field import Axis, LightField
+from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
+from mirrorcam.optics.light_field.render.refocusing import RenderedPicture, to_bytes
+
+WIDTH_IN, EPI_IN, TITLE_IN = 10.0, 2.2, 0.9
+LINES = 7
+# Depths of which slopes are drawn, in reference depths.
+NEAR, FAR = 0.75, 2.0
+
+
+def write_epi(
+    folder: Path,
+    name: str,
+    light_field: LightField,
+    *,
+    axis: Axis = "s",
+    line: int | None = None,
+    depth_mm: float | None = None,
+) -> None:
+    """Cut an epipolar-plane image out of a light field and write NAME_epi.npz and NAME_epi.png into a folder.
+
+    Parameters
+    ----------
+    axis
+        Views along one row (s) or one column (t).
+    line
+        Pixel row of the central view for s, pixel column for t; None: the middle.
+    depth_mm
+        Depth from the pupil at which points form vertical lines; None: the reference depth.
+
+    Raises
+    ------
+    InputError
+        For a line that the views do not have, and a depth that lies behind them.
+    """
+    lines = light_field.height_px if axis == "s" else light_field.width_px
+    found = epi(light_field, axis, lines // 2 if line is None else line, depth_mm=depth_mm)
+    write_npz(
+        folder / f"{name}_epi.npz",
+        {
+            "samples": found.samples,
+            "weights": found.weights,
+            "positions_mm": found.positions_mm,
+            "axis": np.array(found.axis),
+            "line": np.array(found.line),
+            "plane_depth_mm": np.array(found.plane_depth_mm),
+            "layout_identity": np.array(light_field.layout_identity),
+        },
+    )
+    reference = light_field.reference_depth_mm
+    draw_epi(folder / f"{name}_epi.png", light_field, found, (NEAR * reference, FAR * reference))
+
+
+def draw_epi(path: Path, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
+    """Write the figure, PNG, atomically: the reference view with the line, the EPI below it, and slopes of depths.
+
+    `depths_mm` are the nearest and the farthest depth of a slope.
+    """
+    view = light_field.samples[reference_index(light_field)]
+    shown = to_bytes(RenderedPicture(found.samples, found.weights))
+    if found.axis == "t":
+        view = view.swapaxes(0, 1)
+    height_in = WIDTH_IN * view.shape[0] / view.shape[1]
+    figure = Figure(figsize=(WIDTH_IN, height_in + EPI_IN + TITLE_IN), dpi=100, layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[height_in, EPI_IN])
+    above.imshow(np.broadcast_to(view, (*view.shape[:2], 3)), aspect="auto", interpolation="nearest")
+    above.axhline(found.line, color="white", linewidth=1.0)
+    name = "row" if found.axis == "s" else "column"
+    above.set_title(f"{name} {found.line} of the reference view" + ("" if found.axis == "s" else " (turned)"))
+    above.set_axis_off()
+    _bands(below, shown, found.positions_mm)
+    _fan(below, light_field, found, depths_mm)
+    below.set_xlabel("u, px" if found.axis == "s" else "v, px")
+    below.set_ylabel("view position, mm")
+    below.set_title(f"upright at {found.plane_depth_mm:.0f} mm; lines: slopes of points at depths in mm")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, metadata={"Software": None})
+
+
+def _bands(axes: Axes, shown: np.ndarray, positions_mm: FloatArray) -> None:
+    """Draw the line of each view as a band around its position, up to halfway to the next."""
+    middles = (positions_mm[1:] + positions_mm[:-1]) / 2.0
+    first, last = 2.0 * positions_mm[0] - middles[0], 2.0 * positions_mm[-1] - middles[-1]
+    edges = np.concatenate([[first], middles, [last]])
+    for line, low, high in zip(shown, edges[:-1], edges[1:], strict=True):
+        axes.imshow(line[None], extent=(-0.5, len(line) - 0.5, high, low), aspect="auto", interpolation="nearest")
+    axes.set_ylim(edges[-1], edges[0])
+    axes.set_xlim(-0.5, shown.shape[1] - 0.5)
+    axes.set_yticks(positions_mm, [f"{place:.1f}" for place in positions_mm])
+
+
+def _fan(axes: Axes, light_field: LightField, found: Epi, depths_mm: tuple[float, float]) -> None:
+    near, far = depths_mm
+    places = found.positions_mm[[0, -1]]
+    for part, nearness in enumerate(np.linspace(1.0 / near, 1.0 / far, LINES)):
+        depth = float(np.inf if nearness == 0 else 1.0 / nearness)
+        middle = found.samples.shape[1] * (part + 0.5) / LINES
+        along = middle + found.slope_px_per_mm(light_field, depth) * places
+        axes.plot(along, places, color="white", linewidth=1.2)
+        text = "∞" if np.isinf(depth) else f"{depth:.0f}"
+        box = {"facecolor": "black", "alpha": 0.6, "pad": 1.0, "edgecolor": "none"}
+        axes.text(middle + 4.0, 0.0, text, color="white", fontsize=9, va="center", bbox=box, clip_on=True)

@@ -1,0 +1,207 @@
+"""Pictures of light fields as files: refocused, all in focus, from new viewpoints, and animations."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.disk.files import write_npz
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.video.animation import write_loop
+from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth, write_depth
+from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
+from mirrorcam.lightfield.requests import RefocusRequest
+from mirrorcam.optics.light_field.depth import DepthEstimator
+from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from, with_views_between
+from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
+from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
+
+ORBIT_PICTURES, ORBIT_HZ = 36, 20.0
+SWEEP_PICTURES, SWEEP_HZ = 24, 12.0
+# Ends of a sweep without depths, in reference depths.
+NEAR, FAR = 0.75, 2.0
+SHOWN_GREY = 0.01
+"""Share of a picture that no view shows, above which it is reported."""
+
+
+@dataclass(frozen=True)
+class GreyPicture:
+    """A picture that is partly grey: its name, and the share of it that no view shows."""
+
+    name: str
+    hidden: float
+
+
+@dataclass(frozen=True)
+class UsedDepth:
+    """The depth by which pictures of a light field were made.
+
+    Attributes
+    ----------
+    path
+        The file that holds it.
+    searched_mm
+        The nearest and the farthest depth that were searched.
+    measured
+        Whether it is new.
+    """
+
+    name: str
+    path: Path
+    searched_mm: tuple[float, float]
+    measured: bool
+
+
+@dataclass(frozen=True)
+class Refocused:
+    """The pictures that are partly grey, and the depths that pictures were made by."""
+
+    grey: tuple[GreyPicture, ...]
+    depths: tuple[UsedDepth, ...]
+
+
+def write_refocused(
+    inputs: LightFieldInputs,
+    folder: Path,
+    request: RefocusRequest = RefocusRequest(),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> Refocused:
+    """Write the pictures and animations of a request of every light field into a folder.
+
+    Depth that they need is read from NAME_depth.npz in the folder, where an earlier run or `mirrorcam depth` has
+    measured it in the same light field; else it is measured and kept there. `force` also replaces files of others.
+    """
+    grey, used = [], []
+    recording = RecordingFilter()
+    with output_folder(folder, "refocus", force=force) as output:
+        for each in inputs.each(progress):
+            names = endings(each.light_field, request)
+            output.refuse_others(*(f"{glob.escape(each.name)}_{ending}" for ending in names))
+            with output.staged(complete=False) as staged:
+                depths = None
+                if request.needs_depth:
+                    depth, depths = _depths(each, recording.filtered(each), output, staged, request)
+                    used.append(depth)
+                grey += _write(each, depths, staged, request)
+            if depths is not None and used[-1].measured:
+                keep_depth(output, each.name, each.light_field, used[-1].searched_mm)
+    return Refocused(tuple(grey), tuple(used))
+
+
+def _depths(
+    each: NamedLightField, filtered: LightField, output: OutputFolder, staged: Path, request: RefocusRequest
+) -> tuple[UsedDepth, ViewDepths]:
+    """The depth by which pictures are made: a kept one, or measured now in the filtered light field and kept."""
+    light_field = each.light_field
+    near, far = each.depths_to_search(request.near_mm, request.far_mm)
+    kept, name = kept_depth(output.path, each.name, light_field, near, far), f"{each.name}_depth.npz"
+    if kept is None or output.has_written(name):
+        output.refuse_others(glob.escape(name))
+    if kept is not None:
+        used = UsedDepth(each.name, kept.path, kept.searched_mm, measured=False)
+        return used, ViewDepths.of_reference(light_field, kept.depth_mm)
+    estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
+    depth = estimator.estimate(filtered)
+    searched = (estimator.near_mm, estimator.far_mm)
+    write_depth(staged, each.name, depth, light_field, searched)
+    used = UsedDepth(each.name, output.path / name, searched, measured=True)
+    return used, ViewDepths.of_reference(light_field, depth.depth_mm)
+
+
+def _write(
+    each: NamedLightField, depths: ViewDepths | None, folder: Path, request: RefocusRequest
+) -> list[GreyPicture]:
+    light_field, name = each.light_field, each.name
+    if depths is not None and request.behind_mm is not None:
+        light_field = without_nearer(light_field, depths, request.behind_mm)
+    grey = []
+    for title, picture in stills(light_field, depths, request):
+        _save_picture(folder / f"{name}_{title}.npz", picture, light_field.layout_identity)
+        write_image(folder / f"{name}_{title}.png", to_bytes(picture))
+        hidden = float(1.0 - picture.valid.mean())
+        if hidden > SHOWN_GREY:
+            grey.append(GreyPicture(f"{name}_{title}", hidden))
+    if depths is not None and request.orbit is not None:
+        places = list(orbit(light_field, ORBIT_PICTURES))
+        pictures = [to_bytes(seen_from(light_field, depths, place)) for place in places]
+        write_loop(folder / f"{name}_orbit.{request.orbit}", pictures, ORBIT_HZ)
+    if request.sweep is not None:
+        dense = _dense(light_field, depths, request)
+        pictures = _focal_sweep(dense, request, *each.depths_to_search(request.near_mm, request.far_mm))
+        write_loop(folder / f"{name}_sweep.{request.sweep}", pictures + pictures[-2:0:-1], SWEEP_HZ)
+    return grey
+
+
+def focused(light_field: LightField, request: RefocusRequest, depth_mm: float) -> RenderedPicture:
+    """The picture in focus at a depth."""
+    return refocus(
+        light_field,
+        FocalPlane.at_depth(light_field, depth_mm, request.tilt_deg),
+        combine="median" if request.combine == "median" else "mean",
+        view_weights=aperture(light_field) if request.combine == "weighted" else None,
+        scale=request.scale,
+    )
+
+
+def _depths_mm(light_field: LightField, request: RefocusRequest) -> tuple[float, ...]:
+    """Depths to focus on."""
+    others = request.all_in_focus or request.from_mm or request.orbit or request.sweep
+    return request.depth_mm or (() if others else (light_field.reference_depth_mm,))
+
+
+def endings(light_field: LightField, request: RefocusRequest) -> list[str]:
+    """What the names of the files of a light field end in."""
+    titles = [f"focus_{depth_mm:g}mm" for depth_mm in _depths_mm(light_field, request)]
+    titles += ["all_in_focus"] if request.all_in_focus else []
+    titles += ["from"] if request.from_mm is not None else []
+    loops = {"orbit": request.orbit, "sweep": request.sweep}
+    return [
+        *(f"{title}.{ending}" for title in titles for ending in ("npz", "png")),
+        *(f"{title}.{ending}" for title, ending in loops.items() if ending is not None),
+    ]
+
+
+def stills(
+    light_field: LightField, depths: ViewDepths | None, request: RefocusRequest
+) -> Iterator[tuple[str, RenderedPicture]]:
+    """The pictures of a request, each with what its name ends in."""
+    if planes := _depths_mm(light_field, request):
+        dense = _dense(light_field, depths, request)
+        for depth_mm in planes:
+            yield f"focus_{depth_mm:g}mm", focused(dense, request, depth_mm)
+    if depths is not None and request.all_in_focus:
+        yield "all_in_focus", all_in_focus(light_field, depths)
+    if depths is not None and request.from_mm is not None:
+        yield "from", seen_from(light_field, depths, np.array([*request.from_mm, 0.0]))
+
+
+def _dense(light_field: LightField, depths: ViewDepths | None, request: RefocusRequest) -> LightField:
+    """The views that pictures out of focus are made of."""
+    if depths is None or not request.between:
+        return light_field
+    return with_views_between(light_field, depths, request.between)
+
+
+def _focal_sweep(
+    light_field: LightField, request: RefocusRequest, near_mm: float | None, far_mm: float | None
+) -> list[NDArray[np.uint8]]:
+    """Pictures focused from near to far, in even steps of 1 / depth."""
+    reference = light_field.reference_depth_mm
+    ends = 1.0 / (near_mm or NEAR * reference), 1.0 / (far_mm or FAR * reference)
+    sharp = [float(1.0 / q) if q > 0 else np.inf for q in np.linspace(*ends, SWEEP_PICTURES)]
+    return [to_bytes(focused(light_field, request, depth_mm)) for depth_mm in sharp]
+
+
+def _save_picture(path: Path, picture: RenderedPicture, layout_identity: str) -> None:
+    identity = np.array(layout_identity)
+    write_npz(path, {"image": picture.image, "weights": picture.weights, "layout_identity": identity})

@@ -1,0 +1,181 @@
+"""The streams of a live session: the source that frames come from, and the recording that they go to."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.jpeg import DamagedPicture
+from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
+from mirrorcam.core.video.background_recorder import FINISHING_S, BackgroundRecorder, RecordingCounts
+from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, shown
+from mirrorcam.core.video.frames import Frame, Lost, Source
+from mirrorcam.core.video.video import Video
+from mirrorcam.optics.geometry.camera import Camera
+
+FOLDER_HZ = 5.0
+"""Pictures of a folder in a second."""
+
+Kind = Literal["camera", "video", "folder"]
+
+
+class PictureFolder:
+    """The pictures of a folder as frames, by name, FOLDER_HZ a second; `tell` takes a line about its other files.
+
+    Raises InputError for a folder without pictures, and for a first one of another size than the layout's camera's.
+    """
+
+    def __init__(self, folder: Path, size: tuple[int, int], tell: Callable[[str], None] = lambda line: None) -> None:
+        self._paths, self._over, self._size = pictures_in([folder], tell), threading.Event(), size
+        check_size(self._paths[0], picture_size(self._paths[0]), size, "the layout's camera")
+
+    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+        """The pictures that follow number `after`; raises InputError for one of another size."""
+        for number, path in enumerate(self._paths):
+            if number <= after:
+                continue
+            if self._over.is_set():
+                return
+            try:
+                pixels = read_image(path)
+            except DamagedPicture:
+                yield Lost(number, "is damaged")
+                continue
+            check_size(path, (pixels.shape[1], pixels.shape[0]), self._size, "the layout's camera")
+            yield Frame(number, number / FOLDER_HZ, pixels)
+
+    def stop(self) -> None:
+        """End `frames`."""
+        self._over.set()
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """A source, what it is called, what it is, and whether its frames wait for their times."""
+
+    source: Source
+    name: str
+    kind: Kind
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends, and may then be read again from its start: files do, cameras do not."""
+        return self.kind != "camera"
+
+    @property
+    def paced(self) -> bool:
+        """Whether frames of a file are to be shown when their times say."""
+        return self.ends
+
+
+def open_source(text: str, wanted: Camera, tell: Callable[[str], None] = lambda line: None) -> LiveSource:
+    """The source that a text names: a folder, a video file, or the number or address of a camera.
+
+    Parameters
+    ----------
+    text
+        What is named.
+    wanted
+        The camera whose size frames must have.
+    tell
+        Takes a line when a camera goes and when it is back, remarks on a video, and about files of a folder that are
+        not shown.
+
+    Raises
+    ------
+    InputError
+        For a source that cannot be opened, or is of another size.
+    """
+    size = wanted.width_px, wanted.height_px
+    is_number = text.isascii() and text.isdigit()
+    path = None if is_number else existing(text)
+    if path is not None and path.is_dir():
+        return LiveSource(PictureFolder(path, size, tell), path.name, "folder")
+    if path is not None and path.is_file() and not is_sdp(path):
+        video = Video(path, tell)
+        check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
+        return LiveSource(video, path.name, "video")
+    if not is_number and path is None and "://" not in text and not text.startswith("/dev/"):
+        raise InputError(
+            f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
+        )
+    return LiveSource(camera(text, *size, tell=tell), shown(text), "camera")
+
+
+WRITING_S = 1.0
+"""Time that a write which has begun has to end, when the session is closed."""
+
+
+class LiveRecording:
+    """Records to one file after another, as ordered.
+
+    Parameters
+    ----------
+    camera
+        The camera whose size frames have.
+    tell
+        Takes a line when frames are lost, and when a file is finished.
+    """
+
+    def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
+        self._camera, self._tell = camera, tell
+        self._recorder: BackgroundRecorder | None = None
+        self._finishing: list[BackgroundRecorder] = []
+        self._told_lost = False
+
+    @property
+    def counts(self) -> RecordingCounts:
+        """What has become of the frames of the recording that runs."""
+        return RecordingCounts() if self._recorder is None else self._recorder.counts
+
+    def give(self, item: Frame | Lost) -> None:
+        """Record what arrives, in the thread that reads the source."""
+        recorder = self._recorder
+        if recorder is not None:
+            recorder.give(item)
+
+    def order(self, path: Path | None) -> None:
+        """Record into a file from now on; None: into none.
+
+        Raises InputError, once, where its disk takes no more.
+        """
+        self._tell_finished()
+        recorder = self._recorder
+        if recorder is not None and recorder.path != path:
+            self._stop(recorder)
+            recorder = None
+        if path is None:
+            return
+        if recorder is None:
+            self._told_lost = False
+            self._recorder = BackgroundRecorder(path, self._camera.width_px, self._camera.height_px)
+        elif recorder.failed is not None:
+            self._recorder = None
+            recorder.finish()
+            recorder.finished(WRITING_S)
+            raise InputError(str(recorder))
+        elif recorder.counts.too_slow and not self._told_lost:
+            self._told_lost = True
+            self._tell(f"{path}: frames are lost, as they come faster than they can be written")
+
+    def close(self) -> None:
+        """Finish all files."""
+        if self._recorder is not None:
+            self._stop(self._recorder)
+        self._tell_finished(FINISHING_S + WRITING_S)
+
+    def _stop(self, recorder: BackgroundRecorder) -> None:
+        self._recorder = None
+        recorder.finish()
+        self._finishing.append(recorder)
+
+    def _tell_finished(self, timeout_s: float = 0.0) -> None:
+        """Tell of files that are finished, at the latest after a time."""
+        for recorder in list(self._finishing):
+            if recorder.finished(timeout_s):
+                self._finishing.remove(recorder)
+                self._tell(str(recorder))

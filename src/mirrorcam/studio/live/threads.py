@@ -1,0 +1,380 @@
+"""The threads of a live session: each gives work to a process, and passes on what becomes of it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.disk.files import numbered
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.studio.live.depth import DepthPicture, measure_depth, open_depth
+from mirrorcam.studio.live.session import close_session, next_pictures, open_session
+from mirrorcam.studio.live.setup import (
+    Aligning,
+    AlignmentReport,
+    PoseHint,
+    add_picture,
+    align_mirrors,
+    open_setup,
+)
+from mirrorcam.studio.live.status import LiveMeters
+from mirrorcam.studio.live.values import Answer, LivePictures, LiveRequest, Orders, SessionAbout, Shown
+
+ENDING_S = 5.0
+"""Time that work has to end by itself."""
+
+
+class LiveWorker:
+    """A worker process that a thread stands by; close it.
+
+    Parameters
+    ----------
+    what
+        What it is for, as messages name it.
+    work
+        What the thread does, by calls of `process`, until `ending` is set.
+    fail
+        Called with one line where `work` fails before it is to end.
+
+    Attributes
+    ----------
+    process : WorkerProcess
+        The process.
+    changed : threading.Condition
+        What `work` waits on for more to do, or for its end.
+    ending : threading.Event
+        Set when `work` is to return.
+    """
+
+    def __init__(self, what: str, work: Callable[[], None], fail: Callable[[str], None]) -> None:
+        self.process, self.changed, self.ending = WorkerProcess(), threading.Condition(), threading.Event()
+        self._what, self._work, self._fail = what, work, fail
+        self._thread = threading.Thread(target=self._run, name=f"live {what}", daemon=True)
+
+    def start(self) -> None:
+        """Begin the work."""
+        self._thread.start()
+
+    def close(self, *, at_once: bool = False) -> None:
+        """End the thread and the process: after what `work` still does within ENDING_S, or in the middle of a call."""
+        with self.changed:
+            self.ending.set()
+            self.changed.notify_all()
+        if at_once:
+            self.process.close()
+        if self._thread.ident is not None:
+            self._thread.join(ENDING_S)
+        self.process.close()
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        except (InputError, RuntimeError, WorkerDied) as error:
+            if not self.ending.is_set():
+                died = isinstance(error, WorkerDied)
+                self._fail(f"the process for {self._what} has ended {error}" if died else str(error))
+
+
+class DepthThread:
+    """Puts pictures of depth; what is given while it works replaces what waits.
+
+    Parameters
+    ----------
+    layout
+        layout.json.
+    width_px
+        Width of the views that depth is measured in.
+    pictures, meters
+        Where pictures go, and what counts them.
+    """
+
+    def __init__(self, layout: Path, width_px: int, pictures: LivePictures, meters: LiveMeters) -> None:
+        self._layout, self._width_px = layout, width_px
+        self._pictures, self._meters = pictures, meters
+        self._on = True
+        self._input: tuple[Shown, NDArray[np.uint8]] | None = None
+        self._worker = LiveWorker("depth", self._measure, partial(meters.fail_part, "depth"))
+
+    @property
+    def wants_samples(self) -> bool:
+        """Whether samples of the next frame would be measured."""
+        with self._worker.changed:
+            return self._on and self._input is None and self._pictures.wanted("depth")
+
+    def switch(self, on: bool) -> None:
+        """Measure depth, or do not: what waits is then dropped, and what is being measured is not shown."""
+        with self._worker.changed:
+            self._on = on
+            if not on:
+                self._input = None
+
+    def give(self, shown: Shown, samples: NDArray[np.uint8]) -> None:
+        """Have depth measured in the samples (t, s, v, u, 3) of a frame next."""
+        with self._worker.changed:
+            self._input = (shown, samples)
+            self._worker.changed.notify_all()
+
+    def start(self) -> None:
+        """Begin."""
+        self._worker.start()
+
+    def close(self) -> None:
+        """End it at once."""
+        self._worker.close(at_once=True)
+
+    def _measure(self) -> None:
+        process = self._worker.process
+        process.call(open_depth, self._layout, self._width_px)
+        while (given := self._next()) is not None:
+            shown, samples = given
+            found: DepthPicture = process.call(measure_depth, samples)
+            with self._worker.changed:
+                if self._on:
+                    self._meters.note_depth(shown, found.median_mm)
+                    self._pictures.put("depth", shown, found.jpeg, found.depth_mm)
+
+    def _next(self) -> tuple[Shown, NDArray[np.uint8]] | None:
+        """What was given last, once there is something; None where no more is wanted."""
+        with self._worker.changed:
+            self._worker.changed.wait_for(lambda: self._input is not None or self._worker.ending.is_set())
+            given, self._input = self._input, None
+            return None if self._worker.ending.is_set() else given
+
+
+class SetupThread:
+    """Keeps the newest report of the mirrors and the newest hint; pictures go before frames.
+
+    Parameters
+    ----------
+    layout
+        layout.json.
+    board
+        board.toml; None where no calibration pictures are taken.
+    meters
+        What is told where it fails.
+    """
+
+    def __init__(self, layout: Path, board: Path | None, meters: LiveMeters) -> None:
+        self._layout, self._board = layout, board
+        self._aligning, self._anew, self._switched = False, True, 0
+        self._frames: tuple[NDArray[np.uint8], ...] = ()
+        self._pictures: deque[Path] = deque()
+        self._report: AlignmentReport | None = None
+        self._hint: PoseHint | None = None
+        self._worker = LiveWorker("setup", self._work, partial(meters.fail_part, "setup"))
+
+    @property
+    def report(self) -> AlignmentReport | None:
+        """What the last frames tell of the mirrors; None before the first answer since that was switched on."""
+        return self._report
+
+    @property
+    def aligning(self) -> Aligning:
+        """Whether mirrors are compared with the layout."""
+        with self._worker.changed:
+            return "off" if not self._aligning else "measuring" if self._frames else "waiting"
+
+    @property
+    def hint(self) -> PoseHint | None:
+        """What the last calibration picture showed."""
+        return self._hint
+
+    @property
+    def wants_frames(self) -> bool:
+        """Whether mirrors are to be compared in some of the last frames."""
+        with self._worker.changed:
+            return self._aligning and not self._frames
+
+    def align(self, on: bool) -> None:
+        """Compare the mirrors with the layout, again and again; switched on, from the start."""
+        with self._worker.changed:
+            self._aligning, self._anew, self._frames = on, True, ()
+            if on:
+                self._switched, self._report = self._switched + 1, None
+
+    def give_frames(self, frames: tuple[NDArray[np.uint8], ...]) -> None:
+        """Have mirrors compared in frames (h, w), grey."""
+        with self._worker.changed:
+            self._frames = frames
+            self._worker.changed.notify_all()
+
+    def give_picture(self, path: Path) -> None:
+        """Have the board found in a calibration picture."""
+        with self._worker.changed:
+            self._pictures.append(path)
+            self._worker.changed.notify_all()
+
+    def start(self) -> None:
+        """Begin."""
+        self._worker.start()
+
+    def close(self) -> None:
+        """End it at once."""
+        self._worker.close(at_once=True)
+
+    def _work(self) -> None:
+        process, changed, ending = self._worker.process, self._worker.changed, self._worker.ending
+        process.call(open_setup, self._layout, self._board)
+        while True:
+            with changed:
+                changed.wait_for(lambda: bool(self._pictures or self._frames) or ending.is_set())
+                if ending.is_set():
+                    return
+                path = self._pictures.popleft() if self._pictures else None
+                frames, anew, switched = self._frames, self._anew, self._switched
+                if path is None:
+                    self._anew = False
+            if path is not None:
+                self._hint = process.call(add_picture, path)
+                continue
+            report: AlignmentReport = process.call(align_mirrors, frames, anew)
+            with changed:
+                if self._switched == switched:
+                    self._report, self._frames = report, ()
+
+
+OVER_S = 0.2
+"""Time between questions of what is new, once the source has ended."""
+
+
+class DecodingThread:
+    """Puts pictures of frames, and gives depth and setup what they want of them.
+
+    Parameters
+    ----------
+    request
+        What is shown.
+    pictures, meters
+        Where pictures go, and what counts them.
+    depth, setup
+        What is given samples, frames and calibration pictures.
+    hold
+        Whether a source that ends waits for `play`.
+    """
+
+    def __init__(
+        self,
+        request: LiveRequest,
+        *,
+        pictures: LivePictures,
+        meters: LiveMeters,
+        depth: DepthThread,
+        setup: SetupThread,
+        hold: bool = False,
+    ) -> None:
+        self._request, self._pictures, self._meters, self._depth, self._setup = request, pictures, meters, depth, setup
+        self._orders = Orders(plays=0 if hold else 1)
+        self._ends = False
+        self._worker = LiveWorker("decoding", self._decode, meters.fail)
+
+    @property
+    def recording(self) -> Path | None:
+        """The video that frames go to."""
+        return self._orders.record
+
+    def open(self) -> SessionAbout:
+        """Open the source. Raises InputError where that cannot be."""
+        about: SessionAbout = self._worker.process.call(open_session, self._request)
+        self._ends = about.kind != "camera"
+        return about
+
+    def start(self) -> None:
+        """Begin."""
+        self._worker.start()
+
+    def order(self, **changes: Any) -> None:
+        """Change what is wanted of frames from the next one on, fields of `Orders`."""
+        with self._worker.changed:
+            self._orders = replace(self._orders, **changes)
+
+    def play(self, *, again: bool) -> None:
+        """Let a source that waits begin; `again`: let one that has ended play from its start."""
+        with self._worker.changed:
+            if self._orders.plays == 0 or again:
+                self._orders = replace(self._orders, plays=self._orders.plays + 1)
+                self._worker.changed.notify_all()
+
+    def take(self, folder: Path) -> Path:
+        """Have the next frame written below a folder, and return its path."""
+        with self._worker.changed:
+            path = self._orders.take or numbered(folder, "picture", ".png")
+            self._orders = replace(self._orders, take=path)
+        return path
+
+    def close(self) -> None:
+        """Finish the recording, and end."""
+        self._worker.close()
+
+    def _decode(self) -> None:
+        process, changed, ending = self._worker.process, self._worker.changed, self._worker.ending
+        with changed:
+            changed.wait_for(lambda: ending.is_set() or not self._ends or self._orders.plays > 0)
+        while not ending.is_set():
+            orders = self._ordered()
+            try:
+                answer: Answer = process.call(next_pictures, orders)
+            except InputError as error:
+                if orders.take is None and orders.record is None:
+                    raise
+                # A file that cannot be written ends what it was for, not the session.
+                self._meters.say(str(error))
+                self.order(take=None, record=None)
+                continue
+            self._hand_on(answer, orders)
+            if answer.over:
+                self._rest(orders.plays)
+        try:
+            for line in process.call(close_session):
+                self._meters.say(line)
+        except (InputError, RuntimeError, WorkerDied) as error:
+            self._meters.say(str(error))
+
+    def _rest(self, plays: int) -> None:
+        """After the end of a source that has played a number of times: wait for more to do."""
+        with self._worker.changed:
+            if self._orders.plays == plays:
+                # What frames went to ends with them: played again, they begin anew.
+                if self._orders.take is not None:
+                    self._meters.say("the source has ended before the calibration picture was taken")
+                self._orders = replace(self._orders, record=None, take=None)
+            ending = self._worker.ending
+            self._worker.changed.wait_for(lambda: ending.is_set() or self._orders.plays > plays, timeout=OVER_S)
+
+    def _ordered(self) -> Orders:
+        """What is ordered, without what nobody waits for, and with what depth and setup want."""
+        with self._worker.changed:
+            orders = self._orders
+        return replace(
+            orders,
+            kinds=tuple(kind for kind in orders.kinds if self._pictures.wanted(kind)),
+            depth=self._depth.wants_samples,
+            frames=self._setup.wants_frames,
+        )
+
+    def _hand_on(self, answer: Answer, orders: Orders) -> None:
+        """Pass on what a frame has become, then count it; orders that have been carried out are orders no more."""
+        shown = answer.shown
+        with self._worker.changed:
+            if orders.reset_focus:
+                self._orders = replace(self._orders, reset_focus=False)
+            if shown is not None and shown.taken is not None and self._orders.take == shown.taken:
+                self._orders = replace(self._orders, take=None)
+        if shown is not None:
+            for kind, jpeg in shown.jpegs.items():
+                self._pictures.put(kind, shown, jpeg)
+            if shown.samples is not None:
+                self._depth.give(replace(shown, jpegs={}, frames=()), shown.samples)
+            if shown.frames:
+                self._setup.give_frames(shown.frames)
+            if shown.taken is not None:
+                self._setup.give_picture(shown.taken)
+        self._meters.note(answer)

@@ -1,0 +1,279 @@
+"""A server on the loopback address: who may ask, what is refused, files that are served, and its end."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable, MutableMapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, HTTPExceptionHandler, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from mirrorcam.core.disk.files import validated
+from mirrorcam.core.disk.nested_text import json_value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
+
+LOOPBACK = "127.0.0.1"
+ENDING_S = 2
+"""Time that answers which are under way have at the end."""
+
+
+class _Protocol(H11Protocol):
+    """HTTP of one connection. What is no HTTP ends it without a further answer; one that has begun breaks off.
+
+    Without this, uvicorn answers 400 in the middle of another answer, or the application answers after the 400.
+    """
+
+    def send_400_response(self, msg: str) -> None:
+        begun = self.cycle is not None and self.cycle.response_started
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        if begun:
+            self.transport.close()
+        else:
+            super().send_400_response(msg)
+
+
+class _Server(uvicorn.Server):
+    """A server that ends what it waits for before it waits."""
+
+    def __init__(self, config: uvicorn.Config, end: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._end = end
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._end()
+        await super().shutdown(sockets)
+
+
+def listening_socket(port: int) -> socket.socket:
+    """A socket on the loopback address, at any free port for 0. Raises InputError for one that is taken."""
+    # With the protocol stated, asyncio sends at once; else the body of an answer waits 40 ms for its head to arrive.
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((LOOPBACK, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise InputError(f"--port {port}: {error.strerror}, expected a free one, or 0 for any") from None
+    return listening
+
+
+def run_server(
+    app: Starlette,
+    listening: socket.socket,
+    *,
+    browser: bool,
+    tell: Callable[[str], None],
+    end: Callable[[], None],
+) -> None:
+    """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
+    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
+    config = uvicorn.Config(
+        app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
+    )
+    tell(f"{address} (Ctrl-C ends it)")
+    if browser:
+        webbrowser.open(address)
+    try:
+        _Server(config, end).run(sockets=[listening])
+    except KeyboardInterrupt:  # of uvicorn, which has ended by then
+        tell("ended")
+
+
+HOSTS = ("127.0.0.1", "localhost", "[::1]")
+LARGEST_BODY_BYTES = 2_000_000
+LONGEST_LENGTH = 20
+"""Digits of a stated length that are read as a number."""
+FILES = "/files"
+"""Where the pages of built devices are, which carry their scripts and styles in themselves."""
+_ALONE = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+
+
+class LocalAccess:
+    """Refuses requests for other hosts' names and from other sites' pages, and bodies that are too large.
+
+    A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the
+    Host is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch
+    nothing from anywhere else and to run no script but those of the page.
+    """
+
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        self._app = app
+        self._hosts = {f"{host}:{port}" for host in HOSTS} | ({*HOSTS} if port == 80 else set())
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        refusal = self._refusal(Headers(scope=scope), scope["method"], scope["path"])
+        if refusal:
+            await PlainTextResponse(refusal, status_code=403)(scope, receive, send)
+            return
+        nonce = secrets.token_urlsafe(16)
+        scope["nonce"] = nonce
+        inline = "'unsafe-inline'" if scope["path"].startswith(f"{FILES}/") else f"'nonce-{nonce}'"
+        policy = _ALONE + (
+            f"script-src {inline}; style-src {inline}; img-src 'self' data: blob:; connect-src 'self' data: blob:"
+        )
+
+        begun = False
+
+        async def with_policy(message: Message) -> None:
+            nonlocal begun
+            if message["type"] == "http.response.start":
+                begun = True
+                headers = MutableHeaders(scope=message)
+                headers["Content-Security-Policy"] = policy
+                headers["X-Content-Type-Options"] = "nosniff"
+                headers["Referrer-Policy"] = "no-referrer"
+                headers["Cross-Origin-Resource-Policy"] = "same-origin"
+                headers.setdefault("Cache-Control", "no-store")
+            await send(message)
+
+        try:
+            await self._app(scope, _limited(receive), with_policy)
+        except ClientDisconnect:
+            if not begun:
+                await PlainTextResponse("the request has ended before its end", status_code=400)(scope, receive, send)
+
+    def _refusal(self, headers: Headers, method: str, path: str) -> str:
+        """Why a request is refused, empty where it is not."""
+        if headers.get("host", "").lower() not in self._hosts:
+            return "this server answers to the loopback address alone"
+        origin = headers.get("origin")
+        if origin is not None and not self._is_own(origin):
+            return "the request comes from a page of another site"
+        following_a_link = method == "GET" and headers.get("sec-fetch-mode") == "navigate"
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and not following_a_link:
+            return "the request comes from a page of another site"
+        if method == "POST" and not headers.get("content-type", "").startswith("application/json"):
+            return "expected application/json"
+        length = headers.get("content-length", "0") or "0"
+        if not (length.isascii() and length.isdigit()):
+            return "expected a number of bytes as its length"
+        too_large = len(length) > LONGEST_LENGTH or int(length) > LARGEST_BODY_BYTES
+        return "the request is too large" if too_large else ""
+
+    def _is_own(self, origin: str) -> bool:
+        return origin.lower() in {f"http://{host}" for host in self._hosts}
+
+
+class BodyTooLarge(Exception):
+    """A body that goes on beyond what a request may hold, whatever length it has stated."""
+
+
+def _limited(receive: Receive) -> Receive:
+    taken = 0
+
+    async def limited() -> Message:
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        if taken > LARGEST_BODY_BYTES:
+            raise BodyTooLarge(f"the request is longer than {LARGEST_BODY_BYTES} bytes")
+        return message
+
+    return limited
+
+
+Asked = TypeVar("Asked", bound=Value)
+
+
+async def asked(model: type[Asked], request: Request) -> Asked:
+    """The value in the body of a request, as JSON. Raises InputError for another.
+
+    It is parsed in a thread, so that other requests are answered meanwhile; `LocalAccess` bounds the body's size.
+    """
+    return await run_in_threadpool(_value, model, await request.body())
+
+
+def _value(model: type[Asked], body: bytes) -> Asked:
+    return validated(model, json_value(body))
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), status_code=422)
+
+
+async def _too_large(request: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), status_code=413)
+
+
+REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
+"""How both servers answer what is wrong with a request: one line, as text."""
+
+
+class ServedFiles(StaticFiles):
+    """The regular files below a folder, which need not be there yet; anything else is not found."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(directory=folder, check_dir=False)
+
+    async def check_config(self) -> None:
+        return
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """The answer to a request; status 404 for what cannot be read."""
+        try:
+            return await super().get_response(path, scope)
+        except OSError:  # such as a link to itself
+            raise HTTPException(404) from None
+
+    def file_response(
+        self,
+        full_path: str | os.PathLike[str],
+        stat_result: os.stat_result,
+        scope: MutableMapping[str, Any],
+        status_code: int = 200,
+    ) -> Response:
+        """The answer that sends a file."""
+        try:
+            with Path(full_path).open("rb"):
+                pass
+        except OSError:
+            raise HTTPException(404) from None
+        answer = super().file_response(full_path, stat_result, scope, status_code)
+        return _SentFile(full_path, status_code, stat_result=stat_result) if answer.status_code == 200 else answer
+
+
+class _SentFile(FileResponse):
+    """A file as long as its answer has stated; where it is gone or shorter by now, the answer breaks off."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        left, ended = 0, False
+
+        async def as_stated(message: Message) -> None:
+            nonlocal left, ended
+            if message["type"] == "http.response.start":
+                left = int(Headers(raw=message["headers"]).get("content-length", "0"))
+                await send(message)
+            elif scope["method"] == "HEAD":
+                await send(message)
+            elif not ended:
+                body = message["body"][:left]
+                left -= len(body)
+                if left and not message.get("more_body", False):
+                    raise OSError("the file is shorter than it was")
+                ended = not left
+                await send({**message, "body": body, "more_body": not ended})
+
+        try:
+            await super().__call__(scope, receive, as_stated)
+        except OSError:
+            return

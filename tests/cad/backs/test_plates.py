@@ -1,0 +1,155 @@
+"""A plate under the mount's foot: thick enough for its nut and the heads of its screws, with walls around them.
+
+The desk foot: a device on it stands, whatever it carries.
+
+The tripod plate: no larger than the mount's foot but for a wall behind it, with its nut under the mount.
+
+The dovetail: its width less the fit on both sides, its sides at 45 deg, its volume that of its section.
+
+The profile plate: screws in the slot's middle, beside the mount, whose nuts lie in the slot.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back import Load, carried
+from mirrorcam.cad.backs.blocks import tripod_depth_mm
+from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
+from mirrorcam.cad.backs.plates import BEFORE_MM, back_of_plate, foot_plate, plan_arca, plan_desk
+from mirrorcam.cad.checks.load_checks import tips_at_deg
+from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
+from mirrorcam.cad.plan.fasteners import Countersink, thread_of
+from mirrorcam.core.errors import InputError
+from tests.cad.backs.planned_blocks import blocks_of
+
+
+@pytest.mark.parametrize("table", [DeskBack(), TripodBack(), TripodBack(grip_mm=9.0)])
+def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | TripodBack) -> None:
+    plate = foot_plate(table, device.mount, device.hardware)
+    foot_z = device.mount.foot_z_mm
+    assert plate.low_z_mm + plate.thick_mm == pytest.approx(foot_z)
+    assert plate.thick_mm >= tripod_depth_mm(table.nut)
+    # Heads do not stand out below.
+    assert plate.heads[:, 2] == pytest.approx(foot_z - table.grip_mm)
+    assert plate.heads[0, 2] > plate.low_z_mm
+    assert plate.nut_at[1] == plate.heads[:, 1].min()
+
+
+@pytest.mark.parametrize("table", [DeskBack(), TripodBack()])
+def test_countersinks_keep_a_wall_to_each_other_and_to_the_edges(device: Device, table: DeskBack | TripodBack) -> None:
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=table))
+    plan = blocks_of(back.parts[0])
+    sinks = [cut for cut in plan.cuts if isinstance(cut, Countersink)]
+    assert len(sinks) == 4
+    wall, low, high = device.hardware.printer.wall_mm, plan.corners.min(axis=0), plan.corners.max(axis=0)
+    assert plan.corners[:, 2].max() - plan.corners[:, 2].min() >= table.grip_mm
+    for sink in sinks:
+        reach = sink.radius_mm + wall
+        assert (sink.mouth[:2] - reach > low[:2]).all()
+        assert (sink.mouth[:2] + reach < high[:2]).all()
+        others = [np.linalg.norm((sink.mouth - other.mouth)[:2]) for other in sinks if other is not sink]
+        assert min(others) >= 2.0 * sink.radius_mm + wall
+
+
+def test_the_outline_is_the_callers(device: Device) -> None:
+    table = TripodBack()
+    plate = foot_plate(table, device.mount, device.hardware)
+    outline = np.array([(-60.0, -60.0), (60.0, -60.0), (0.0, 70.0)])
+    back = back_of_plate(table, "plate", "Plate", plate, outline, device.hardware)
+    np.testing.assert_allclose(blocks_of(back.parts[0]).corners[:3, :2], outline)
+    assert back.necks == ()
+    assert [item.size for item in back.items] == ["1/4-20 UNC"]
+
+
+@pytest.mark.parametrize("at", [None, (-1.0, 60.0, 80.0), (40.0, -80.0, 150.0)])
+def test_the_plate_reaches_as_far_as_the_device_may_be_tipped(
+    device: Device, at: tuple[float, float, float] | None
+) -> None:
+    load = carried(device.mount, device.clip, device.hardware) if at is None else Load(500.0, np.array(at))
+    table = DeskBack(tip_deg=12.0, spare_deg=4.0)
+    back = plan_desk(table, device.mount, load, device.hardware)
+    assert back.stand is not None
+    assert tips_at_deg(back.stand, load.at) >= 16.0 - 1e-9
+    # All of the mount's foot stands on it.
+    low, high = back.stand.corners.min(axis=0), back.stand.corners.max(axis=0)
+    assert high[1] >= device.mount.slide[1]
+    assert low[1] <= device.mount.slide[1] - device.mount.section.depth_mm
+    assert high[0] == -low[0] >= device.mount.half_width_mm
+
+
+def test_it_is_one_solid_under_the_mounts_foot(device: Device) -> None:
+    (part,) = device.back.parts
+    solid = MAKERS[type(part.plan)](part.plan)
+    assert solid.is_valid
+    box = solid.bounding_box()
+    assert pytest.approx(device.mount.foot_z_mm) == box.max.Z
+    assert device.back.stand is not None
+    assert pytest.approx(device.back.stand.z_mm) == box.min.Z
+    heads = device.back.foot_heads + np.array([0.0, 0.0, device.back.foot.grip_mm])
+    np.testing.assert_allclose(heads, device.mount.foot)
+    # The nut lies under the mount's foot, which keeps it in.
+    (nut,) = device.back.items
+    x, y, _ = nut.rig_from_item[:3, 3]
+    assert abs(x) + 6.5 < device.mount.half_width_mm
+    assert device.mount.slide[1] - device.mount.section.depth_mm < y - 5.7 < y + 5.7 < device.mount.slide[1]
+
+
+def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None:
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=TripodBack()))
+    (part,) = back.parts
+    low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
+    assert high[0] == -low[0] == device.mount.half_width_mm
+    assert high[1] == device.mount.slide[1] + BEFORE_MM
+    assert MAKERS[type(part.plan)](part.plan).is_valid
+    (nut,) = back.items
+    under = nut.rig_from_item[2, 3] - nut.length_mm - low[2]
+    assert (TripodBack().nut.screw_mm - under) / thread_of("1/4-20 UNC").pitch_mm >= 3.0
+    (carrier,) = back.carriers
+    assert max(solid.top[:, 2].max() for solid in carrier.solids) == pytest.approx(low[2])
+    np.testing.assert_allclose(nut.rig_from_item[:3, 2], [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("fit_mm", [0.1, -0.2])
+def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> None:
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=ArcaBack(fit_mm=fit_mm)))
+    (part,) = back.parts
+    tail = blocks_of(part).pieces[0]
+    section = np.unique(tail.base[:, 1:].round(9), axis=0)
+    assert np.ptp(section[:, 0]) == pytest.approx(38.0 - 2.0 * fit_mm)
+    right = section[section[:, 0] > section[:, 0].mean()]
+    edge, over = right[np.argsort(right[:, 1])][1:]
+    assert over[1] - edge[1] == pytest.approx(edge[0] - over[0])
+    solid = MAKERS[type(part.plan)](part.plan)
+    assert solid.is_valid
+    assert pytest.approx(11.0) == solid.bounding_box().size.Z
+    assert back.items == ()
+
+
+def test_a_slope_higher_than_the_dovetail_is_refused(device: Device) -> None:
+    load = carried(device.mount, device.clip, device.hardware)
+    with pytest.raises(InputError, match=r"dovetail's slope ends 10\.4 mm over its lower face, expected less than"):
+        plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.mount, load, device.hardware)
+
+
+def test_two_screws_hold_in_the_slot_beside_the_mount(device: Device) -> None:
+    table = ProfileBack()
+    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=table))
+    (part,) = back.parts
+    assert MAKERS[type(part.plan)](part.plan).is_valid
+    screws = [item for item in back.items if item.kind == "screw"]
+    nuts = [item for item in back.items if item.kind == "nut"]
+    assert len(screws) == len(nuts) == 2
+    (profile,) = back.carriers[0].solids
+    corners = np.vstack([profile.base, profile.top])
+    assert np.ptp(corners[:, 1]) == pytest.approx(20.0)
+    for screw, nut in zip(screws, nuts, strict=True):
+        head, seat = screw.rig_from_item[:3, 3], nut.rig_from_item[:3, 3]
+        np.testing.assert_allclose(head[:2], seat[:2])
+        assert head[1] == pytest.approx(corners[:, 1].mean())
+        assert abs(head[0]) - 4.75 > device.mount.half_width_mm
+        # The tip ends in the nut, and above the bottom of a slot that is 5.5 mm deep.
+        assert seat[2] - nut.length_mm <= head[2] - screw.length_mm + 1e-9 < seat[2]
+        assert corners[:, 2].max() - (head[2] - screw.length_mm) <= 6.0 + 1e-9
