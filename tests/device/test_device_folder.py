@@ -16,7 +16,7 @@ from mirrorcam.device.device_folder import device_folder
     ("name", "back"),
     [
         *((name, "none") for name in ("parts/mount.stl", "drawings/camera_clip.pdf", "pictures", "bom.csv/x")),
-        *((name, "none") for name in ("pictures/exploded.png",)),
+        ("pictures/exploded.png", "none"),
         *(("robot", "gen2"), ("robot/meshes/mirror_holder_hull.stl", "gen2"), ("robot/meshes/mirrors.stl", "iso9409")),
     ],
 )

@@ -19,19 +19,14 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
-from mirrorcam.optics.light_field.depth.depth_files import (
-    DepthRecord,
-    content_digest,
-    load_depth,
-    save_depth,
-)
+from mirrorcam.optics.light_field.depth.depth_files import DepthRecord, content_digest, load_depth, save_depth
 from mirrorcam.optics.light_field.light_field import LightField
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
 ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
 CODE = "mirrorcam.optics.light_field.depth.estimate"
-"""Module whose code decides about a depth map."""
+"""Module that measures depth."""
 _SHA256, _SEARCHED = "sha256", "searched_mm"
 WIDTH_IN, TITLE_IN = 15.0, 0.5
 TICKS = 7
@@ -101,7 +96,7 @@ def write_depth(
 
 
 def keep_depth(output: OutputFolder, name: str, light_field: LightField, searched_mm: tuple[float, float]) -> None:
-    """Record in the store of a folder the light field and the search of its NAME_depth.npz, which is in its place."""
+    """Note in the store of a folder that its NAME_depth.npz was measured in a light field, between these depths."""
     contents = {_SHA256: file_digest(output.path / f"{name}_depth.npz"), _SEARCHED: " ".join(map(str, searched_mm))}
     output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
@@ -117,10 +112,11 @@ def kept_depth(
     if contents is None:
         return None
     path, (near, far) = folder / f"{name}_depth.npz", map(float, contents[_SEARCHED].split())
-    fits = near_mm in (None, near) and far_mm in (None, far)
-    if fits and path.is_file() and file_digest(path) == contents[_SHA256].decode():
-        return KeptDepth(path, load_depth(path, light_field), (near, far))
-    return None
+    if near_mm not in (None, near) or far_mm not in (None, far):
+        return None
+    if not path.is_file() or file_digest(path) != contents[_SHA256].decode():
+        return None
+    return KeptDepth(path, load_depth(path, light_field), (near, far))
 
 
 def _made_of(light_field: LightField) -> dict[str, str]:

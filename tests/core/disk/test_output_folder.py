@@ -275,6 +275,15 @@ def test_what_was_changed_since_is_replaced_by_force_alone_and_never_deleted(tmp
     assert put(tmp_path, a="2", force=True) == {"a": "2"}
 
 
+def test_an_earlier_version_that_somebody_restored_is_replaced_by_force_alone(tmp_path: Path) -> None:
+    put(tmp_path, a="1")
+    put(tmp_path, a="2")
+    (tmp_path / "a").write_text("1")
+    with pytest.raises(InputError, match="a: was changed since this command wrote it"):
+        put(tmp_path, a="3")
+    assert put(tmp_path, a="3", force=True) == {"a": "3"}
+
+
 def test_a_file_that_is_already_as_it_is_to_be_is_none_to_lose(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("1")
     assert put(tmp_path, a="1") == {"a": "1"}

@@ -168,7 +168,7 @@ def test_frames_are_those_that_ffmpeg_gives_by_the_name(tmp_path: Path) -> None:
 READ = """
 import sys
 from pathlib import Path
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.camera_addresses import camera
 from mirrorcam.core.video.video import Video
 for name in sys.argv[1:]:

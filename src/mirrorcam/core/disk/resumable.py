@@ -8,12 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from mirrorcam.core.disk.files import (
-    LARGEST_FILE_BYTES,
-    TEMPORARY,
-    read_model,
-    write_text,
-)
+from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digests, intact, is_intact
 from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
 from mirrorcam.core.errors import InputError

@@ -61,7 +61,7 @@ def discard(unfinished: Path) -> None:
 class _Line(Value):
     """A line of a record: checksums that files of a command may have from here on, by their names.
 
-    A file that is replaced has two: whenever the replacement is cut off, it has one of them. A deleted one has none.
+    A file that is being replaced has two: whenever that is cut off, it has one of them. A deleted one has none.
     """
 
     schema_id: Literal["mirrorcam.written/2"] = Field(default="mirrorcam.written/2", alias="schema")
@@ -149,9 +149,8 @@ class FolderRecord:
                 if is_written(folder, name, written[name]):
                     (folder / name).unlink()
                     _remove_empty((folder / name).parent, folder)
-            if stale:
-                self._append(command, dict.fromkeys(stale, ()))
             move_files(staging, folder, staged)
+            self._append(command, dict.fromkeys(stale, ()) | {name: (sha256,) for name, sha256 in staged.items()})
 
     def _note(self, line: _Line) -> None:
         files = {**self.of(line.command), **line.files}
