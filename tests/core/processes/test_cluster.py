@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.disk.output_folder import HIDDEN, results_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
@@ -57,7 +57,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
                 first.send_signal(signal.SIGKILL)
             yielded += 1
             yield number, got
-            assert len(list((tmp_path / "cluster" / "results").iterdir())) == yielded
+            assert len(list(results_folder(tmp_path / "cluster").iterdir())) == yielded
 
     outcomes = sweep_into(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
