@@ -58,7 +58,7 @@ from mirrorcam.cad.plan.cuts import (
 )
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain
+from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain, recipe
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -177,6 +177,7 @@ def _make_whole(whole: _Whole) -> Part:
     return whole.make(whole.plan)
 
 
+@recipe("cad.split.make_piece")
 def make_piece(plan: PiecePlan) -> Part:
     """Cut a piece out of its part, and drill its holes for pins; raises InputError where it is not one solid."""
     low, high = np.array(plan.low_mm), np.array(plan.high_mm)

@@ -18,8 +18,10 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.parts.part_solids import cut_solid, one_solid
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import recipe
 
 
+@recipe("cad.parts.solids.make_ring")
 def make_ring(plan: RingPlan) -> Part:
     """Half of the wrist's clamp."""
     side = 1.0 if plan.above else -1.0
@@ -42,6 +44,7 @@ def make_ring(plan: RingPlan) -> Part:
     return one_solid(plan.name, part)
 
 
+@recipe("cad.backs.back_solids.make_blocks")
 def make_blocks(plan: BlocksPlan) -> Part:
     """A part of blocks, discs and holes."""
     with BuildPart() as part:

@@ -15,6 +15,7 @@ from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import HOLDER
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -44,12 +45,9 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
             raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {needed:.2f} mm")
 
 
+@recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
-    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes.
-
-    The planner has measured the same body as a mesh; since only numbers travel to the process that makes the solid, it
-    is computed again here.
-    """
+    """The holder as one B-rep: its solids joined, less light, pockets, grooves, hollows and holes."""
     csg = PlanarCsg()
     whole = one_piece(body_of(csg, plan), plan.wall_mm)
     # Grooves end at the walls, which stand right behind rims: what they cut out of a wall would have a ceiling.
@@ -62,6 +60,7 @@ def make_holder(plan: HolderPlan) -> Part:
     return _one_holder(holder)
 
 
+@recipe("cad.holder.solid.make_screwed_holder")
 def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
     """A holder with carriers as one B-rep: its plate and walls, less light, slots, and the holes of all screws."""
     csg = PlanarCsg()

@@ -33,6 +33,7 @@ from mirrorcam.cad.parts.dust_cover import CoverPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
+from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -137,6 +138,7 @@ def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
     return one_solid(name, part)
 
 
+@recipe("cad.parts.solids.make_coupon")
 def make_coupon(plan: CouponPlan) -> Part:
     """The fit coupon."""
     with BuildPart() as part:
@@ -154,21 +156,25 @@ def make_coupon(plan: CouponPlan) -> Part:
     return one_solid(COUPON, part)
 
 
+@recipe("cad.parts.solids.make_carrier")
 def make_carrier(plan: CarrierPlan) -> Part:
     """A mirror's carrier: its wedge with pads, less grooves and the holes of its screws."""
     return built_of(carrier_name(plan.name), (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
 
 
+@recipe("cad.parts.solids.make_clip")
 def make_clip(plan: ClipPlan) -> Part:
     """The camera clip: its pieces joined, its holes cut."""
     return built_of(CLIP, plan.pieces, plan.cuts)
 
 
+@recipe("cad.parts.solids.make_mount")
 def make_mount(plan: MountPlan) -> Part:
     """The mount: skins, webs and foot joined; windows, holes and what light comes near cut."""
     return built_of(MOUNT, plan.pieces, (*plan.cuts, *plan.light))
 
 
+@recipe("cad.parts.solids.make_cover")
 def make_cover(plan: CoverPlan) -> Part:
     """The dust cover: a hollow cap with a notch in its rim, and catches."""
     with BuildPart() as part:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import numpy as np
 
@@ -16,10 +16,33 @@ from mirrorcam.core.values import FloatArray, Matrix3, Matrix4, Metric, Value, V
 if TYPE_CHECKING:
     from build123d import Part
 
+    Make = TypeVar("Make", bound=Callable[[Any], Part])
+
 Rgb = tuple[float, float, float]
 
 FORMING = " thread-forming"
 """End of the size of a screw that cuts its thread itself, in plastic."""
+
+
+_RECIPES: dict[Callable[..., Any], str] = {}
+
+
+def recipe(name: str) -> Callable[[Make], Make]:
+    """Name how a function makes its part, for the part's identity.
+
+    The identity is printed on drawings and kept in 3MF files: it stays as long as the same numbers give the same part,
+    wherever the function is moved. A function without a recipe goes by its own name.
+    """
+
+    def named(make: Make) -> Make:
+        _RECIPES[make] = name
+        return make
+
+    return named
+
+
+def _recipe_of(make: Callable[..., Any]) -> str:
+    return _RECIPES.get(make, f"{make.__module__}.{make.__qualname__}")
 
 
 @dataclass(frozen=True)
@@ -73,12 +96,8 @@ class PartPlan:
 
     @cached_property
     def identity(self) -> str:
-        """Twelve hexadecimal digits over the part's numbers and the name of the function that makes it of them.
-
-        The same identity means the same part, in whatever module the function stands. It is engraved into the part,
-        printed on its drawing and kept in its 3MF file.
-        """
-        numbers = {"make": self.make.__name__, "plan": plain(self.plan)}
+        """Twelve hexadecimal digits over the numbers that the part is made of: the same identity, the same part."""
+        numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
         return value_digest(numbers)[:12]
 
 
@@ -95,7 +114,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if callable(value):
-        return value.__name__
+        return _recipe_of(value)
     if value is None or isinstance(value, str | int | float | bool):
         return value
     raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")

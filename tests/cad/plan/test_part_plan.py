@@ -1,4 +1,4 @@
-"""Plans of parts: their identity follows the numbers and the function's name, not its module; plain data only.
+"""Plans of parts: their identity follows the numbers and the recipe, not the place of the code; plain data only.
 
 Connections of parts: they stand still unless it is said how far they slide.
 """
@@ -6,13 +6,12 @@ Connections of parts: they stand still unless it is said how far they slide.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import FunctionType
 
 import numpy as np
 import pytest
 from build123d import Box, Part
 
-from mirrorcam.cad.plan.part_plan import Connection, PartPlan, plain
+from mirrorcam.cad.plan.part_plan import Connection, PartPlan, plain, recipe
 from mirrorcam.core.values import FloatArray
 
 
@@ -22,11 +21,17 @@ class Cube:
     corner: FloatArray
 
 
+@recipe("tests.cube")
 def make_cube(plan: Cube) -> Part:
     return Part(Box(plan.side_mm, plan.side_mm, plan.side_mm).solids())
 
 
-def make_die(plan: Cube) -> Part:
+@recipe("tests.cube")
+def make_moved_cube(plan: Cube) -> Part:
+    return make_cube(plan)
+
+
+def make_unnamed_cube(plan: Cube) -> Part:
     return make_cube(plan)
 
 
@@ -34,19 +39,18 @@ def part(plan: Cube) -> PartPlan:
     return PartPlan("cube", "Cube", "MC-99", plan, make_cube, np.eye(4), np.zeros(3), (0.5, 0.5, 0.5))
 
 
-def test_the_same_numbers_and_function_are_the_same_part_wherever_the_code_stands() -> None:
+def test_the_same_numbers_and_recipe_are_the_same_part_wherever_the_code_stands() -> None:
     cube = part(Cube(10.0, np.zeros(3)))
     assert len(cube.identity) == 12
     assert part(Cube(10.0, np.zeros(3))).identity == cube.identity
-    moved = FunctionType(make_cube.__code__, {"__name__": "elsewhere"}, "make_cube")
-    assert replace(cube, make=moved, title="Die").identity == cube.identity
-    assert replace(cube, make=make_die).identity != cube.identity
+    assert replace(cube, make=make_moved_cube, title="Die").identity == cube.identity
+    assert replace(cube, make=make_unnamed_cube).identity != cube.identity
     assert part(Cube(10.0, np.array([0.0, 0.0, 1e-9]))).identity != cube.identity
 
 
 def test_a_plan_becomes_plain_data() -> None:
     assert plain(Cube(np.float64(10.0), np.arange(3.0))) == {"side_mm": 10.0, "corner": [0.0, 1.0, 2.0]}
-    assert plain((None, "a", True, {1: make_cube})) == [None, "a", True, {"1": "make_cube"}]
+    assert plain((None, "a", True, {1: make_cube})) == [None, "a", True, {"1": "tests.cube"}]
     with pytest.raises(TypeError, match="a plan holds a set, expected numbers"):
         plain({1.0})
 
