@@ -29,7 +29,8 @@ from benchmarks.records import Rows, add_json_option, write_record
 from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
 from mirrorcam.calibration.calibration_files import calibrate_files
 from mirrorcam.calibration.calibration_request import CalibrationRequest
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_files import load_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations

@@ -19,8 +19,8 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with
-from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrate_with_direct_view
+from mirrorcam.optics.calibration.direct.motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate

@@ -17,7 +17,7 @@ from benchmarks.direct_prediction import predicted_mirrored, prediction_floor, r
 from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.calibration.calibration_files import calibration_pictures
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
+from mirrorcam.optics.calibration.diagnostics.model_comparison import held_out
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board

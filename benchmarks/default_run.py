@@ -13,7 +13,8 @@ from pathlib import Path
 from benchmarks.records import Figure, add_json_option, write_record
 from mirrorcam.cli import main as mirrorcam
 from mirrorcam.core.disk.files import read_json
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 
 
 def main() -> int:

@@ -20,7 +20,7 @@ from benchmarks.records import TIMES, Table, table
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.design_problem import Problem, overlap_problem
 from mirrorcam.optics.design.program.seeds import seed_of
-from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
+from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 PEER_COUNTS = ((1, 2), (2, 2), (3, 3))

@@ -29,8 +29,8 @@ from mirrorcam.optics.calibration.detection.charuco import marker_places
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.pupil_estimate import unvignetted
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.whole_pupil import wholly_served
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -117,7 +117,7 @@ def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score
 
 def _used(layout: Layout, corners: Observations) -> Observations:
     """The corners that a calibration uses."""
-    return corners.where(wholly_served(layout, corners)[0])
+    return corners.where(unvignetted(layout, corners)[0])
 
 
 def _rendered(

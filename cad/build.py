@@ -8,9 +8,11 @@ from contextlib import contextmanager
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
+from mirrorcam.core.disk.results import Results
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import begin_loading
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 EXTRA = ("build123d", "OCP", "trimesh", "manifold3d", "ezdxf", "lib3mf", "jinja2", "markdown_it")
@@ -23,7 +25,7 @@ def build_parts(
     out: AnyPath,
     hardware: Hardware = HARDWARE,
     *,
-    previous: AnyPath | None = None,
+    results: AnyPath | None = None,
     workers: int = 1,
     progress: Progress = no_progress,
     elastic: bool = False,
@@ -38,8 +40,8 @@ def build_parts(
         New or empty folder for the files; `index.html` there leads to all of them.
     hardware
         Dimensions that parts are drawn from: camera body, screws, printer, cutter, clearances in mm.
-    previous
-        Folder written earlier; parts there that were made of the same numbers are copied instead of built again.
+    results
+        Folder that keeps every part: one of the same numbers, made by the same program, is not built again.
     workers
         Number of processes that share the work.
     progress
@@ -63,7 +65,7 @@ def build_parts(
     check_type("hardware", hardware, Hardware)
     out = path_of("out", out)
     check_count("workers", workers, WORKERS)
-    earlier = None if previous is None else path_of("previous", previous)
+    kept = None if results is None else Results(path_of("results", results))
     if workers > 1:
         begin_loading(KERNEL)
     with _extra_installed():
@@ -84,7 +86,7 @@ def build_parts(
     except OSError as error:
         reason = "is a file" if out.exists() else f"cannot be written: {error.strerror}"
         raise InputError(f"{out}: {reason}, expected a new or empty folder") from None
-    return write_files(device, out, earlier, workers, progress, elastic=elastic)
+    return write_files(device, out, kept, workers, progress, elastic=elastic)
 
 
 @contextmanager

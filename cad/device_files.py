@@ -1,4 +1,4 @@
-"""All files of a device: first of its parts and mirrors, then of the whole, then what is read."""
+"""All files of a device: first of its parts and mirrors, then of the assembly, then the documents."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.threemf import write_plates
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.disk.results import Results
 from mirrorcam.core.processes.calls import Call
 from mirrorcam.core.processes.worker_pool import call_all
 from mirrorcam.core.progress import Progress
@@ -33,12 +34,15 @@ from mirrorcam.core.values import Metric
 
 
 def write_files(
-    device: Device, out: Path, previous: Path | None, workers: int, progress: Progress, *, elastic: bool = False
+    device: Device, out: Path, results: Results | None, workers: int, progress: Progress, *, elastic: bool = False
 ) -> dict[str, Metric]:
-    """Write all files into `out`; returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`."""
+    """Write all files into `out`, and keep each part in `results`.
+
+    Returns the checks, named by their object: `mount.wall_mm`, `device.rays_blocked`.
+    """
     plans = parts_of(device)
     made: list[Call] = [
-        (make_part, (plan, device.hardware.printer, out, previous, device.hardware.screw)) for plan in plans
+        (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
     done, total = 0, len(made) + 6 + len(PICTURES) + elastic
 

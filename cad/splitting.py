@@ -59,7 +59,8 @@ from mirrorcam.cad.plan.cuts import (
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # How many places are tried for each cut.
@@ -239,7 +240,7 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     hardware : Hardware
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
-        Places of cuts along the bed's x and y, kept to within `plan.bed.MOVED_MM`; without them, the places with the
+        Places of cuts along the bed's x and y, kept to within `plan.cuts.MOVED_MM`; without them, the places with the
         most space for pins.
 
     Returns

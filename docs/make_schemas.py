@@ -23,7 +23,6 @@ from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_files import DesignRequest
 from mirrorcam.designs.sweep_files import SweepRequest
-from mirrorcam.designs.sweep_work import Record
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
@@ -60,7 +59,6 @@ FILES: dict[str, Any] = {
     "sensor": SensorModel,
     "suite": SuiteManifest,
     "sweep": SweepRequest,
-    "sweep_result": Record,
     "views": ViewsFile,
 }
 """What reads a file, by the name of its schema."""

@@ -22,7 +22,7 @@ def fields(layout: Layout, depth_mm: float) -> list[shapely.Polygon]:
 def common_bounds(layout: Layout, depth_mm: float) -> FloatArray:
     """Bounds [[low x, low y], [high x, high y]] of what all mirrors show at a depth, in view x and y, mm.
 
-    Where there is no such part: of what the middling ones show.
+    Where they share no part, the median of their bounds.
     """
     shown = fields(layout, depth_mm)
     common = shapely.intersection_all(shown)

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 
 STEPS = 4
-"""Of a fixed-point iteration: each reduces the error to less than a hundredth, for waves below a pixel."""
+"""Steps of a fixed-point iteration: each reduces the error to less than a hundredth, for waves below a pixel."""
 PERIODS = 2.0
 """Waves across the width of the sensor."""
 
@@ -65,7 +65,7 @@ class WavyCamera(Camera):
 
 
 def as_it_is(camera: Camera, sensor: SensorModel) -> Camera:
-    """The camera with the lens of a sensor model, which is that of its model unless it has waves."""
+    """The camera with the lens of a sensor model, which follows the camera's model unless it has waves."""
     if sensor.lens_waves_px == 0.0:
         return camera
     return WavyCamera(**camera.model_dump(), waves_px=sensor.lens_waves_px)

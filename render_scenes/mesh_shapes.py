@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import read_bytes
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

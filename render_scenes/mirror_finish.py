@@ -103,23 +103,23 @@ def draw_finishes(settings: RenderSettings, count: int, random: np.random.Genera
 
     Settings with other magnitudes give, from the same generator state, the same deviations scaled.
     """
-    asked = settings.finish
-    if asked == SurfaceFinish():
+    finish = settings.finish
+    if finish == SurfaceFinish():
         return ()
     found = []
     for brightness, sag in random.standard_normal((count, 2)):
         sag_direction, ripple_direction, phase = random.uniform(0.0, [180.0, 180.0, 360.0])
-        bright = settings.mirror_reflectance * (1.0 + asked.reflectance_percent / 100.0 * brightness)
-        red, green, blue = (float(np.clip(bright * tint, 0.0, 1.0)) for tint in asked.tint)
+        bright = settings.mirror_reflectance * (1.0 + finish.reflectance_percent / 100.0 * brightness)
+        red, green, blue = (float(np.clip(bright * tint, 0.0, 1.0)) for tint in finish.tint)
         found.append(
             MirrorFinish(
                 reflectance=(red, green, blue),
-                roughness=asked.roughness,
-                bend=asked.bend,
-                sag_mm=asked.sag_mm * float(sag),
+                roughness=finish.roughness,
+                bend=finish.bend,
+                sag_mm=finish.sag_mm * float(sag),
                 sag_direction_deg=float(sag_direction),
-                ripple_mm=asked.ripple_mm,
-                ripple_wavelength_mm=asked.ripple_wavelength_mm,
+                ripple_mm=finish.ripple_mm,
+                ripple_wavelength_mm=finish.ripple_wavelength_mm,
                 ripple_direction_deg=float(ripple_direction),
                 ripple_phase_deg=float(phase),
             )

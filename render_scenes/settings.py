@@ -17,7 +17,7 @@ PUPIL_WALK_MM = Bounds(-10.0, 10.0)
 class SensorModel(Value):
     """Model of lens, sensor and processing, of 8 bits: radiance 1 / `exposure` is grey level 255.
 
-    All but `exposure` are zero or off in an ideal camera. Where the lens or the sensor tells colours apart, pictures of
+    All but `exposure` are zero or off in an ideal camera. Where the lens or the sensor separates colours, pictures of
     grey light are in colour, too.
     """
 

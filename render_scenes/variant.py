@@ -19,8 +19,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
-from mirrorcam.core.values import InputError
 
 CUDA, LLVM, SCALAR = "cuda_ad_mono", "llvm_ad_mono", "scalar_rgb"
 IN_COLOUR = {CUDA: "cuda_ad_rgb", LLVM: "llvm_ad_rgb", SCALAR: SCALAR}

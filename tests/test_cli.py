@@ -23,8 +23,8 @@ import pytest
 from docs.website.command_pages import commands
 from mirrorcam import cli
 from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results

@@ -119,7 +119,7 @@ def test_a_path_that_cannot_be_is_refused_alike_whatever_its_kind(
         if name == "calibrate":  # a folder of detections is used once there is a picture
             write_image(tmp_path / "a.png", np.zeros((1080, 1920), dtype=np.uint8))
             given = {"frames": [tmp_path / "a.png"]}
-        if parameter == "previous":  # what is not there is not taken over
+        if parameter == "results":  # used once a part is made
             continue
         said = set()
         for kind in KINDS.values():

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def run(

@@ -23,7 +23,8 @@ from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, write_cameras
 from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
 from mirrorcam.core.disk.files import write_json
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.geometry.transforms import inverse

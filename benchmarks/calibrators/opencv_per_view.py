@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.set_corners import SeenBoard, SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, view_from_reference, write_cameras
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 FEWEST_BOARDS = 3

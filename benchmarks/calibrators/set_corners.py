@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.virtual_cameras import Flip, VirtualCamera, virtual_cameras
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board

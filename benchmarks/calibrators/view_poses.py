@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.virtual_cameras import Flip
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from benchmarks.depth_scenes.patterns import Pattern
 from benchmarks.depth_scenes.surfaces import Surface
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh

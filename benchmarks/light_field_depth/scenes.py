@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.light_field_depth.reliability import MeasuredScene, reliability, sigma_px
 from benchmarks.light_field_depth.stereo import Disparity, best_stereo, scores, stereo
 from benchmarks.records import Rows
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import choose_views
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality

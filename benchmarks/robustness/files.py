@@ -22,7 +22,8 @@ from mirrorcam.bench.scores.score_report import Limits
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import hardware_toml
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import read_request
 from mirrorcam.device.board_print import page_for
 from mirrorcam.device.hardware_choice import HardwareChoice

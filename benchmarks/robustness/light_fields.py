@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.hostile_light_fields import HOSTILE, SECRET, plant
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.optics.light_field.io.formats.lftoolbox import intrinsics
 from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_fields, write_light_field

@@ -21,8 +21,8 @@ from PIL import Image
 
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.guard import Category, refused_well
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import picture_size, read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import Video
 

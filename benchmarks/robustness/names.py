@@ -19,9 +19,10 @@ import numpy as np
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
 from benchmarks.robustness.guard import Category, refused_well
 from mirrorcam.core.disk.fingerprint import digest
-from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.core.disk.stages import Manifest, Stage, staleness
-from mirrorcam.core.values import InputError
+from mirrorcam.core.disk.output_folder import output_folder, results_folder
+from mirrorcam.core.disk.results import Results
+from mirrorcam.core.disk.stages import Stage, made_of, staleness
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.recording import Folders, Recording
 from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
@@ -128,11 +129,8 @@ def stage(folder: Path, random: np.random.Generator) -> str:
     """Look whether a stage of a run is done."""
     step = Stage("design", lambda place, progress: None)
     (folder / "design").mkdir()
-    made_of: dict[str, Any] = {"parameters": {}, "reads": {}, "sources": {}, "versions": {}}
-    manifest = Manifest.model_validate(
-        {"schema": "mirrorcam.stage/2", "made_of": made_of, "files": _files(folder, random)}
-    )
-    _put(folder / "design" / ".stage.json", manifest.model_dump(mode="json", by_alias=True), random)
+    files = {name: sha256.encode() for name, sha256 in _files(folder, random).items()}
+    Results(results_folder(folder)).put("stage-design", made_of(step, folder), files)
     staleness(step, folder)
     return ""
 
@@ -140,7 +138,7 @@ def stage(folder: Path, random: np.random.Generator) -> str:
 def record(folder: Path, random: np.random.Generator) -> str:
     """Write into a folder whose record lists files of others."""
     files = {name: value for name, value in _files(folder, random).items() if name != MINE}
-    line = {"schema": "mirrorcam.written/1", "command": "cad", str(random.choice(["now", "next"])): files}
+    line = {"schema": "mirrorcam.written/2", "command": "cad", "files": {name: [files[name]] for name in files}}
     _put(folder / ".mirrorcam" / "written.jsonl", line, random)
     with output_folder(folder, "cad", force=bool(random.random() < 0.5)) as output:
         output.refuse_changed()

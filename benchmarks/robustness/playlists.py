@@ -24,7 +24,7 @@ from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.guard import Category, refused_well
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera

@@ -1,1 +1,1 @@
-"""The device put together: every part's plan, its pieces, what is bought."""
+"""The device put together: the plan of every part, its pieces, its bought items."""

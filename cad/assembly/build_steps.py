@@ -189,7 +189,7 @@ def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
 
 
 def also_needed(device: Device) -> tuple[Tool, ...]:
-    """What is neither built in nor a tool."""
+    """Things needed that are neither built in nor tools."""
     needed = [
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
         Tool("flat stiff plate of its size, of glass or aluminium", "to glue the board on"),

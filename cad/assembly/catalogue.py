@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.backs.back import BackJoint, BackPart
+from mirrorcam.cad.backs.back import BackJoint
 from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
@@ -79,91 +79,31 @@ def _on_bed(device: Device) -> Pieces:
     )
 
 
-def _whole(device: Device) -> tuple[PartPlan, ...]:
-    mount, clip, coupon = device.mount, device.clip, device.coupon
-    return (
-        _part(
-            HOLDER,
-            "Mirror holder",
-            1,
-            device.holder,
-            make_screwed_holder if device.mirror_carriers else make_holder,
-            lying_on(device.holder.rig_from_mount),
-            (0.36, 0.39, 0.44),
-        ),
-        _part(
-            MOUNT,
-            "Mount",
-            2,
-            mount,
-            make_mount,
-            turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg),
-            (0.16, 0.46, 0.62),
-        ),
-        _part(CLIP, "Camera clip", 3, clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20)),
-        *(_of_back(part, number) for number, part in enumerate(device.back.parts, start=4)),
-        _part(COUPON, "Fit coupon", 6, coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82)),
-        *_cover(device),
-        *_carriers(device),
-    )
-
-
-def _cover(device: Device) -> tuple[PartPlan, ...]:
-    if device.cover is None:
-        return ()
-    bed_from_rig = lying_on(device.cover.rig_from_front)
-    return (_part(COVER, "Dust cover", 7, device.cover, make_cover, bed_from_rig, (0.80, 0.76, 0.62)),)
-
-
-def _carriers(device: Device) -> Iterator[PartPlan]:
+def _whole(device: Device) -> Iterator[PartPlan]:
+    """The parts to print before any is split, in the order of their numbers."""
     moves = explode_of(device)
+
+    def part(
+        number: int, name: str, title: str, plan: Any, make: Any, print_from_rig: FloatArray, rgb: Rgb
+    ) -> PartPlan:
+        return PartPlan(name, title, f"MC-{number:02d}", plan, make, print_from_rig, moves[name], rgb)
+
+    holder, mount, clip, coupon, cover = device.holder, device.mount, device.clip, device.coupon, device.cover
+    make = make_screwed_holder if device.mirror_carriers else make_holder
+    yield part(1, HOLDER, "Mirror holder", holder, make, lying_on(holder.rig_from_mount), (0.36, 0.39, 0.44))
+    on_end = turned(standing(X_UP, -mount.half_width_mm), mount.bed_turn_deg)
+    yield part(2, MOUNT, "Mount", mount, make_mount, on_end, (0.16, 0.46, 0.62))
+    yield part(3, CLIP, "Camera clip", clip, make_clip, standing(Y_UP, clip.slide_y_mm), (0.93, 0.55, 0.20))
+    for number, back in enumerate(device.back.parts, start=4):
+        low = float((back.plan.corners @ back.bed_from_rig[2]).min())
+        upright = standing(back.bed_from_rig, low)
+        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], upright, back.rgb)
+    yield part(6, COUPON, "Fit coupon", coupon, make_coupon, standing(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
+    if cover:
+        yield part(7, COVER, "Dust cover", cover, make_cover, lying_on(cover.rig_from_front), (0.80, 0.76, 0.62))
     for number, carrier in enumerate(device.mirror_carriers, start=8):
-        name = carrier_name(carrier.name)
-        yield PartPlan(
-            name=name,
-            title=f"Mirror carrier {carrier.name}",
-            number=f"MC-{number:02d}",
-            plan=carrier,
-            make=make_carrier,
-            print_from_rig=lying_on(carrier.rig_from_back),
-            explode_mm=moves[name],
-            rgb=(0.46, 0.49, 0.54),
-        )
-
-
-def _of_back(part: BackPart, number: int) -> PartPlan:
-    low = float((part.plan.corners @ part.bed_from_rig[2]).min())
-    return PartPlan(
-        name=part.name,
-        title=part.title,
-        number=f"MC-{number:02d}",
-        plan=part.plan,
-        make=MAKERS[type(part.plan)],
-        print_from_rig=standing(part.bed_from_rig, low),
-        explode_mm=part.explode_mm,
-        rgb=part.rgb,
-    )
-
-
-def _part(
-    name: str,
-    title: str,
-    number: int,
-    plan: Any,
-    make: Any,
-    print_from_rig: FloatArray,
-    rgb: Rgb,
-) -> PartPlan:
-    return PartPlan(
-        name=name,
-        title=title,
-        number=f"MC-{number:02d}",
-        plan=plan,
-        make=make,
-        print_from_rig=print_from_rig,
-        explode_mm=np.array(EXPLODE[name]),
-        rgb=rgb,
-    )
+        title, on_back = f"Mirror carrier {carrier.name}", lying_on(carrier.rig_from_back)
+        yield part(number, carrier_name(carrier.name), title, carrier, make_carrier, on_back, (0.46, 0.49, 0.54))
 
 
 def bought_items(device: Device) -> tuple[BoughtItem, ...]:
@@ -323,7 +263,7 @@ def lying_on(rig_from_face: FloatArray) -> FloatArray:
 
 
 def named_faces(device: Device, part: str) -> tuple[NamedFace, ...]:
-    """The faces of a printed part, by its name, or that of a piece of it, such as "mount_1".
+    """The faces of a printed part, by its name or the name of a piece of it, such as "mount_1".
 
     "seat_ROW-COLUMN" and "pad_ROW-COLUMN" behind each mirror, "joint_NAME" at each connection to another part.
     """

@@ -24,7 +24,7 @@ from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -121,7 +121,7 @@ def _require_known_screws(hardware: Hardware) -> None:
 def _cover(
     layout: Layout, holder: HolderPlan, mount: MountPlan, camera: tuple[Frustum, ...], hardware: Hardware
 ) -> CoverPlan | None:
-    """The dust cover, if one is asked for, fits the bed, and comes off past the camera in its clip (`camera`)."""
+    """The dust cover, if it is requested, fits the bed, and comes off past the camera in its clip (`camera`)."""
     cover = plan_cover(layout, holder, mount, hardware) if hardware.holder.dust_cover else None
     if cover is None:
         return None

@@ -75,8 +75,8 @@ ANGLE_RAD = 0.35
 class Piece:
     """A piece of the assembled device: `mesh` in rig, mm; `explode_mm` (3,) is its shift, in rig, in an exploded view.
 
-    `name` is unique: the stem of a part's files, "mirror_ROW-COLUMN", or a fastener's. `number` is that of a part or a
-    mirror, "" for what is bought; `item` is the fastener that a piece shows.
+    `name` is unique: the stem of a part's files, "mirror_ROW-COLUMN", or a fastener's. `number` is the number of a
+    part or a mirror, "" for bought items; `item` is the fastener that a piece shows.
     """
 
     name: str
@@ -237,7 +237,7 @@ def mass_of(mesh: trimesh.Trimesh, density_g_per_cm3: float) -> MassProperties:
 def composed(bodies: Sequence[MassProperties]) -> MassProperties:
     """Several bodies as one: masses add, inertias about the common centre by the parallel axis theorem.
 
-    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), d_k from the common centre to that of body k.
+    I = sum of I_k + m_k (|d_k|^2 1 - d_k d_k^T), d_k from the common centre to the centre of body k.
     """
     masses = np.array([body.mass_g for body in bodies])
     centres = np.array([body.centre_in_rig_mm for body in bodies])
@@ -329,7 +329,7 @@ def item_solid(item: BoughtItem) -> Part:
             extrude(amount=item.length_mm)
             Hole(diameter / 2.0)
         elif item.kind == "insert":
-            # Outer diameter 4.6 for M3, pressed into a hole of 4.0: what is seen of it is the hole's size.
+            # Outer diameter 4.6 for M3, pressed into a hole of 4.0: it is as wide as its hole where it is seen.
             Cylinder(4.0 / 3.0 * diameter / 2.0, item.length_mm, align=BELOW)
             Hole(diameter / 2.0)
         else:

@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 
-# Of the part under the mount's foot, and of what is fastened to that.
+# Colours of the part under the mount's foot, and of the part fastened to it.
 RGB: Rgb = (0.35, 0.60, 0.42)
 SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
 # Which way a part of a back stands when printed: rows are the bed's x, y and z in rig.
@@ -70,7 +70,7 @@ class BackJoint:
 
 @dataclass(frozen=True)
 class Carrier:
-    """What a back is fastened to, as convex solids in rig, mm, for clearances and light; no piece of the device."""
+    """The support of a back as convex solids in rig, mm, for clearances and light; no piece of the device."""
 
     name: str
     solids: tuple[Frustum, ...]
@@ -116,7 +116,7 @@ class RobotLink:
     """Where the device hangs on an arm: the parent link, and the pose of the device's link in it.
 
     The device's link has x to the scene, y left and z up; its origin is at `origin_in_rig` (3,), mm. Its pose in the
-    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` says which arms that is for.
+    parent's frame is `xyz_mm`, and `rpy` in rad about the fixed axes. `arms` names the arms that it is for.
     """
 
     parent: str
@@ -128,7 +128,7 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Stand:
-    """What a device stands on by itself: corners (n, 2; x and y) of its support, convex, at `z_mm` in rig."""
+    """The support of a device that stands by itself: convex corners (n, 2; x and y), at `z_mm` in rig."""
 
     corners: FloatArray
     z_mm: float

@@ -55,7 +55,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class BlocksPlan:
-    """A part in rig, mm: convex pieces and discs, less what is cut from them; `lengths` are for its drawing."""
+    """A part in rig, mm: convex pieces and discs, less cuts; `lengths` are for its drawing."""
 
     name: str
     pieces: tuple[Frustum, ...]

@@ -45,7 +45,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 SADDLE, CAP = Gen2Back.parts
@@ -79,8 +80,8 @@ SAGITTA_MM = 0.02
 class RingPlan:
     """Half of the clamp in rig, mm: a ring about x = 0, z = `axis_z_mm`, over or under that, and what it carries.
 
-    `above` says which half; the ring spans `band_mm` (2,) along y and is `radius_mm` wide inside. `ears` (2, 3) are
-    where the clamp's screws go through its face towards the other half.
+    `above` is true for the upper half; the ring spans `band_mm` (2,) along y and has an inner radius of `radius_mm`.
+    `ears` (2, 3) are where the clamp's screws go through its face towards the other half.
     """
 
     name: str
@@ -195,7 +196,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
 
 
 def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
-    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table says.
+    """The joint's ring and the last shell as measured, the clamp's middle as far along as the table states.
 
     Another diameter is taken for a shell of the same form. Where the clamp sits, the shell has its mean radius, in
     front of it its largest.

@@ -24,7 +24,7 @@ from mirrorcam.cad.plan.fasteners import (
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = MonitorBack.parts

@@ -32,7 +32,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.cad.plan.prisms import along_x, box
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 BEHIND_MM = 2.0
 """How far a plate reaches behind the mount: the wall of the nut's pocket."""

@@ -1,6 +1,6 @@
 """Mirrors on carriers: tilted and moved by all of their travel they meet nothing, springs hold them, drivers reach.
 
-The poses are those of a mirror tilted by `holder.adjust_deg` about axes all round, moved back and forth by
+In each pose the mirror is tilted by `holder.adjust_deg` about axes all round, and moved back and forth by
 `holder.adjust_mm` at the same time. Its own screws go with it, for whose shanks `plan_adjuster` leaves space.
 """
 
@@ -40,7 +40,7 @@ def check_adjustment(
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in rig, mm.
     carriers : mapping of str to Manifold
-        What the device is fastened to, which may be in the way of a driver.
+        Solids that the device is fastened to, which may be in the way of a driver.
 
     Returns
     -------

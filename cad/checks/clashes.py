@@ -22,13 +22,13 @@ TOUCH_MM = 0.08
 PINNED_MM = 0.2
 # Distances of solids beyond this are not measured.
 NEAR_MM = 10.0
-# Fasteners by the beginning of their names, and what a screw holds in.
+# Fasteners by the beginning of their names, and the threads that hold screws.
 FASTENERS = ("screw", "washer", "spring", "insert", "nut", "pin")
 THREADS = ("insert", "nut")
 # A screw that cuts its own thread in plastic: the hole is about 0.8 of its diameter, 2 mm for boards.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
-# The shell of the robot's wrist, and what is clamped round it, bored to its diameter.
+# The shell of the robot's wrist, and the clamp round it, bored to its diameter.
 WRIST, CLAMP = "wrist", "adapter_"
 
 
@@ -100,7 +100,7 @@ def check_clashes(
         if name.startswith("screw")
         and not any(_forms(name, other) or other.startswith(THREADS) or other in carriers for other in touched[name])
     ]
-    # What a pin joins holds it from both sides.
+    # Both parts that a pin joins hold it.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
     return {
         "device.clash_mm3": Metric(value=sum(meeting.common_mm3 for meeting in met), unit="mm3", limit=0.0),

@@ -42,7 +42,7 @@ class MirrorCut:
     strokes: tuple[FloatArray, ...]
 
     def finished(self, cutting: Cutting) -> FloatArray:
-        """The outline (n, 2) of the mirror once it is cut, counter-clockwise: what the kerf leaves of it."""
+        """The outline (n, 2) of the mirror once it is cut, counter-clockwise, less the kerf."""
         shrunk = orient(Polygon(self.path)).buffer(-cutting.allowance_mm, join_style="mitre", mitre_limit=MITRE_LIMIT)
         return np.array(orient(shrunk).exterior.coords)[:-1]
 

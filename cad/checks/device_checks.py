@@ -51,7 +51,7 @@ class DeviceAsMade:
     """A device as read back from the folder of a build: parts as printed, mirrors as cut, all else as assembled.
 
     `laid` are the mirrors' outlines in the files `sheets`, by row and column; `assembly` are the meshes of the assembly
-    and `solids` those of all pieces, both by name, in rig, mm.
+    and `solids` the solids of all pieces, both by name, in rig, mm.
     """
 
     device: Device
@@ -104,7 +104,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     Returns
     -------
     dict of str to Metric
-        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or that of a piece. Parts are taken as printed,
+        Checks and figures by name: `device.NAME`, `mirrors.NAME`, or `PIECE.NAME`. Parts are taken as printed,
         mirrors as cut, camera and fasteners as in the assembly, what carries the device as the back has it.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
@@ -181,7 +181,7 @@ def _check_cover(made: DeviceAsMade, parts: Sequence[BuiltPart]) -> dict[str, Me
 def carriers_of(
     device: Device, fasteners: Mapping[str, manifold3d.Manifold] = MappingProxyType({})
 ) -> dict[str, manifold3d.Manifold]:
-    """What the back is fastened to, by name, in rig, with holes for the fasteners in it: no pieces of the device."""
+    """Solids that the back is fastened to, by name, in rig, with holes for its fasteners; no pieces of the device."""
     in_it = manifold3d.Manifold.compose(list(fasteners.values()))
     return {
         carrier.name: manifold3d.Manifold.batch_boolean(

@@ -70,7 +70,7 @@ def light_of(layout: Layout, index: int, hardware: Hardware) -> MirrorLight:
 
 
 def light_of_rim(layout: Layout, index: int, hardware: Hardware) -> FloatArray:
-    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, of pixels whose whole pupil is served."""
+    """Segments (2, n, 2, 3) as in `light_of`, but from all over the pupil, for unvignetted pixels."""
     mirror = layout.mirrors[index]
     starts, rays = sampled_light(mirror, layout.camera.pupil, RIM_STEPS)
     met, leaving, directions = traced(mirror, rays, starts)

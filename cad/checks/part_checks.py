@@ -233,7 +233,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
     folder : Path
         Holds NAME.step, NAME.stl (both in rig, mm) and NAME.3mf (as printed).
     printer : Printer
-        What the printer can print.
+        Limits of the printer.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def check_part(part: PartPlan, folder: Path, printer: Printer) -> dict[str, Metr
 def check_bed(mesh: trimesh.Trimesh, printed: trimesh.Trimesh, part: PartPlan, printer: Printer) -> dict[str, Metric]:
     """Check the part in the 3MF file: on the bed, no larger than it, and up as planned.
 
-    `lie_error_um` is the largest difference of the heights of its corners from those of the STL file, laid as planned.
+    `lie_error_um` is the largest difference between the heights of its corners and of the STL file's, laid as planned.
     """
     low, high = printed.bounds
     beyond = np.maximum(np.maximum(-low, high - np.array(printer.bed_mm)), 0.0).max()

@@ -25,7 +25,7 @@ from mirrorcam.core.values import FloatArray, Metric
 
 
 def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifold:
-    """What the hull of a solid passes over by moves (n, 3), one after the other."""
+    """The volume that the hull of a solid sweeps by moves (n, 3), one after the other."""
     place, passed = solid.hull(), []
     for move in moves_mm:
         moved = place.translate(tuple(float(by) for by in move))
@@ -99,7 +99,7 @@ def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3
     Returns
     -------
     dict of str to Metric
-        The largest volume that any fastener's tool has in common with what is there, and that of each which has some.
+        The largest volume that any fastener's tool shares with the parts there, and each tool's own where it clashes.
     """
     others = {name: solid for name, solid in solids.items() if not name.startswith(FASTENERS)}
     clashes = {

@@ -90,7 +90,7 @@ def annotate(
     room_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
     traces: Sequence[tuple[int, int, float]] = (),
 ) -> None:
-    """Draw overall dimensions and those of the plan, each in the view that shows it best.
+    """Draw overall dimensions and the plan's, each in the view that shows it best.
 
     `room_mm` is free left of the views and below them. `traces` are those that a section may have: the number of the
     view, the coordinate, x (0) or y (1), that is the same all along, and its value on paper.
@@ -188,7 +188,7 @@ def _holes(sheet: DrawingSheet, placed: PlacedView, job: Annotations, words: str
             and _symmetric(placed, coordinate)
             and not (has_room(edge, number(edge / placed.scale)) and _ends_straight(placed, coordinate))
         ):
-            # Symmetric, as the axis says: only how far the holes are apart.
+            # Symmetric, as the axis shows: only how far the holes are apart.
             _axis(sheet, placed.box, coordinate, middle)
             stops = []
         else:
@@ -319,7 +319,7 @@ def _area_mm2(loop: FloatArray) -> float:
 
 
 def tolerance_notes(built: Tolerances) -> tuple[str, ...]:
-    """What the datums are, and what the zones keep."""
+    """Notes on the datums and the tolerance zones."""
     return (
         "values of the table of seats are theoretically exact (ISO 1101);",
         "datum A: the flat back, B: the holes of the mount's screws in it;",

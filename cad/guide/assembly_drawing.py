@@ -27,7 +27,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 STEM = "assembly"
-"""Of the files of the assembly drawing."""
+"""Stem of the files of the assembly drawing."""
 NUMBER = "MC-00"
 PX_PER_MM = 6.0
 """Of paper, of the pictures that say which edges are hidden."""

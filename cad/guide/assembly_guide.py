@@ -41,7 +41,7 @@ def write_guide(
 ) -> None:
     """Write guide.md into `folder`, where mirrors/ is written already; its links lead to all files there.
 
-    `estimate` says what the device costs.
+    `estimate` is the text on the cost of the device.
     """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
@@ -134,7 +134,7 @@ def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
 
 
 def _nest_texts(device: Device) -> dict[str, Any]:
-    """What the step of the camera says of how it is held and repeats, as the checks have it."""
+    """Figures of the step of the camera: how it is held and how well it repeats, as in the checks."""
     clip, hardware = device.clip, device.hardware
     repeats = repeatability(clip, device.layout, hardware)
     held_by = hardware.camera.held_by
@@ -156,7 +156,7 @@ def _nest_texts(device: Device) -> dict[str, Any]:
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:
-    """What the guide says of the mirrors' carriers; {} where mirrors are glued to the holder."""
+    """Figures of the guide on the mirrors' carriers; {} where mirrors are glued to the holder."""
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
         return {}

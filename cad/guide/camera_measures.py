@@ -46,13 +46,13 @@ MEASURES = (
     Measure("N", "hinge_from_back_mm", "how far it reaches from the back towards the front", "calipers"),
     Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
 )
-"""All measures of a body, in the order in which they are asked; letters skip I and O."""
+"""All measures of a body, in the order of the questions; letters skip I and O."""
 
 
 def draw_camera(body: CameraBody) -> DrawingSheet:
     """Draw a camera on an A4 sheet: from behind, as its picture shows the world, from its right side, and its measures.
 
-    Lengths of the drawing are those of the body, mm; `guessed` ones are marked.
+    Lengths of the drawing are true to the body, mm; `guessed` ones are marked.
     """
     sheet = DrawingSheet(*A4_MM)
     wide = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
@@ -140,7 +140,7 @@ def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: Flo
 def _draw(
     sheet: DrawingSheet, box: FloatArray, below: Sequence[LinearDimension], beside: Sequence[LinearDimension]
 ) -> None:
-    """Dimensions below a view and left of it; those of no length are in the table alone."""
+    """Dimensions below a view and left of it; measures of no length are in the table alone."""
     draw_tiers(sheet, box, [each for each in below if each.span > 0.2], ROOM_MM, upright=False)
     draw_tiers(sheet, box, [each for each in beside if each.span > 0.2], ROOM_MM, upright=True)
 

@@ -99,7 +99,7 @@ def _text(path: Path) -> str:
 
 
 def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, Sequence[str]]) -> list[PageFile]:
-    """The files of the device beside those of its parts, with what they are for; the checks are written last."""
+    """The files of the device other than those of parts, with their purposes; the checks are written last."""
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} | {"checks.json"}
     return [
         PageFile(name, _on_plate(plates[name], purpose, parts) if name in plates else purpose)
@@ -110,7 +110,7 @@ def _other_files(folder: Path, parts: Sequence[BuiltPart], plates: Mapping[str, 
 
 
 def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) -> str:
-    """The parts on a plate by number and title, then its purpose, and what is printed before it."""
+    """The parts on a plate by number and title, then its purpose, and the part to print before it."""
     of_name = {part.name: f"{part.number} {part.title}" for part in parts}
     listed = ", ".join(of_name[name] for name in names)
     coupon = next((part for part in parts if part.name == COUPON), None)

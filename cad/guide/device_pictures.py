@@ -179,7 +179,7 @@ def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
 
 
 def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
-    """The parts with what is put into them from behind and from the front; those that carry mirrors by themselves."""
+    """The parts from behind and from the front, with inserts and nuts; carriers of mirrors by themselves."""
     title = "Where inserts and nuts go"
     carriers = stages.carriers
     items = _threads(stages, [part for part in stages.of_kind("part") if part not in carriers])
@@ -261,7 +261,7 @@ def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:
-    """The camera before its clip from above the lens and from behind, with what of the clip the guide speaks of."""
+    """The camera before its clip from above the lens and from behind, with points of the clip that the guide names."""
     clip = device.clip
     rest = [*stages.clip, *stages.threads_in(stages.clip)]
     joint = joined(rest, [], stages.camera_screws, stages.clip)
@@ -288,7 +288,7 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
 
 
 def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
-    """The clip with its camera before the mount; a red bar on each says what is read against what."""
+    """The clip with its camera before the mount; a red bar on each marks the edge and the scale that it is read on."""
     rest = [*stages.holder, *stages.carriers, *stages.mount, *stages.mirrors, *stages.holder_screws]
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
     items = joined(rest, new, stages.clip_screws, stages.mount, together=stages.clip)

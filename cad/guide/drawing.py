@@ -109,7 +109,7 @@ def seat_table(plan: HolderPlan | CarrierPlan, bed_from_rig: FloatArray) -> Draw
 
 
 def offered(plan: Any) -> tuple[Length | Hole, ...]:
-    """The dimensions of a part's plan in rig; of a piece of a part that is split those of the whole."""
+    """The dimensions of a part's plan in rig; a piece of a split part has the dimensions of the part."""
     if isinstance(plan, PiecePlan):
         return offered(plan.whole)
     if isinstance(plan, HolderPlan):
@@ -136,12 +136,12 @@ def write_drawing(
 
 
 def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw) -> DrawingSheet:
-    """Draw a part on a drawing sheet; `screw` says which of its holes are for inserts and nuts."""
+    """Draw a part on a drawing sheet; `screw` decides which of its holes are marked for inserts and nuts."""
     bed_from_rig = part.print_from_rig[:3, :3]
     top, front, right = (project(solid, axes @ bed_from_rig) for axes in (TOP, FRONT, RIGHT))
     isometric = project(solid, ISOMETRIC @ bed_from_rig, hidden_too=False)
     whole = part.plan.whole if isinstance(part.plan, PiecePlan) else part.plan
-    # Of a holder with carriers these have the seats.
+    # The carriers of a holder have the seats.
     seats = isinstance(whole, HolderPlan) and bool(whole.cores)
     dimensions = dimensions_of(part, solid, screw)
     views = (top, front, right)
@@ -218,7 +218,7 @@ def _arrange(
 ) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
     """Place the views at the largest scale of the standard that leaves space for their dimensions.
 
-    Returns them, the scale, and what is free left of and below each, mm.
+    Returns them, the scale, and the free space left of and below each, mm.
     """
     bottom = BORDER_MM + BLOCK_MM
     free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
@@ -226,7 +226,7 @@ def _arrange(
     high = float(np.ptp(front.box, axis=0)[1])
     spare = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * WORDS_MM)
     scale = next((s for s in SCALES if s * (wide + deep) <= spare[0] and s * (deep + high) <= spare[1]), SCALES[-1])
-    # What is left over goes around the views in equal shares.
+    # The rest goes around the views in equal shares.
     loose = np.maximum(spare - scale * np.array([wide + deep, deep + high]), 0.0) / 3.0
     room_mm = (TIERS_MM + min(float(loose[0]), 30.0), TIERS_MM + min(float(loose[1]), 20.0))
     left = BORDER_MM + room_mm[0]

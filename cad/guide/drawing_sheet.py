@@ -23,8 +23,9 @@ from matplotlib.textpath import TextPath
 
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.sheet_text import drawable, fitted
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.names import drawable, fitted
+from mirrorcam.core.values import FloatArray
 
 MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
@@ -188,7 +189,7 @@ EPOCH = "SOURCE_DATE_EPOCH"
 
 @dataclass(frozen=True)
 class Title:
-    """What a title block says; `revision` is the identity of the numbers that the drawing was made of.
+    """Entries of a title block; `revision` is the identity of the numbers that the drawing was made of.
 
     `model` is the file with the shape of what the drawing does not dimension.
     """
@@ -222,18 +223,18 @@ def printed_of(plastic: str) -> str:
     return fitted_text(plastic, MATERIAL_MM - 4.0 - text_width_mm(printed, VALUE_MM), VALUE_MM) + printed
 
 
-def draw_title_block(sheet: DrawingSheet, said: Title) -> None:
+def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
     """Draw the border and the title block of an A3 sheet."""
     right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
     sheet.rectangle((BORDER_MM, BORDER_MM), (right, top), FRAME_MM)
     head = BORDER_MM + BLOCK_MM
     sheet.lines([np.array([(BORDER_MM, head), (right, head)])], FRAME_MM)
     columns: tuple[tuple[float, tuple[tuple[str, str, bool], ...]], ...] = (
-        (90.0, (("Title", said.title, True), ("Project", "MirrorCam", False))),
-        (40.0, (("Drawing number", said.number, True), ("Sheet", "1 / 1, A3", False))),
-        (MATERIAL_MM, (("Material", said.material, False), ("Licence", LICENCE, False))),
-        (52.0, (("Scale (views)", ratio(said.scale), True), ("Date", issue_date(), False))),
-        (TOLERANCE_MM, (("General tolerance, mm", said.tolerance, False), ("Revision", said.revision, False))),
+        (90.0, (("Title", title.title, True), ("Project", "MirrorCam", False))),
+        (40.0, (("Drawing number", title.number, True), ("Sheet", "1 / 1, A3", False))),
+        (MATERIAL_MM, (("Material", title.material, False), ("Licence", LICENCE, False))),
+        (52.0, (("Scale (views)", ratio(title.scale), True), ("Date", issue_date(), False))),
+        (TOLERANCE_MM, (("General tolerance, mm", title.tolerance, False), ("Revision", title.revision, False))),
     )
     x = BORDER_MM
     for width, fields in columns:
@@ -247,7 +248,7 @@ def draw_title_block(sheet: DrawingSheet, said: Title) -> None:
     x_model = BORDER_MM + 90.0 - MODEL_MM
     sheet.lines([np.array([(x_model, BORDER_MM), (x_model, head - 13.0)])], 0.25)
     sheet.text((x_model + 2.0, head - 17.0), MODEL, 1.8, colour=SOFT)
-    sheet.text((x_model + 2.0, head - 23.0), fitted_text(said.model, MODEL_MM - 4.0, MODEL_TEXT_MM), MODEL_TEXT_MM)
+    sheet.text((x_model + 2.0, head - 23.0), fitted_text(title.model, MODEL_MM - 4.0, MODEL_TEXT_MM), MODEL_TEXT_MM)
     sheet.text((x + 2.0, head - 4.0), "Projection: third angle", 1.8, colour=SOFT)
     _third_angle(sheet, np.array([(x + right) / 2.0, BORDER_MM + 10.0]))
 

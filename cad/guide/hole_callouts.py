@@ -1,4 +1,4 @@
-"""Holes in a drawing: what is stated of each, and where they are.
+"""Holes in a drawing: their callouts and places.
 
 A callout has a hole's size, its depth in the material or that it goes through, and what it is for. Holes called out
 once in a view are dimensioned there, numbered ones listed in a table, and oblique ones shown in true length.
@@ -44,7 +44,7 @@ SAME_MM = 1e-3
 
 
 class Material:
-    """Where a solid has material, asked along lines and at points in rig, mm."""
+    """Where a solid has material, along lines and at points in rig, mm."""
 
     def __init__(self, solid: Part) -> None:
         shape = solid.wrapped
@@ -79,7 +79,7 @@ def called_out(holes: Iterable[Hole], solid: Part, screw: Fastening, pressed: st
     solid : Part
         The part, in rig.
     screw : Fastening
-        What says which holes are for an insert, a nut or a screw.
+        Fastening that decides which holes are for an insert, a nut or a screw.
     pressed : str
         The tolerance of those for an insert or a nut, "" of gauges, which differ by as much.
     """
@@ -110,7 +110,7 @@ def _called_out(hole: Hole, material: Material, screw: Fastening, pressed: str) 
         return replace(hole, text=_joined(hole.text, THROUGH, _purpose(hole, screw, through=True)))
     # From its closed end to the last of the walls that follow.
     origin, way = (end, -axis) if closed_end else (start - OUTSIDE_MM * axis, axis)
-    # Of a slot the walls are across its length: of eight ways one is within 22.5 deg of square to that.
+    # The walls of a slot are across its length: of eight ways one is within 22.5 deg of square to that.
     beside = (radius + BESIDE_MM) / (np.cos(np.pi / 8.0) if hole.travel_mm else 1.0)
     walls = [high for side in across for _, high in material.along(origin + beside * side, way, hole.cut_mm)[-1:]]
     deep = max(walls, default=hole.cut_mm)

@@ -20,7 +20,7 @@ SMALLEST_TEXT_PX = 15
 ROW_OF_TEXT = 1.9
 MARGIN_PX = 26
 SHIFT = 4
-# What is nearer than a point by more than this hides it.
+# A surface nearer than a point by more than this hides it.
 HIDDEN_MM = 1.0
 # Of the font, regular: left out, it is that of the last text that anything in this process drew.
 WEIGHT = 400
@@ -63,7 +63,7 @@ def deepest(seen: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
 
 
 def anchor(shot: Shot, body: int) -> FloatArray | None:
-    """The pixel (column, row) deepest inside of what is seen of a body, or None where it is hidden."""
+    """The pixel (column, row) deepest inside the visible part of a body, or None where it is hidden."""
     found = deepest(shot.bodies == body)
     return found[0] if found else None
 
@@ -71,7 +71,7 @@ def anchor(shot: Shot, body: int) -> FloatArray | None:
 def place_of(shot: Shot, label: Label) -> FloatArray | None:
     """The pixel (column, row) that a label names, or None where it is hidden or outside of the picture.
 
-    Of a body's point it is the pixel of the body that is nearest to it.
+    For a point of a body it is the nearest pixel of the body.
     """
     if label.at is None:
         return anchor(shot, label.body)
@@ -90,7 +90,7 @@ def place_of(shot: Shot, label: Label) -> FloatArray | None:
 
 
 def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
-    """The picture with its names in columns at its left and right sides, `top_px` down; what is hidden gets none."""
+    """The picture with its names in columns at its left and right sides, `top_px` down; hidden bodies get none."""
     found = [(label, point) for label in labels if (point := place_of(shot, label)) is not None]
     image = shot.image.copy()
     height, width = image.shape[:2]
@@ -124,7 +124,7 @@ def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pi
 
 
 def written(shot: Shot, labels: Sequence[Label]) -> Pixels:
-    """The picture with each name in the middle of what it names, on white; what is hidden gets none."""
+    """The picture with each name in the middle of its body, on white; hidden bodies get none."""
     image = shot.image.copy()
     height, width = image.shape[:2]
     font = cv2.FontFace("sans")

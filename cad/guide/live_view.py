@@ -1,4 +1,4 @@
-"""What the live camera must show once all is assembled: a picture of it, and its outlines to lay over the live one."""
+"""The expected live view of the assembled device: a picture, and outlines to lay over the camera's own."""
 
 from __future__ import annotations
 

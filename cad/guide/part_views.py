@@ -93,7 +93,7 @@ def polylines(edges: Iterable[Edge]) -> list[FloatArray]:
 
 
 def on_paper(view: PartView, scale: float) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without what is too small to be read.
+    """Visible and hidden polylines (n, 2) in mm of paper, each drawn once, without details too small to be read.
 
     Hidden lines are left out where they are so many that nothing could be read of them.
     """

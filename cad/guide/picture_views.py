@@ -104,9 +104,9 @@ def _drawn(view: DevicePicture) -> Pixels:
 
 
 PALE = 0.55
-# In the picture of a step what is new stands off by this share of its way in the exploded view.
+# In the picture of a step new pieces stand off by this share of its way in the exploded view.
 STEP_SHARE = 0.8
-# The head of an arrow, from what is put in towards where it goes: its length, its radius, and how far before it.
+# The head of an arrow, from the inserted piece towards its seat: its length, its radius, and how far before it.
 ARROW_MM, ARROW_RADIUS_MM, ARROW_BEFORE_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
 # How far mirrors are drawn before their seats.

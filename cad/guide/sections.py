@@ -1,4 +1,4 @@
-"""Sections: a part cut by a plane, what is seen behind it, and the hatched faces of the cut (ISO 128)."""
+"""Sections: a part cut by a plane, the view behind it, and the hatched faces of the cut (ISO 128)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _axis_of(hole: Hole) -> tuple[float, ...]:
 
 
 def cut(solid: Part, normal: int, at_mm: float, bed_from_rig: FloatArray) -> Section | None:
-    """Cut a solid and look at what is left behind the plane; None where the plane misses it."""
+    """Cut a solid and view the part behind the plane; None where the plane misses it."""
     axes = AXES[normal] @ bed_from_rig
     towards = axes[2]
     along = bed_from_rig[normal]
@@ -143,7 +143,7 @@ class Trace:
 
     @property
     def marks(self) -> tuple[Polygon, ...]:
-        """What the letters and arrows at both ends cover."""
+        """The areas that the letters and arrows at both ends cover."""
         return tuple(
             LineString([foot - (2.6 + LETTER_MM / 2.0) * self.look, foot + 6.0 * self.look]).buffer(
                 0.75 * LETTER_MM + 0.3
@@ -174,7 +174,7 @@ def trace_in(parent: PlacedView, section: Section, bed_from_rig: FloatArray) -> 
 
 
 def draw_trace(sheet: DrawingSheet, traces: Sequence[Trace], letter: str) -> None:
-    """Draw the trace that is least in the way of what the sheet has: its line, thick ends, arrows and letters.
+    """Draw the trace that covers the least of the sheet: its line, thick ends, arrows and letters.
 
     Each end goes beyond its view as far as arrow and letter need to be clear.
     """

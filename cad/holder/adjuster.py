@@ -13,10 +13,10 @@ import numpy as np
 
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, SUNK_HEAD, thread_of
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 SCREW = "M3"
-"""Thread of the screws: that of all the others, so that inserts and nuts are the same."""
+"""Thread of the screws: the same as all others, so that inserts and nuts are the same."""
 
 # The carrier's edge keeps this far from the holder at the end of its travel.
 SPARE_MM = 0.2

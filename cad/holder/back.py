@@ -21,7 +21,8 @@ from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.splitting import falls_apart, triangles_of
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
@@ -309,7 +310,7 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
 def space_of_mount(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
 ) -> list[BaseGeometry]:
-    """What the mount's holes (n, 2; about a centre) take of a back: discs with the insert's wall, slots for nuts."""
+    """Areas of a back for the mount's holes (n, 2; about a centre): discs with the insert's wall, slots for nuts."""
     around = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     taken: list[BaseGeometry] = [Point(centre_mm + hole).buffer(around) for hole in holes_mm]
     if hardware.screw.kind == "nut":

@@ -29,7 +29,8 @@ from mirrorcam.cad.plan.dimension import Hole, holes
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid
@@ -128,7 +129,7 @@ def _shadow(mirror: Mirror, axes: FloatArray, inset_mm: float, hardware: Hardwar
 
 
 def _free_area(index: int, layout: Layout, shadows: Sequence[Polygon], axes: FloatArray, hardware: Hardware) -> Polygon:
-    """What a carrier may take: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
+    """The area for a carrier: the shadow of its mirror, cut straight where other mirrors come near when tilted."""
     area = _shadow(layout.mirrors[index], axes, hardware.holder.carrier_inset_mm, hardware)
     for other, shadow in enumerate(shadows):
         if other == index or area.is_empty:

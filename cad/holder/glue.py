@@ -148,7 +148,7 @@ def glue_mm3(free: Polygon, pads: Sequence[FloatArray], hardware: Hardware) -> f
 def bead_mm(hardware: Hardware) -> float:
     """Diameter of a bead of glue that, pressed to the bond's thickness, is as wide as the land between two grooves.
 
-    Of a volume per length pi d^2 / 4 = pitch x bond.
+    The volume per length is pi d^2 / 4 = pitch x bond.
     """
     return float(np.sqrt(4.0 / np.pi * hardware.holder.groove_pitch_mm * hardware.holder.bond_mm))
 

@@ -15,7 +15,8 @@ from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.splitting import fragments
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 # Solids that are joined reach into each other by this much: faces that only touch need not join.
 OVERLAP_MM = 0.5
@@ -92,7 +93,7 @@ class HolderPlan:
 
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
-    """The holder without hollows, grooves and holes: what is material and not in any light."""
+    """The holder without hollows, grooves and holes: all material that is in no light."""
     away = plan.rig_from_mount[:3, 2]
     down, up, still = OVERLAP_MM * away, -OVERLAP_MM * away, np.zeros(3)
     body = csg.joined(

@@ -82,8 +82,8 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     front = _front(layout, hardware)
     cuts: Cuts = ((), ())
     if not fits_bed(front.border, hardware):
-        # Rims give way to cuts wherever these are. What a cut meets at the front does not depend on how thick the part
-        # is, which the pins in its cuts decide.
+        # Rims give way to cuts wherever these are. Obstacles of a cut at the front do not depend on the thickness of
+        # the part, which the pins in its cuts decide.
         uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
         cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
     mount = place_mount(front.surface, hardware, cuts)

@@ -16,7 +16,7 @@ from mirrorcam.cad.plan.device_names import HOLDER
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 UPRIGHT = (Align.CENTER, Align.CENTER, Align.MIN)

@@ -1,4 +1,4 @@
-"""Three pads in every seat: what a mirror rests on, and what makes the bond behind it as thick as it is meant to be."""
+"""Three pads in every seat: a mirror rests on them, and they set the thickness of the bond behind it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from mirrorcam.cad.holder.glue import Groove
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, seat_height_mm
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
@@ -45,7 +46,7 @@ def plan_pads(
     Parameters
     ----------
     name : str
-        What the mirror is called in messages.
+        Name of the mirror in messages.
     mirror : Mirror
         The mirror that the pads carry.
     free : Polygon

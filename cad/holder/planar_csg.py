@@ -1,7 +1,7 @@
 """Planar CSG: solids with flat faces, joined and cut as meshes that are manifold by construction, and as one B-rep.
 
 A holder is some hundred convex solids, many with faces in one plane. Booleans of B-reps take minutes and lose faces
-there; manifold3d is exact about topology, and every triangle says from which face of which solid it comes. The B-rep's
+there; manifold3d is exact about topology, and every triangle keeps the face and solid that it comes from. The B-rep's
 faces lie in these given planes, not in planes fitted to the mesh.
 """
 
@@ -237,7 +237,7 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
 
 
 def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
-    """Faces whose loops nowhere run back along the edge that they came by: what is so thin belongs to the next face."""
+    """Faces whose loops nowhere run back along the edge that they came by: an area so thin belongs to the next face."""
     loops = [loop for _, group in faces for loop in group]
     found = True
     while found:

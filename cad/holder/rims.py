@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# Space is tested at points this far apart; what is found free is shortened by as much at both ends.
+# Space is tested at points this far apart; free stretches are shortened by as much at both ends.
 STEP_MM = 0.25
 # What lies beside a seat ends this far below it.
 RELIEF_MM = 0.3

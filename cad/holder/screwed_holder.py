@@ -37,7 +37,8 @@ from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_space_mm, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
@@ -46,7 +47,7 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 class ScrewedHolderPlan(HolderPlan):
     """A holder that is a level plate with a baffle: no cores, pads, rims, grooves nor hollows.
 
-    `carriers` are in the order of `mirror_names`, each with three screws, all as `adjuster` says.
+    `carriers` are in the order of `mirror_names`, each with three screws, all as in `adjuster`.
     """
 
     carriers: tuple[CarrierPlan, ...]
@@ -144,7 +145,7 @@ def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
 def _taken(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
     """Where no axis of a carrier's screw may be: at the holes of the mount's screws, and at its holes for their heads.
 
-    These and the driver's holes have roofs along x, as `DRIVER_HOLE_ENDS_MM` says; between two of them is a wall.
+    These and the driver's holes have roofs along x (`DRIVER_HOLE_ENDS_MM`); between two of them is a wall.
     """
     spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
     taken = [space.buffer(head_wide_mm() / 2.0) for space in spaces]

@@ -100,7 +100,7 @@ def plan_baffle(
     rig_from_mount : (4, 4)
         Frame of the holder's flat back, z out of the back.
     light : sequence of Frustum
-        What the baffle must stay out of, in rig, mm.
+        Solids that the baffle must stay out of, in rig, mm.
     foot_mm : float
         Height of the flange, on which the baffle stands, over the back.
     hardware : Hardware

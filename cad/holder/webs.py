@@ -143,7 +143,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     outward = np.column_stack([directions[:, 1], -directions[:, 0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     distances = np.sum((corners - middle) * outward, axis=1)
-    # Height of the whole pyramid, and of what is left of it under the top.
+    # Height of the complete pyramid, and of the part of it under the top.
     steep = STEEPER * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
     pyramid = float(distances.max()) * steep
     flat = min(hardware.holder.ceiling_mm / (2.0 * float(distances.min())), 0.95)
@@ -151,7 +151,7 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
     levels = (body.bounding_box()[2] - 1.0, -0.5 * LOWEST_MM)
-    # Slightly more than what is examined: with the whole body it takes twice as long.
+    # Slightly more than the region examined: with the complete body it takes twice as long.
     near = body ^ _column(middle + 1.01 * scale * (corners - middle), levels)
     eaves = np.inf
     for i in range(len(corners)):

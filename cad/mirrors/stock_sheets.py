@@ -32,7 +32,8 @@ from shapely.geometry.polygon import orient
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.plan.stroke_font import STROKES
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
@@ -45,8 +46,8 @@ Material = Literal["acrylic", "glass"]
 class Facing:
     """How stock of one kind lies, in words that the notes of a sheet and the guide share.
 
-    `up` is the face that the laser meets, `up_is` and `down_is` how one tells it and the face on the table; `marked`
-    is what the laser engraves, `before` and `after` what is done for that.
+    `up` is the face that the laser meets, `up_is` and `down_is` describe it and the face on the table; `marked`
+    is the layer that the laser engraves, `before` and `after` the work for that.
     """
 
     up: Literal["back", "front"]
@@ -174,7 +175,7 @@ GLASS_INDEX = 1.505
 class CutMirror:
     """One mirror on a stock sheet: the laser's closed path (n, 2), half the kerf outside it, and engraved strokes.
 
-    `name` is that of `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
+    `name` is from `Layout.mirror_names`. Lengths in mm from the sheet's lower left corner, y up.
     """
 
     name: str
@@ -203,7 +204,7 @@ class StockSheet:
         return stock_kind(self.surface, self.thickness_mm, self.cutting)
 
     def _lines_mean(self, facing: Facing) -> tuple[str, str]:
-        """What the lines of both layers are for."""
+        """The purpose of the lines of both layers."""
         if self.cutting.material == "glass":
             return (
                 "CUT (red): the finished edge, before its bevel; no kerf is included. Glass is not cut by a laser",

@@ -31,7 +31,8 @@ from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_IN_SKINS_D
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import along_x, along_z, box
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 
 # Pads stand off the tray by this much, and are this wide and, along the lens axis, this long.

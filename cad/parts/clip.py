@@ -16,7 +16,8 @@ from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x, along_z, box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 
 # The least radius of the hole for the cable: a plug of four pins passes.

@@ -28,7 +28,7 @@ STRIP_MM = (22.0, 8.0)
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
-"""By how much the holes of a gauge differ from those of the parts; one, two, three notches tell them apart."""
+"""Differences of the holes of a gauge from the holes of the parts; one, two, three notches mark them."""
 
 GO_MM, GO_DEEP_MM = 0.3, 4.0
 """A body enters a slot that is so much wider than itself, and not one that is so much narrower, so deep each."""
@@ -59,7 +59,7 @@ class CouponPlan:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that mends it."""
+    """A gauge of the coupon: what to try, when it fits, and the parameter of a file that corrects it."""
 
     name: str
     fits: str

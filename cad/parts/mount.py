@@ -39,7 +39,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x, box, overlap_mm, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.cad.plan.stiffness import Section, bends_per_newton
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
@@ -172,7 +173,7 @@ BENDS_TRIED = 4
 
 @dataclass(frozen=True)
 class MountPlan:
-    """A mount in rig, mm: convex pieces, what is cut from them, and where it meets the other parts.
+    """A mount in rig, mm: convex pieces, cuts, and where it meets the other parts.
 
     `rig_from_head` (4, 4) is the face on the holder's back (z out of the mount, into the holder), `holes_in_head_mm`
     (4, 2) the screws on it, `head` their stack. `foot` (4, 3) are the adapter's screws in its lower face, `slide`
@@ -225,7 +226,7 @@ class MountPlan:
 
 @dataclass(frozen=True)
 class Profile:
-    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is the middle, up to that of the head."""
+    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is the middle line, up to the head's."""
 
     section: Section
     inner: FloatArray

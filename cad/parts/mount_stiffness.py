@@ -64,7 +64,7 @@ def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray)
 
 
 def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArray) -> Polygon | None:
-    """What a cut takes from the plane through x and a line from a point along a direction (both (2,); y and z).
+    """The area of a cut in the plane through x and a line from a point along a direction (both (2,); y and z).
 
     In x and the distance along that line; None where it takes nothing.
     """
@@ -191,7 +191,7 @@ def mount_compliance(
 def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:
     """Stiffness (4,) of a rigid disc bonded to a half-space: along x, y and z in N/mm, about x in N mm/rad.
 
-    Its own plane is that of x and y. Johnson, Contact Mechanics (1985), sections 3.7 and 3.8 for frictionless discs.
+    It lies in the plane of x and y. Johnson, Contact Mechanics (1985), sections 3.7 and 3.8 for frictionless discs.
     """
     shear = modulus_mpa / (2.0 * (1.0 + POISSON))
     sideways = 8.0 * shear * radius_mm / (2.0 - POISSON)

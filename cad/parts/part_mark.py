@@ -94,7 +94,7 @@ def engraved(solid: Part, mark: Mark) -> Part:
 
 
 def _groove(outline: Polygon, rig_from_face: FloatArray) -> Solid:
-    """What is cut for a sign: its outline in the face, narrower below by the lean of its sides; all faces are flat."""
+    """The solid of a sign's cut: its outline in the face, narrower below as its sides lean; all faces are flat."""
     narrower = DEPTH_MM * np.tan(np.deg2rad(SIDE_DEG))
     rings = [np.array(ring.coords[:-1]) for ring in (orient(outline).exterior, *orient(outline).interiors)]
     upper = [transform(rig_from_face, np.insert(ring, 2, 0.0, axis=1)) for ring in rings]

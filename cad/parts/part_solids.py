@@ -1,4 +1,4 @@
-"""The printed parts beside the mirror holder as B-rep solids, made of the numbers of their plans."""
+"""The printed parts other than the mirror holder as B-rep solids, made of the numbers of their plans."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 Cut = Frustum | Bore | Countersink | Hexagon
 
@@ -129,7 +130,7 @@ def one_solid(name: str, built: BuildPart) -> Part:
 
 
 def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
-    """Convex pieces as one solid, less what is cut from them; raises InputError where it falls apart."""
+    """Convex pieces as one solid, less cuts; raises InputError where it falls apart."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in pieces])
         insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)
@@ -145,7 +146,7 @@ def make_coupon(plan: CouponPlan) -> Part:
                 upright = (Align.CENTER, Align.CENTER, Align.MIN)
                 Cylinder(ring.radius_mm + ring.ring_mm, ring.band_mm, align=upright)
                 Cylinder(ring.radius_mm, ring.band_mm, align=upright, mode=Mode.SUBTRACT)
-            # Of the ring and the plate there remains what lies left of the plate's edge.
+            # Of ring and plate, the part left of the plate's edge remains.
             with BuildSketch(Plane.XY.offset(plan.centre[2])), Locations((plan.right_mm, plan.centre[1])):
                 Rectangle(4.0 * ring.radius_mm, 4.0 * ring.radius_mm, align=(Align.MIN, Align.CENTER))
             extrude(amount=ring.band_mm, mode=Mode.SUBTRACT)

@@ -11,8 +11,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 # How well each point repeats, along its normal: an assumption, of a pad of printed plastic wiped clean, whose lines of
 # 0.2 mm meet a moulded body where they met it before. One standard deviation.
@@ -23,10 +22,10 @@ PLACES = 61
 
 @dataclass(frozen=True)
 class Repeatability:
-    """One standard deviation of what a camera does when it is taken out of its clip and put back.
+    """One standard deviation of the motion of a camera that is taken out of its clip and put back.
 
     The pupil's shift, the body's turn, and how far the sub-image moves that moves most: in all, and against the mean of
-    all sub-images, which is what the views' disparities feel.
+    all sub-images, which changes the views' disparities.
     """
 
     shift_mm: float
@@ -38,7 +37,7 @@ class Repeatability:
 def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeatability:
     """What re-clamping does to a camera in a nest, or to a board on its posts.
 
-    Of a nest, independent errors of `CONTACT_MM` at the six points. A board rests on its posts with such errors along
+    A nest has independent errors of `CONTACT_MM` at its six points. A board rests on its posts with such errors along
     their axes, and along itself anywhere that the play of its holes round the screws lets it be, all of it as likely.
     """
     held_by = hardware.camera.held_by
@@ -67,7 +66,7 @@ def _on_posts(posts: FloatArray) -> FloatArray:
     """Jacobian (6, n) of a board's motion, in mm and rad in rig, by an error in mm of the height of each post (n, 3).
 
     The plane that is nearest to the posts' ends in the sense of least squares; of two posts, it does not turn about the
-    line between them. What is at the posts stays there along the plane, so that a pupil before it moves aside.
+    line between them. Points at the posts do not move along the plane, so that a pupil before it moves aside.
     """
     x, y, level = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
     # The height over a post after a shift along z and turns about x and y.
@@ -97,7 +96,7 @@ def _in_play(centres: FloatArray, play: float) -> FloatArray:
     for arm in arms:
         free &= np.hypot(x - w * arm[1], y + w * arm[0]) <= play * (1.0 + 1e-12)
     within = np.column_stack([x, y, w])[free]
-    # The root of smallest norm is that of the eigenvectors; the pupil moves with the middle, and turns about it.
+    # The root of smallest norm is along the eigenvectors; the pupil moves with the middle, and turns about it.
     sizes, axes = np.linalg.eigh(within.T @ within / len(within))
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     motion[0] = root[0] + root[2] * middle[1]
@@ -114,7 +113,7 @@ def _largest(moved_px: FloatArray) -> float:
 def _moved_px(layout: Layout, distance_mm: float) -> FloatArray:
     """How the image of a point at the working distance in the middle of each view moves (n, 2, 6) with the camera.
 
-    The columns are those of a shift in mm and a turn in rad, w. Seen from the camera, the point's image in the mirror,
+    The columns are for a shift in mm and a turn in rad, w. Seen from the camera, the point's image in the mirror,
     p, moves by -(t + w x p); of its pixel, f (dx - x/z dz) / z, distortion left out.
     """
     camera, rows = layout.camera, []

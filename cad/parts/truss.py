@@ -20,7 +20,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stiffness import Section
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 # The back's screws in the mount's foot: +-x from the middle, and below the slide's plane. In a clamp the
 # roofs of their heads' holes have a wall to its end and between them.

@@ -11,8 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Link, Name
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 
 def _size(default: float, description: str) -> Any:
@@ -30,10 +31,10 @@ class RingGauge:
 
 
 class BackTable(Value):
-    """What the tables of all backs have in common."""
+    """Base of the tables of all backs."""
 
     title: ClassVar[str]
-    """What the device is fastened to, in a few words."""
+    """The support of the device, in a few words."""
     parts: ClassVar[tuple[str, ...]]
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False

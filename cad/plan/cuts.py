@@ -15,7 +15,8 @@ import numpy as np
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PartPlan
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ Cell = tuple[int, int]
 class PiecePlan:
     """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
 
-    What a cut leaves that is smaller than a cube of `crumb_mm` does not print and is left out. `rig_from_bed` (4, 4)
-    is that of the whole part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
+    Fragments smaller than a cube of `crumb_mm` do not print and are left out. `rig_from_bed` (4, 4) belongs to the
+    uncut part. `rig_from_pins` (n, 4, 4) are the pins' holes: origin in the cut, z into the piece, y up
     on the bed; `hole_mm` are their diameter and depth.
     """
 
@@ -64,7 +65,7 @@ class PiecePlan:
 class Joint:
     """A cut between two neighbouring pieces: at `at_mm` across an axis of the bed, 0 (x) or 1 (y).
 
-    `span_mm` is where along the bed's other axis its pins may be: those of cuts that cross keep apart.
+    `span_mm` is where along the bed's other axis its pins may be: pins of cuts that cross keep apart.
     """
 
     cells: tuple[Cell, Cell]
@@ -112,7 +113,7 @@ def off_corners(triangles_mm: FloatArray, axis: int, places_mm: tuple[float, ...
     axis : int
         Axis of the bed that is cut across: 0 or 1.
     places_mm : tuple of float
-        Where cuts are asked for, along that axis.
+        Requested places of cuts along that axis.
     wall_mm : float
         Thinnest wall that prints.
 
@@ -177,7 +178,7 @@ def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
     return np.where(high - low < LEVEL_MM, level > low, np.where(at < middle, rising, falling))
 
 
-# How far a cut may be moved off the place that was asked for (see `plan.cuts.off_corners`).
+# How far a cut may be moved off its requested place (see `off_corners`).
 MOVED_MM = 0.09
 
 

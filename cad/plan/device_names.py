@@ -40,7 +40,6 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
     return (
         *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
         *(f"parts/{part}.{ending}" for part in parts for ending in ("step", "stl", "3mf")),
-        *(f"parts/.{part}.json" for part in parts),
         *(f"drawings/{part}.{ending}" for part in (*parts, "assembly") for ending in ("svg", "pdf")),
         *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),

@@ -46,8 +46,8 @@ class Hole:
     """A hole (or a round): the middle of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
 
     Holes of one diameter, axis and text are drawn as one: "4x Ø3.4". Of a hole whose tool cuts `cut_mm` along the axis
-    the drawing says how deep it is in the solid, or that it goes through. The size of a hexagon is across its flats,
-    that of a countersink its widest diameter, that of a slot its width: it is longer than wide by `travel_mm`.
+    the drawing states its depth in the solid, or that it goes through. The size of a hexagon is across its flats,
+    the size of a countersink is its widest diameter, the size of a slot its width: it is longer by `travel_mm`.
     Places are counted from the edges of a view where there is no `datum`.
     """
 

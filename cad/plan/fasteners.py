@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 
@@ -42,7 +43,7 @@ COUNTERSUNK = " countersunk"
 """End of the size of a screw with a countersunk head of 90 deg (ISO 10642), whose length counts from its top."""
 
 SUNK_HEAD = 2.24
-"""Diameter of such a head over that of the thread, where its cone would end in a sharp edge."""
+"""Diameter of such a head over the thread's, where its cone would end in a sharp edge."""
 
 
 def thread_of(size: str) -> Thread:
@@ -57,7 +58,7 @@ def thread_of(size: str) -> Thread:
 
 
 def diameter_mm(size: str) -> float:
-    """The diameter of a size: that of its thread, or the number that it begins with, "3" of a pin.
+    """The diameter of a size: its thread's, or the number that it begins with, "3" for a pin.
 
     Raises ValueError for a size that names neither.
     """
@@ -214,7 +215,7 @@ def stack_into(
 def thread(
     mouth: FloatArray, axis: FloatArray, up: FloatArray, held: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """The cuts in a wall, at least as thick as its stack says, for a screw that enters at a mouth (3,) along an axis.
+    """The cuts in a wall, as thick as its stack or thicker, for a screw that enters at a mouth (3,) along an axis.
 
     In a thicker wall the nut's pocket is deeper, so that the nut sits where the screw ends.
     """

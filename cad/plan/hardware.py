@@ -15,8 +15,9 @@ from pydantic import BeforeValidator, Field
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
-from mirrorcam.core.values import InputError, Value, with_tuples
+from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body

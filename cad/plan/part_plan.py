@@ -46,7 +46,7 @@ class PartPlan:
     name : str
         Stem of the part's files, unique in a device.
     title, number : str
-        What the part is called, and its part number, in documents.
+        Title and part number of the part in documents.
     plan : Any
         The numbers: a frozen dataclass of numbers, text, arrays, tuples and further such dataclasses.
     make : Callable

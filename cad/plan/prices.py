@@ -116,12 +116,12 @@ def hours_text(minutes: float | None) -> str:
 
 
 def summary_of(checks: Mapping[str, Metric]) -> str:
-    """Mass, price and printing time of a device in a line, from its figures; what is not among them is left out."""
+    """Mass, price and printing time of a device in a line, from its figures; missing ones are left out."""
     mass, price, time = (checks.get(f"device.{name}") for name in ("mass_g", "price", "print_minutes"))
-    said = [f"{mass.value:.0f} g"] if mass else []
-    said += [f"about {price.value:.0f} {price.unit}"] if price else []
-    said += [f"{hours_text(time.value)} of printing"] if time else []
-    return ", ".join(said)
+    texts = [f"{mass.value:.0f} g"] if mass else []
+    texts += [f"about {price.value:.0f} {price.unit}"] if price else []
+    texts += [f"{hours_text(time.value)} of printing"] if time else []
+    return ", ".join(texts)
 
 
 def _by_name(title: str, known: dict[str, float]) -> float | None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 

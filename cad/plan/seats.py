@@ -14,7 +14,8 @@ from shapely import Polygon
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
@@ -126,7 +127,7 @@ def pocket(mirror: Mirror, hardware: Hardware) -> Frustum:
 
 
 def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
-    """Depth out to which the reflected light must be free: the farthest the design asks for."""
+    """Depth out to which the reflected light must be free: the farthest depth of the design."""
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 

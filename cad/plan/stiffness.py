@@ -136,7 +136,7 @@ class FoldedPlates:
         ground, held : (k,) and (k,) arrays
             Points that are held, and those fixed to the body: their edges and x in mm, with the turn of the edge.
         at : (3,) array
-            Point in rig, mm, where forces act on the body and whose shift is told.
+            Point in rig, mm, where forces act on the body, and whose shift is reported.
         bed : (4,) array or None
             Stiffness of what holds each point of `ground`: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
 
@@ -157,7 +157,7 @@ class FoldedPlates:
         return np.asarray((compliance + compliance.T) / 2.0)
 
     def _displacements(self, edges: NDArray[np.int64], x_mm: FloatArray) -> FloatArray:
-        """Displacements and turn (k EDGE,) of points on edges, as a matrix on those of all modes of all edges."""
+        """Displacements and turn (k EDGE,) of points on edges, as a matrix on all modes of all edges."""
         modes = legendre.legvander(x_mm / self.half_width_mm, MODES - 1)
         found = np.zeros((len(edges), EDGE, len(self.edges), EDGE, MODES))
         for point, edge in enumerate(edges):
@@ -268,7 +268,7 @@ def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
         fields[_X, order][..., [0, 4, 8]] = linear[order].T * by_length
         fields[_ALONG, order][..., [1, 5, 9]] = linear[order].T * by_length
         deflections = hermite[order].T * by_length
-        # A cubic is told by its ends' deflections and slopes.
+        # Deflections and slopes of its ends define a cubic.
         deflections[..., [1, 3]] *= lengths[:, None, None]
         fields[_ACROSS, order][..., [2, 3, 6, 7]] = deflections
     return fields, lengths[:, None] * weights / 2.0

@@ -2,7 +2,7 @@
 
 Torque of a screw that pulls with a force F (VDI 2230-1, equation for the tightening torque), with the friction mu of
 thread and head: M = F (0.16 P + 0.58 d2 mu + D mu / 2), where D is the mean diameter of the bearing ring under the
-head. A low friction is taken, with which a torque makes the most force. F is the least of what the plastic bears
+head. Friction is taken low, since a torque then makes the most force. F is the least force that the plastic bears
 
 - under the head, its washer or a nut: pressure on the ring, at most p,
 - round an insert or a thread that the screw cut: shear of the cylinder round it, of which ridges leave a half.
@@ -52,7 +52,7 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
     """The tightening of each screw among bought items, in their order; None for anything else, and for
     those that adjust mirrors.
 
-    What a screw holds in, and whether a washer is under its head, is found on its axis among the items.
+    The thread of a screw, and a washer under its head, are found on its axis among the items.
     """
     return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
 

@@ -217,7 +217,7 @@ GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
 )
 """glTF is in metres, +Y up, its front towards +Z: the device stands with the rig's z up and looks along the rig's y."""
 
-# Metallic and roughness of what a piece is made of.
+# Metallic and roughness of the material of a piece.
 FINISH: dict[Kind, tuple[float, float]] = {
     "part": (0.0, 0.75),
     "mirror": (1.0, 0.04),

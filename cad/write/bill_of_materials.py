@@ -78,8 +78,8 @@ class BoughtLine(Value):
 class Bom(Value):
     """All that a device is made of, and the fit coupon; `plastic_g` is a slicer's where all parts were `sliced`.
 
-    Prices are in `currency`, as of `prices_date`; `price` is that of all lines but those without a price, the titles of
-    which are in `unpriced`.
+    Prices are in `currency`, as of `prices_date`; `price` is the sum of all lines that have one; `unpriced`
+    has the titles of the others.
     """
 
     layout_identity: str
@@ -200,7 +200,7 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
 
 
 def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
-    """A line with the price of its items; of one without a number, such as glue, that of a pack."""
+    """A line with the price of its items; a line without a number, such as glue, has the price of a pack."""
     price = None if line.title.startswith((TOOL, ALSO)) else prices.of_item(line.title)
     return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 

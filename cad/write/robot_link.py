@@ -1,7 +1,7 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The link's frame is where the back says: x forward to the scene, y left, z up (REP 103). Frames of camera and views are
-optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
+The back states where the link's frame is: x forward to the scene, y left, z up (REP 103). Frames of camera and views
+are optical ones: x right, y down, z forward; the camera's is the rig. All in metres and kilograms.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def link(
     shown: dict[str, tuple[str, tuple[float, float, float]]],
     hulls: list[str],
 ) -> Element:
-    """The link: mass properties of all pieces as one, what is seen (file and colour by name), what may collide."""
+    """The link: mass properties of all pieces as one, visible meshes (file and colour by name), collision meshes."""
     body = composed([piece.mass for piece in pieces])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
     turn = pose[:3, :3]

@@ -1,7 +1,7 @@
 """Print settings as slicers read them; print time, plastic and need of support by PrusaSlicer, where it is installed.
 
 The profile is `prusa_profile`, for the rest the slicer's own default, with support wherever the slicer thinks that some
-is needed, other than under bridges. With no support generated, time and grams are those of a print without.
+is needed, other than under bridges. With no support generated, time and grams hold for a print without.
 
 One setting is not the slicer's own: the search for overhanging perimeters is off. It cuts them up at places that depend
 on rounding, and the slicer takes lines over a gap for a bridge only if they are in one piece. Under a ceiling 8 mm wide
@@ -114,7 +114,7 @@ SWITCHES = (
     "--no-overhangs",
 )
 # Faces at just the angle that the printer can are not to be supported for their rounding: a degree, and another which
-# the slicer adds to what it is asked for.
+# the slicer adds to the requested one.
 THRESHOLD_DEG = 2.0
 LONGEST_S = 900.0
 

@@ -29,7 +29,7 @@ from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray, Metric
 
 DESIGNER = "MirrorCam"
-# What the relationship of an attached configuration is called: ours, since slicers look for the file by its path.
+# Name of the relationship of an attached configuration: ours, since slicers look for the file by its path.
 CONFIGURATION = "http://mirrorcam/configuration"
 
 
@@ -193,8 +193,8 @@ def write_plates(
         title = f"Plate {number} of {len(plates)}"
         named = ", ".join(f"{body.part.number} {body.part.title} ({body.part.identity})" for body in plate.bodies)
         path = f"{FOLDER}/plate_{number}.3mf"
-        told = f"{named}. Print without support."
-        write_bodies(out / path, plate.bodies, title, told, printer, {CONFIG: embedded(profile)})
+        description = f"{named}. Print without support."
+        write_bodies(out / path, plate.bodies, title, description, printer, {CONFIG: embedded(profile)})
         held[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
     write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile())

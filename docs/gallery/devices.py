@@ -19,17 +19,17 @@ from mirrorcam.cad.build import build_parts
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.write.slicer import slicer_version
-from mirrorcam.core.disk.files import write_bytes, write_json
-from mirrorcam.core.disk.fingerprint import NOT_INSTALLED
-from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
-from mirrorcam.core.disk.resumable import read_record
-from mirrorcam.core.disk.stages import MANIFEST, Stage, perform, staleness
+from mirrorcam.core.disk.files import read_record, write_bytes, write_json
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder, results_folder
+from mirrorcam.core.disk.program import NOT_INSTALLED
+from mirrorcam.core.disk.stages import Stage, perform, refuse_foreign, staleness
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text, figure_text, sentence_case
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.names import Line, Name
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import write_design
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_profile
@@ -132,7 +132,8 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
         write_design(device.spec, folder)
 
     def parts(folder: Path, progress: Progress) -> None:
-        checks = build_parts(Layout.load(layout_path), folder, hardware, previous=cad, progress=progress)
+        kept = results_folder(root)
+        checks = build_parts(Layout.load(layout_path), folder, hardware, results=kept, progress=progress)
         failed = [
             f"{name} is {figure_text(check.value)}, limit {check.limit:g}"
             for name, check in checks.items()
@@ -167,37 +168,34 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
         every = files_to_zip(cad) | added
         write_zip(folder / f"{device.name}.zip", {f"{device.name}/{name}": each for name, each in every.items()})
 
-    whole = ("mirrorcam.core", "mirrorcam.optics", "mirrorcam.cad")
     return (
         Stage(
             "design",
             design,
+            "mirrorcam.designs.design_files",
             parameters={"spec": device.spec.model_dump(mode="json")},
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.designs"),
         ),
         Stage(
             "cad",
             parts,
+            "mirrorcam.cad.build",
             parameters={"hardware": hardware.model_dump(mode="json")},
             reads=(layout_path,),
-            sources=whole,
-            extras=("cad",),
             programs={"slicer": slicer_version() or NOT_INSTALLED},
         ),
         Stage(
             "picture",
             picture,
+            "mirrorcam.render_scenes.reference.product_picture",
             parameters={"scale": SCALE, "spp": SPP},
             reads=(layout_path, cad / "assembly.glb"),
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.render_scenes"),
-            extras=("render",),
         ),
         Stage(
             "files",
             files,
+            "mirrorcam.core.disk.zip_files",
             parameters={"readme": README, "licence": licence, "device": device.model_dump(mode="json")},
             reads=(layout_path, cad, root / "picture" / "device.jpg"),
-            sources=("mirrorcam.core.disk.zip_files",),
         ),
     )
 
@@ -211,11 +209,7 @@ def make_device(device: GalleryDevice, out: Path, licence: str) -> str:
     root = out / device.name
     done = []
     with output_folder(root, COMMAND) as output:
-        for stage in device_stages(device, root, licence):
-            place = output.subfolder(stage.name)
-            place.refuse_unknown()
-            place.refuse_changed()
-            place.refuse_others(MANIFEST)
+        refuse_foreign(device_stages(device, root, licence), output)
         for stage in device_stages(device, root, licence):
             if staleness(stage, root):
                 start, before = time.perf_counter(), processor_s()

@@ -40,13 +40,14 @@ from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.core.console.progress import say
 from mirrorcam.core.disk.files import read_model, write_bytes, write_json, write_text
-from mirrorcam.core.disk.fingerprint import NOT_INSTALLED
 from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.disk.program import NOT_INSTALLED
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import SIGMA, TIMES, count_text, figure_text, number_word
 from mirrorcam.core.images.pictures import encoded_image, picture_size, read_image
 from mirrorcam.core.processes.worker_pool import Died, cores, run_local
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 DOCS = Path(__file__).resolve().parents[1]
 LICENCE = DOCS.parent / "LICENSES" / "CERN-OHL-W-2.0.txt"

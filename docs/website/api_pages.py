@@ -1,15 +1,11 @@
-"""The reference of the library: a page of its public names, and one of the functions that the commands call."""
+"""The reference of the library: a page of its public names."""
 
 from __future__ import annotations
 
 import inspect
-import re
-from pathlib import Path
 
 import mirrorcam
 
-LIBRARY = Path(__file__).parents[1] / "library.md"
-CALLS = re.compile(r"^\| `mirrorcam ([\w ]+)` \| `([\w.]+)` \|$", flags=re.MULTILINE)
 GROUPS = {
     "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
     "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "RequestedModel", "calibrate"),
@@ -60,25 +56,6 @@ def names_page() -> str:
     return "\n".join(lines)
 
 
-def calls() -> dict[str, str]:
-    """The function that each command calls, as docs/library.md lists them."""
-    return dict(CALLS.findall(LIBRARY.read_text(encoding="utf-8")))
-
-
-def calls_page() -> str:
-    """The page of the functions of the commands."""
-    lines = [
-        "# Functions of the commands\n",
-        "Each command is one call of one of these functions, with its options as arguments. They are typed and "
-        "documented like the [public names](names.md), but may move between versions.\n",
-    ]
-    for command, path in calls().items():
-        module, _, name = path.rpartition(".")
-        found = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
-        lines.append(f"## mirrorcam {command}\n\n{_in_rst([_directive(f'mirrorcam.{path}', found)])}")
-    return "\n".join(lines)
-
-
 def api_pages() -> dict[str, str]:
     """All pages of the library, by name."""
-    return {"reference/names": names_page(), "reference/calls": calls_page()}
+    return {"reference/names": names_page()}

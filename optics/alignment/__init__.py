@@ -1,1 +1,1 @@
-"""How the mirrors of a device are turned from their design, told from pictures of any scene, without a board."""
+"""How the mirrors of a device are turned from their design, measured by pictures of any scene, without a board."""

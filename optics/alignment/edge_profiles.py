@@ -1,7 +1,7 @@
 """Brightness across the edges of sub-images, and the light that mirrors with blurred edges give there.
 
 A lens sees the edge of a mirror, which is far nearer than what is in focus, blurred over the circle of confusion: the
-part of the pupil that the mirror serves falls from all to none over it. A profile across an edge is the light of the
+part of the pupil that the mirror serves falls from all to nothing over it. A profile across an edge is the light of the
 mirror times that part, the same of the neighbour where its edge is near, and stray light. What the mirrors show is
 taken for even but for a slope.
 """
@@ -213,7 +213,7 @@ def profiles(picture: NDArray[np.float32], seen: Stations, offset_px: FloatArray
 
 
 def _sides(out_px: FloatArray, seen: Stations, offset_px: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which places (n, d) lie wholly inside the mirror, and wholly inside its neighbour."""
+    """Which places (n, d) lie entirely inside the mirror, and entirely inside its neighbour."""
     one = out_px < offset_px[:, :1] - 0.7 * seen.blur_px[:, :1]
     two = out_px > seen.apart_px[:, None] + offset_px[:, 1:] + 0.7 * seen.blur_px[:, 1:]
     return one & (out_px > -REACH_PX), two & (out_px < 1.5 * REACH_PX)
@@ -248,8 +248,8 @@ def edges_light(
 
     Offsets count along `out`, from the edges as designed. What mirrors show is an even light, which is solved for, with
     a random texture: it is noise in proportion to the part of the light that the edge lets through, alike over some
-    pixels. So what is dark between edges tells where they are. What the light explains is taken out of the derivatives
-    (Kaufman's variable projection).
+    pixels. So the dark gap between edges shows where they are. The part that the light explains is taken out of the
+    derivatives (Kaufman's variable projection).
     """
     sigma = float(np.hypot(LENS_PX, smooth_px))
     t = given.out_px[None]

@@ -3,9 +3,9 @@
 1. Corners, views and frames that contradict the others are left out (`screening`).
 2. The base camera comes from the frames without mirrors, and the board poses from the nominal layout
    (`initial_estimates`).
-3. In second-surface mirrors, corners are refined with their ghost images (`ghost_removal`), and screened again.
+3. In second-surface mirrors, corners are refined with their ghost images (`ghost_images`), and screened again.
 4. The lens's pupil is estimated from the mirrors' edges, and corners that it sees only partly are left out
-   (`whole_pupil`).
+   (`pupil_estimate`).
 5. The mirrors are solved with 3 numbers each, then everything jointly, then what more the data support
    (`model_selection`).
 6. The uncertainty and the validity of the result are determined (`diagnostics`).
@@ -20,33 +20,32 @@ from typing import Literal
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Metric
-from mirrorcam.optics.calibration.calibrated_layout import as_estimated
-from mirrorcam.optics.calibration.detection.ghost_removal import without_ghost_images
-from mirrorcam.optics.calibration.detection.moved_outlines import outlined
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue, Metric
+from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
+from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
+    as_estimated,
     fit_metrics,
     held_out_metrics,
     spatial_rms_mm,
     uncertainty,
 )
-from mirrorcam.optics.calibration.diagnostics.common_scale import scale_doubt
-from mirrorcam.optics.calibration.diagnostics.consistency import unseen_rows
+from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unseen_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
+from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
-from mirrorcam.optics.calibration.diagnostics.plausibility import check_solution
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
-from mirrorcam.optics.calibration.diagnostics.unknown_mirrors import UnknownMirrors
+from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
-from mirrorcam.optics.calibration.solver.mirror_pair import PAIR_DEG, pair_prior
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Estimate
-from mirrorcam.optics.calibration.whole_pupil import Pictures, estimated_pupil, wholly_served
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
@@ -62,7 +61,7 @@ def calibrate_corners(
     *,
     model: RequestedModel = AUTO,
     extremes: Extremes | None = None,
-    pictures: Pictures | None = None,
+    pictures: BoardPictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
     names: Sequence[str] | None = None,
 ) -> Calibration:
@@ -137,7 +136,7 @@ def _fitted(
     corners_in_board_mm: FloatArray,
     select: Callable[[Estimate, Observations, FloatArray], ModelSelection],
     extremes: Extremes | None,
-    pictures: Pictures | None,
+    pictures: BoardPictures | None,
 ) -> _Fitted:
     """Fit the corners of all frames that show any: first those with mirrors, then the others."""
     numbers, observations, start = _started(screened, layout, corners_in_board_mm)
@@ -151,7 +150,7 @@ def _fitted(
             pupil = estimated_pupil(seen, pictures.placed(mirrored, first.rig_from_board), pictures.target)
             metrics, notes = pupil.metrics, (pupil.note,)
             seen = seen.replaced(camera=pupil.camera)
-        kept, left_out = wholly_served(seen, observations)
+        kept, left_out = unvignetted(seen, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
         start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
     selection = select(start, observations, corners_in_board_mm)
@@ -188,7 +187,7 @@ def _without_ghost_images(
     layout: Layout,
     corners_in_board_mm: FloatArray,
     extremes: Extremes | None,
-    pictures: Pictures,
+    pictures: BoardPictures,
 ) -> list[Observations]:
     """The corners of the frames with mirrors, refined with the ghost images of second-surface mirrors."""
     numbers, observations, start = _started(screened, layout, corners_in_board_mm)
@@ -199,7 +198,7 @@ def _without_ghost_images(
     )
 
 
-def _not_kept(seen: list[Observations], pictures: Pictures) -> list[str]:
+def _not_kept(seen: list[Observations], pictures: BoardPictures) -> list[str]:
     return [
         f"frame {number}: not kept in memory, so that its corners in second-surface mirrors are not used"
         for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
@@ -231,7 +230,7 @@ def _concluded(
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.widened_to(diagnostics.widened)
     solution = selection.solution
-    notes += (*fitted.notes, *doubts, *check_solution(solution, layout, mirrored_frames=mirrored_frames))
+    notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")

@@ -1,13 +1,23 @@
-"""Cameras of a rig as a calibration file states them: lenses, and poses in a frame of its own."""
+"""Cameras of a rig as a calibration file states them: lenses, those that look from a sphere too, and poses.
+
+A sphere lens takes a ray (x, y, z) of length d to normalized coordinates, which a lens then distorts:
+
+    unified (Mei and Rives, 2007)              (x, y) / (z + xi d)
+    extended unified (Khomutenko, 2016)        (x, y) / (alpha sqrt(beta (x^2 + y^2) + z^2) + (1 - alpha) z)
+    double sphere (Usenko, 2018)               (x, y) / (alpha sqrt(x^2 + y^2 + w^2) + (1 - alpha) w),  w = xi d + z
+
+Usenko gives for each the rays that have an image of their own.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -16,9 +26,14 @@ UNSIZED_PX = 65_535
 """Size of the picture that stands for one of a size that a file does not state."""
 ORTHOGONAL = 1e-4
 """Largest error of a rotation matrix in a file; files have six digits or more."""
-
-Pictures = Literal["flipped", "left-right", "top-bottom", "as-is"]
+PictureFlip = Literal["flipped", "left-right", "top-bottom", "as-is"]
 """How the pictures that a calibrator was given came from frames: flipped upright, as named, or not flipped."""
+SphereName = Literal["unified", "extended_unified", "double_sphere"]
+NAMES: dict[SphereName, tuple[str, ...]] = {
+    "unified": ("xi",),
+    "extended_unified": ("alpha", "beta"),
+    "double_sphere": ("xi", "alpha"),
+}
 
 
 class Projection(Protocol):
@@ -92,7 +107,7 @@ class CameraRig:
     format: str
     cameras: tuple[RigCamera, ...]
     unit_mm: float | None
-    pictures: Pictures | None = None
+    pictures: PictureFlip | None = None
     uncertainty: Uncertainty | None = None
     layout: Layout | None = None
     notes: tuple[str, ...] = ()
@@ -184,3 +199,57 @@ def size_of(value: object, where: str) -> tuple[int, int]:
     if not (width.is_integer() and height.is_integer() and 1 <= width <= UNSIZED_PX and 1 <= height <= UNSIZED_PX):
         raise InputError(f"{where}: {width:g} x {height:g}, expected the size of a picture in px")
     return int(width), int(height)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereLens:
+    """A camera whose rays go through a sphere before its lens; `sphere` (1 or 2,) has the numbers of `NAMES`."""
+
+    model: SphereName
+    sphere: FloatArray
+    camera: Camera
+
+    def project(self, points_in_camera: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3); NaN where the model does not show them."""
+        x, y, z = points_in_camera.T
+        r2 = x * x + y * y
+        d = np.sqrt(r2 + z * z)
+        if self.model == "unified":
+            (xi,) = self.sphere
+            below, lowest = z + xi * d, -_inverted(xi) * d
+        elif self.model == "extended_unified":
+            alpha, beta = self.sphere
+            rho = np.sqrt(beta * r2 + z * z)
+            below, lowest = alpha * rho + (1.0 - alpha) * z, -_inverted(_as_xi(alpha)) * rho
+        else:
+            xi, alpha = self.sphere
+            w, tilt = xi * d + z, _inverted(_as_xi(alpha))
+            below = alpha * np.sqrt(r2 + w * w) + (1.0 - alpha) * w
+            lowest = -(tilt + xi) / np.sqrt(2.0 * tilt * xi + xi * xi + 1.0) * d
+        below = np.where((z > lowest) & (below > 0.0), below, np.nan)
+        return self.camera.pixels_from_normalized(np.stack([x / below, y / below], axis=-1))
+
+    @property
+    def intrinsic_names(self) -> tuple[str, ...]:
+        """Names (k,) of `intrinsics`."""
+        return (*NAMES[self.model], *self.camera.intrinsic_names)
+
+    @property
+    def intrinsics(self) -> FloatArray:
+        """The numbers of the sphere, then those of the camera (k,)."""
+        return np.concatenate([self.sphere, self.camera.intrinsics])
+
+    def with_intrinsics(self, intrinsics: FloatArray) -> SphereLens:
+        """The same model with other numbers (k,)."""
+        count = len(self.sphere)
+        return replace(self, sphere=intrinsics[:count], camera=self.camera.with_intrinsics(intrinsics[count:]))
+
+
+def _as_xi(alpha: float) -> float:
+    """The xi of the unified model that has the same sphere; infinite of an orthographic one."""
+    return alpha / (1.0 - alpha) if alpha < 1.0 else np.inf
+
+
+def _inverted(xi: float) -> float:
+    """Sine of the largest angle behind the camera at which a ray still has a picture of its own."""
+    return xi if xi <= 1.0 else 1.0 / xi

@@ -15,10 +15,10 @@ from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
 from mirrorcam.optics.design.program.design_problem import OverlapDesign, Problem, depth_problem, overlap_problem
+from mirrorcam.optics.design.program.draft import DEVICES
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
-from mirrorcam.optics.design.program.robustness import DEVICES
-from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, mirrors_of
+from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
     MEETINGS,
     by_detours,
@@ -71,7 +71,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     Parameters
     ----------
     spec
-        What is asked for; lengths in mm, depths from the pupil along view z.
+        The requested design; lengths in mm, depths from the pupil along view z.
     calls
         How searches that do not depend on each other are made; with `beside` a worker, in two processes. The layout is
         the same.
@@ -86,7 +86,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     ------
     InfeasibleDesign
         Names the constraint that cannot hold and by how much it is missed, or "every" where the search found no layout
-        and cannot say why.
+        for an unknown reason.
     """
     check_type("spec", spec, DesignSpec)
     check_at_once(spec)
@@ -246,3 +246,12 @@ def _target(overlap: _Found) -> OverlapDesign:
         fields=overlap.problem.fields(spec, overlap.values),
         grid_error=grid_error(layout),
     )
+
+
+def assessed_parabola(spec: DesignSpec) -> Layout:
+    """The faceted parabola of a specification, with its metrics and the verdict on it, which may fail.
+
+    Raises InputError where the specification has none, or a working depth is nearer than its mirrors.
+    """
+    layout = faceted_parabola(spec)
+    return layout.replaced(spec=spec, metrics=evaluate(layout, spec.depths_mm), verdict=verify(layout, spec))

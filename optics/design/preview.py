@@ -97,7 +97,7 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
     Parameters
     ----------
     spec
-        What is asked for. A fold to be chosen is that of the nearest design.
+        The requested design. A fold to be chosen is that of the nearest design.
     solved
         Designs with their specs; those of another structure (see `differences`) do not count.
 

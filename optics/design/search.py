@@ -12,10 +12,10 @@ from mirrorcam.core.processes.calls import Calls
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.design_problem import LEAST_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
+from mirrorcam.optics.design.program.draft import SAFE_SIGMAS
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
-from mirrorcam.optics.design.program.robustness import SAFE_SIGMAS
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint
+from mirrorcam.optics.design.program.separation import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
-from mirrorcam.core.values import InputError, InvalidValue, Metric, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import InvalidValue, Metric, Value
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 if TYPE_CHECKING:

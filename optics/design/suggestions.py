@@ -1,4 +1,4 @@
-"""What mends a spec that no layout meets: the nearest value of each parameter with which a design exists."""
+"""Changes that make an infeasible spec feasible: the nearest value of each parameter with which a design exists."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from mirrorcam.core.bounds import FOLD_DEG, MIRRORS
 from mirrorcam.core.processes.calls import Call, Calls, in_turn
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design_near
-from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft
+from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft, relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
-from mirrorcam.optics.design.program.relaxed import relaxed_fold, relaxed_program
-from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
+from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.search import MEETINGS, MISSED, check_at_once, optimum_from, seed_meeting
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -35,7 +34,7 @@ FIRST_CHANGE = 0.9
 
 EASY_FOLD_DEG = 100.0
 LARGER, FARTHER, ROOM = 4.0, 4.0, 4.0
-"""Factors of scale, and of depths, up to which they are tried; the nearest depth, in scales, that leaves room."""
+"""Largest factors of scale and of depths that are tried; the nearest depth, in scales, that leaves room."""
 
 THIN, SMALL = 0.02, 60.0
 """Part of a thickness that hardly counts; scales, in gaps and thicknesses, at which these are small."""
@@ -59,14 +58,14 @@ class Suggestion:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Parameter:
     """A parameter that may change up to a `limit`, on which the numbers of a design's program depend linearly.
 
-    Or on its inverse. `mends` are the constraints that it relieves.
+    Or on its inverse. `relieves` are the constraints that it relieves.
     """
 
     parameter: str
-    mends: frozenset[str]
+    relieves: frozenset[str]
     limit: Callable[[DesignSpec], float | tuple[float, ...]]
     inverse: bool = False
 
@@ -94,21 +93,21 @@ def _farther_mm(spec: DesignSpec) -> tuple[float, ...]:
 
 ALL = frozenset({"spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size"})
 
-WAYS = (
-    _Way("spacing_mm", frozenset({"spacing"}), lambda spec: 0.0),
-    _Way("seen_gap_mm", frozenset({"seen gap"}), lambda spec: 0.0),
-    _Way("body_clearance_mm", frozenset({"body"}), lambda spec: 0.0),
-    _Way("min_edge_mm", frozenset({"size"}), lambda spec: 0.0),
-    _Way("min_area_mm2", frozenset({"size"}), lambda spec: 0.0),
-    _Way("depths_mm", frozenset({"depth", "overlap"}), _farther_mm),
-    _Way("scale_mm", ALL - {"depth"}, _larger_scale_mm, inverse=True),
-    _Way("scale_mm", frozenset({"depth"}), _smaller_scale_mm, inverse=True),
-    _Way("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: THIN * spec.thickness_mm),
+PARAMETERS = (
+    _Parameter("spacing_mm", frozenset({"spacing"}), lambda spec: 0.0),
+    _Parameter("seen_gap_mm", frozenset({"seen gap"}), lambda spec: 0.0),
+    _Parameter("body_clearance_mm", frozenset({"body"}), lambda spec: 0.0),
+    _Parameter("min_edge_mm", frozenset({"size"}), lambda spec: 0.0),
+    _Parameter("min_area_mm2", frozenset({"size"}), lambda spec: 0.0),
+    _Parameter("depths_mm", frozenset({"depth", "overlap"}), _farther_mm),
+    _Parameter("scale_mm", ALL - {"depth"}, _larger_scale_mm, inverse=True),
+    _Parameter("scale_mm", frozenset({"depth"}), _smaller_scale_mm, inverse=True),
+    _Parameter("thickness_mm", frozenset({"spacing", "occlusion"}), lambda spec: THIN * spec.thickness_mm),
 )
 """Those that relieve a constraint most directly come first."""
 
-FOLD_MENDS = frozenset({"spacing", "occlusion", "body", "overlap"})
-FEWER_MEND = ALL - {"depth"}
+FOLD_RELIEVES = frozenset({"spacing", "occlusion", "body", "overlap"})
+FEWER_RELIEVES = ALL - {"depth"}
 
 
 def nearest_feasible(spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn) -> list[Suggestion]:
@@ -119,7 +118,7 @@ def nearest_feasible(spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls =
 def suggestions(
     spec: DesignSpec, refusal: InfeasibleDesign, calls: Calls = in_turn
 ) -> Generator[Suggestion, None, None]:
-    """Yield, for each parameter that mends a spec alone, the spec with the nearest value for which a design exists.
+    """Yield, for each parameter that alone makes a spec feasible, the spec with the nearest value that has a design.
 
     The nearest value is an unknown of the design's program, which minimises its change under all constraints; the
     design with that value, rounded to three digits away from what it was, is then solved and verified. Parameters that
@@ -136,10 +135,12 @@ def suggestions(
         How parameters are tried, which do not depend on each other.
     """
     violated = ALL if refusal.constraint == GAVE_UP else {refusal.constraint}
-    tried: list[Call] = [(_mended, (spec, number)) for number, way in enumerate(WAYS) if violated & way.mends]
-    if violated & FEWER_MEND:
+    tried: list[Call] = [
+        (_with_one_changed, (spec, number)) for number, freed in enumerate(PARAMETERS) if violated & freed.relieves
+    ]
+    if violated & FEWER_RELIEVES:
         tried += [(_with_fewer, (spec, name)) for name in _that_can_be_fewer(spec)]
-    if spec.fold_deg != "auto" and violated & FOLD_MENDS:
+    if spec.fold_deg != "auto" and violated & FOLD_RELIEVES:
         tried.append((_with_fold, (spec,)))
     with closing(calls(tried)) as found:
         for suggestion in found:
@@ -162,46 +163,46 @@ def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
     return None if layout is None else Suggestion(name, fewer, layout, 1.0 / getattr(spec, name))
 
 
-def _mended(spec: DesignSpec, number: int) -> Suggestion | None:
-    """The suggestion of one of the `WAYS`; None where it mends nothing on its own."""
-    way, now = WAYS[number], np.atleast_1d(getattr(spec, WAYS[number].parameter))
-    limit = way.changed(spec, 1.0)
+def _with_one_changed(spec: DesignSpec, number: int) -> Suggestion | None:
+    """The suggestion of one of the `PARAMETERS`; None where it alone makes nothing feasible."""
+    freed, now = PARAMETERS[number], np.atleast_1d(getattr(spec, PARAMETERS[number].parameter))
+    limit = freed.changed(spec, 1.0)
     if (limit == now).all():
         return None
-    easy = _with_value(spec, way.parameter, limit)
+    easy = _with_value(spec, freed.parameter, limit)
     seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
     program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
-    outcome = _mend(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
+    outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MOST_ITERATIONS))
     if outcome is None:
         return None
     for beyond in BEYOND:
-        value = _rounded(now, way.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
-        mended = _with_value(spec, way.parameter, value)
-        layout = _designed(mended, outcome.values[:-1])
+        value = _rounded(now, freed.changed(spec, min(float(outcome.values[-1]) * (1.0 + beyond), 1.0)))
+        relaxed = _with_value(spec, freed.parameter, value)
+        layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
             change = float((np.abs(value - now) / np.maximum(value, now)).max())
-            return Suggestion(way.parameter, mended, layout, change)
+            return Suggestion(freed.parameter, relaxed, layout, change)
     return None
 
 
 def _with_fold(spec: DesignSpec) -> Suggestion | None:
     """The suggestion of another fold, to a tenth of a degree."""
-    asked = float(spec.fold_deg)
+    requested = float(spec.fold_deg)
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
-    fold = np.deg2rad([asked, FOLD_DEG.least, FOLD_DEG.most])
-    outcome = _mend(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MOST_ITERATIONS))
+    fold = np.deg2rad([requested, FOLD_DEG.least, FOLD_DEG.most])
+    outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MOST_ITERATIONS))
     if outcome is None:
         return None
     nearest = float(np.rad2deg(outcome.values[draft.fold[0]]))
     for beyond in BEYOND:
-        found = asked + (nearest - asked) * (1.0 + beyond)
-        away = ceil if found > asked else floor
-        mended = spec.replaced(fold_deg=min(max(away(found * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
-        layout = _designed(mended, outcome.values[:-1])
+        found = requested + (nearest - requested) * (1.0 + beyond)
+        away = ceil if found > requested else floor
+        relaxed = spec.replaced(fold_deg=min(max(away(found * 10.0) / 10.0, FOLD_DEG.least), FOLD_DEG.most))
+        layout = _designed(relaxed, outcome.values[:-1])
         if layout is not None:
-            change = abs(found - asked) / (FOLD_DEG.most - FOLD_DEG.least)
-            return Suggestion("fold_deg", mended, layout, change)
+            change = abs(found - requested) / (FOLD_DEG.most - FOLD_DEG.least)
+            return Suggestion("fold_deg", relaxed, layout, change)
     return None
 
 
@@ -214,9 +215,9 @@ def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
     return design_near(spec, values)
 
 
-def _mend(solver: Solver) -> SolverOutcome | None:
+def _nearest(solver: Solver) -> SolverOutcome | None:
     """The smallest change with which all constraints are met; None where there seems to be none."""
-    outcome, missed = solver.mend(INTERIOR)
+    outcome, missed = solver.find_relaxed(INTERIOR)
     return outcome if outcome.solved and max(missed.values()) <= MISSED else None
 
 

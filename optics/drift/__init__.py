@@ -1,1 +1,1 @@
-"""Whether mirrors moved since the calibration, told from pictures of any scene."""
+"""Whether mirrors moved since the calibration, measured by pictures of any scene."""

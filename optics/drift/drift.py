@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -29,11 +30,11 @@ from mirrorcam.optics.drift.mirror_motions import (
     turn_of_centre,
     turns_about_middle,
 )
-from mirrorcam.optics.drift.scene_fit import SceneFit, SceneTells, parameter_names
-from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, parameter_names
+from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 LEAST_MIRRORS = 3
-"""Two do not tell the turn of one mirror from one of the camera before both."""
+"""With two mirrors, a turn of one cannot be told from a turn of the camera before both."""
 RECORDINGS = 10_000
 """One false alarm in so many recordings where nothing moved, at most."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006
@@ -44,26 +45,26 @@ WIDE_DEG, WIDE_MM = 1.0, 1.0
 TURNS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
 """Standard deviations of turns over which the likelihood is averaged."""
 WANTED_DEG = 0.02
-"""A turn that the test is to tell."""
+"""A turn that the test must detect."""
 MISSED = 1.64
-"""Turns of this many standard deviations beyond the threshold are told in 19 of 20 recordings."""
+"""Turns of this many standard deviations beyond the threshold are detected in 19 of 20 recordings."""
 LEAST_POINTS = 30
 """A mirror that shows fewer points is not tested."""
 MOST_SIGMA_PX = 0.2
 """Matches of a frame that scatter more, however mirrors may have moved, are wrong."""
-UNTOLD_DEG = 90.0
+UNDETERMINED_DEG = 90.0
 LEAST_LEFT = 0.25
 """Part of the clear corners of a frame that other views show, where it is of the layout's mirrors."""
 
 
-def tells_drift(layout: Layout) -> bool:
+def shows_drift(layout: Layout) -> bool:
     """Whether a layout states measured mirrors that pictures can be compared with: LEAST_MIRRORS, not as designed."""
     return layout.kind != "nominal" and len(layout.mirrors) >= LEAST_MIRRORS
 
 
 @dataclass(frozen=True)
 class MirrorMove:
-    """What the pictures tell of one mirror.
+    """The motion of one mirror as the pictures show it.
 
     Attributes
     ----------
@@ -78,7 +79,7 @@ class MirrorMove:
     statistic
         Logarithm of the likelihood ratio, in units of the threshold.
     tells_deg
-        Turns of this size are told in 19 of 20 recordings, whatever their direction.
+        Turns of this size are detected in 19 of 20 recordings, whatever their direction.
     points
         Number of points that the mirror shows.
     moved
@@ -97,7 +98,7 @@ class MirrorMove:
     @property
     def tested(self) -> bool:
         """Whether the pictures show enough of it that its other figures mean something."""
-        return self.tells_deg < UNTOLD_DEG
+        return self.tells_deg < UNDETERMINED_DEG
 
     @property
     def size_deg(self) -> float:
@@ -107,7 +108,7 @@ class MirrorMove:
 
 @dataclass(frozen=True)
 class Drift:
-    """What a recording tells of the mirrors.
+    """The motions of the mirrors as a recording shows them.
 
     Attributes
     ----------
@@ -148,7 +149,7 @@ class Drift:
 
     @property
     def untold(self) -> tuple[MirrorMove, ...]:
-        """The mirrors of which the pictures show too little to tell a turn of WANTED_DEG."""
+        """The mirrors of which the pictures show too little to detect a turn of WANTED_DEG."""
         return tuple(mirror for mirror in self.mirrors if mirror.tells_deg > WANTED_DEG)
 
 
@@ -166,9 +167,9 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     shown = np.bincount(matches.view, minlength=len(mirrors))
     if (shown >= LEAST_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
-    told = SceneFit(layout, matches, prior).solve()
-    information, gradient = deflated(told)
-    return _Test(layout, names, told, information, gradient, calibrated, small, common).run()
+    scene = SceneFit(layout, matches, prior).solve()
+    information, gradient = deflated(scene)
+    return _Test(layout, names, scene, information, gradient, calibrated, small, common).run()
 
 
 def understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
@@ -181,9 +182,10 @@ def understood(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> Mat
 
 
 def _nothing(layout: Layout, names: tuple[str, ...], shown: list[int], matches: MatchedPoints) -> Drift:
-    """What too few points tell."""
+    """The result of too few points."""
     mirrors = tuple(
-        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNTOLD_DEG, count, moved=False) for k, count in enumerate(shown)
+        MirrorMove(k, np.zeros(3), 0.0, WIDE_DEG, 0.0, UNDETERMINED_DEG, count, moved=False)
+        for k, count in enumerate(shown)
     )
     return Drift(
         mirrors=mirrors,
@@ -206,14 +208,14 @@ def _unlike(matches: MatchedPoints) -> bool:
     return bool(2 * strange.sum() > len(strange))
 
 
-def deflated(told: SceneTells) -> tuple[FloatArray, FloatArray]:
+def deflated(scene: SceneInformation) -> tuple[FloatArray, FloatArray]:
     """H and h, less as errors of neighbouring points are alike: by how the sums over cells scatter."""
-    root = np.sqrt(np.maximum(np.diag(told.information), 1e-300))
-    values, vectors = np.linalg.eigh(told.information / np.outer(root, root))
+    root = np.sqrt(np.maximum(np.diag(scene.information), 1e-300))
+    values, vectors = np.linalg.eigh(scene.information / np.outer(root, root))
     kept = values > 1e-6 * values[-1]
     white = (vectors[:, kept] / np.sqrt(values[kept])).T / root
-    inflation = max(1.0, float(np.trace(white @ told.scatter @ white.T)) / int(kept.sum()))
-    return told.information / inflation, told.gradient / inflation
+    inflation = max(1.0, float(np.trace(white @ scene.scatter @ white.T)) / int(kept.sum()))
+    return scene.information / inflation, scene.gradient / inflation
 
 
 @dataclass(frozen=True)
@@ -236,7 +238,7 @@ class _Test:
 
     layout: Layout
     names: tuple[str, ...]
-    told: SceneTells
+    scene: SceneInformation
     information: FloatArray
     gradient: FloatArray
     calibrated: FloatArray
@@ -247,7 +249,7 @@ class _Test:
         """Let mirrors move as long as one gains more than chance gives."""
         moved: dict[int, FloatArray] = {}
         gains = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
-        tested = [k for k in range(len(self.layout.mirrors)) if self.told.seen[k] >= LEAST_POINTS]
+        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= LEAST_POINTS]
         while len(moved) < len(tested) - 1:
             given = self._given(moved)
             rest = [k for k in tested if k not in moved]
@@ -267,9 +269,9 @@ class _Test:
             covariance=self._covariance(own),
             common_turn_deg=turn,
             common_turn_sigma_deg=sigma,
-            frames=self.told.frames,
-            points=self.told.points,
-            sigma_px=self.told.sigma_px,
+            frames=self.scene.frames,
+            points=self.scene.points,
+            sigma_px=self.scene.sigma_px,
         )
 
     @property
@@ -293,7 +295,7 @@ class _Test:
     def _likely(self, given: _Given, k: int) -> FloatArray:
         """The motion (3, 3) of a mirror under which the pictures are most likely (empirical Bayes).
 
-        Over a short range of depths, pictures hardly tell a turn from a shift; this bounds the shift by the turn.
+        Over a short range of depths, pictures hardly separate a turn from a shift; this bounds the shift by the turn.
         """
         rows = mirror_rows(self.names, k)
         motions = [hinged_motion(self.layout.mirrors[k], turn) for turn in TURNS_DEG]
@@ -322,22 +324,22 @@ class _Test:
             turn_sigma_deg=float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0)))),
             statistic=statistic,
             tells_deg=self._tells_deg(without, k),
-            points=int(self.told.seen[k]),
+            points=int(self.scene.seen[k]),
             moved=k in moved,
         )
 
     def _tells_deg(self, given: _Given, k: int) -> float:
-        """The turn about a mirror's middle that is told in 19 of 20 recordings, in the worst direction.
+        """The turn about a mirror's middle that is detected in 19 of 20 recordings, in the worst direction.
 
         Chi squared grows by `least` per squared turn; the mean over sizes of motion costs some of it.
         """
         rows, mirror = mirror_rows(self.names, k), self.layout.mirrors[k]
         turns = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ turns_about_middle(mirror)
         least = float(np.linalg.eigvalsh(turns @ given.stiffness[np.ix_(rows, rows)] @ turns.T)[0])
-        if self.told.seen[k] < LEAST_POINTS or least <= 0.0:
-            return UNTOLD_DEG
+        if self.scene.seen[k] < LEAST_POINTS or least <= 0.0:
+            return UNDETERMINED_DEG
         needed = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURNS_DEG))
-        return min(float(np.degrees((np.sqrt(needed) + MISSED) / np.sqrt(least))), UNTOLD_DEG)
+        return min(float(np.degrees((np.sqrt(needed) + MISSED) / np.sqrt(least))), UNDETERMINED_DEG)
 
     def _covariance(self, own: FloatArray) -> FloatArray:
         """Covariance of the parameters once the moved mirrors' changes are applied (Joseph's form)."""
@@ -348,3 +350,36 @@ class _Test:
         # Small motions of the others pass into the moved mirrors, as the noise does.
         passed = self.information + self.information @ self.small @ self.information
         return np.asarray(left @ (self.calibrated + own) @ left.T + applied @ passed @ applied.T)
+
+
+def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
+    """The layout with the moved mirrors at their new planes, with the covariance of those, and what it is from.
+
+    Mirrors that did not move, and the camera, stay as calibrated. `source` names the recording.
+    """
+    mirrors = list(layout.mirrors)
+    for move in drift.moved:
+        mirror = mirrors[move.index]
+        change = drift.change[mirror_rows(drift.names, move.index)]
+        mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
+    moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
+    return layout.replaced(
+        mirrors=tuple(mirrors),
+        metrics={},
+        verdict={},
+        uncertainty=_uncertainty(layout, drift),
+        provenance=layout.provenance
+        | {"resolved_from": layout.identity, "resolved_mirrors": moved, "resolved_by": source},
+    )
+
+
+def _uncertainty(layout: Layout, drift: Drift) -> Uncertainty | None:
+    """The covariance of the calibrated parameters, that of the moved mirrors anew; None where there was none."""
+    known = layout.uncertainty
+    if known is None:
+        return None
+    places = [(place, drift.names.index(name)) for place, name in enumerate(known.parameters) if name in drift.names]
+    rows, columns = np.array(places, dtype=np.int64).T
+    covariance = known.covariance.copy()
+    covariance[np.ix_(rows, rows)] = drift.covariance[np.ix_(columns, columns)]
+    return Uncertainty(parameters=known.parameters, covariance=(covariance + covariance.T) / 2.0)

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.align import align
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import grey_views
-from mirrorcam.optics.light_field.features.patches import templates
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import Geometry
 from mirrorcam.optics.light_field.light_field import Views
 
@@ -132,7 +131,7 @@ class PointMatcher:
     def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, followed: FloatArray) -> FloatArray:
         """Where views (views, n, 2) see the patches around corners (n, 2), allowing for slanted surfaces.
 
-        It begins where corners were followed to; where they were not, at the place that the other views tell.
+        It begins where corners were followed to; where they were not, at the place that the other views predict.
         """
         geometry, views = self.geometry, self.decoder.views
         directions, others = geometry.directions(start), np.delete(np.arange(len(grey)), self.reference)
@@ -180,7 +179,7 @@ def _whole_pupil(layout: Layout, views: Views) -> NDArray[np.uint8]:
     """Masks (views, v, u), 1 where the mirror serves the whole pupil of the lens, on the reference plane."""
     masks = np.zeros((len(layout.mirrors), views.height_px, views.width_px), np.uint8)
     for k, mirror in enumerate(layout.mirrors):
-        outline = whole_pupil_outline(mirror, layout.camera.pupil)
+        outline = unvignetted_outline(mirror, layout.camera.pupil)
         if len(outline) < 3:
             continue
         start, forward = mirror.apparent.virtual_centre_in_rig_mm, layout.view_from_rig[2]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motions
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import rigid_motion_derivatives
 from mirrorcam.optics.drift.matched_points import IntArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 COMMON_DEG, COMMON_MM, COMMON_SCALE = 0.5, 0.5, 0.01
-"""Standard deviations of the motion of all mirrors together, which a scene hardly tells."""
+"""Standard deviations of the motion of all mirrors together, which a scene hardly determines."""
 
 
 def mirror_rows(names: tuple[str, ...], k: int) -> IntArray:
@@ -62,7 +62,7 @@ def placed(blocks: dict[int, FloatArray], names: tuple[str, ...]) -> FloatArray:
 
 
 def common_covariance(layout: Layout, names: tuple[str, ...]) -> FloatArray:
-    """Covariance (g, g) of motions of all mirrors as one body, and of a common scale of all, which no picture tells."""
+    """Covariance (g, g) of motions of all mirrors as one body, and of a common scale, which no picture determines."""
     motions, rows = common_motions(layout), all_rows(layout, names)
     covariance = np.zeros((len(names),) * 2)
     covariance[np.ix_(rows, rows)] = motions @ motions.T
@@ -73,7 +73,7 @@ def common_motions(layout: Layout) -> FloatArray:
     """Changes (3 m, 7) of the virtual centres by a standard deviation of each common motion and of the scale."""
     sizes = np.array([np.deg2rad(COMMON_DEG)] * 3 + [COMMON_MM] * 3)
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
-    return np.column_stack([rigid_motions(layout) * sizes, COMMON_SCALE * centres.ravel()])
+    return np.column_stack([rigid_motion_derivatives(layout) * sizes, COMMON_SCALE * centres.ravel()])
 
 
 def all_rows(layout: Layout, names: tuple[str, ...]) -> IntArray:

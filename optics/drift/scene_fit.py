@@ -1,4 +1,4 @@
-"""What matched points tell of the mirrors: a robust bundle adjustment with the calibration as its prior.
+"""The mirrors by matched points: a robust bundle adjustment with the calibration as its prior.
 
 Unknown are the changes of the calibrated parameters, a direction and an inverse distance of every point, and how the
 scene moved across the camera while each frame was read row by row, a twist. The points are eliminated by the Schur
@@ -30,7 +30,7 @@ TWIST = 6
 
 
 @dataclass(frozen=True)
-class SceneTells:
+class SceneInformation:
     """The quadratic form d'Hd - 2h'd of changes d of the parameters (g,), near the best fit.
 
     Attributes
@@ -99,7 +99,7 @@ class SceneFit:
         self.frames = int(matches.frame.max()) + 1
         self.height_px = layout.camera.height_px
 
-    def solve(self) -> SceneTells:
+    def solve(self) -> SceneInformation:
         """Fit by Gauss and Newton, with weights that follow the residuals."""
         state = self._start()
         for _ in range(STEPS):
@@ -108,7 +108,7 @@ class SceneFit:
             state, moved = self._step(state, linear, weight)
             if moved < STEADY_PX:
                 break
-        return self._told(state)
+        return self._information(state)
 
     def _start(self) -> _State:
         """Points where the rays of all views pass nearest to each other."""
@@ -216,7 +216,7 @@ class SceneFit:
         )
         return moved, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
 
-    def _told(self, state: _State) -> SceneTells:
+    def _information(self, state: _State) -> SceneInformation:
         linear, known = self._linear(state), len(self.columns)
         sigma, weight = self._weights(linear.residual)
         information, gradients, _ = self._reduced(linear, weight)
@@ -228,7 +228,7 @@ class SceneFit:
         cells = np.unique(self.matches.cell)
         sums = np.stack([own[self.matches.cell == cell].sum(axis=0) for cell in cells])
         sums -= sums.mean(axis=0)
-        return SceneTells(
+        return SceneInformation(
             names=self.names,
             information=rest,
             gradient=rest @ state.change - pull,
@@ -245,7 +245,7 @@ MEAN_MM = 400.0
 
 
 def parameter_names(layout: Layout) -> tuple[str, ...]:
-    """The parameters whose changes are told: those of the lens and of the mirrors, and what else was calibrated."""
+    """The parameters whose changes are estimated: of the lens, of the mirrors, and others that were calibrated."""
     every = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     known = () if layout.uncertainty is None else layout.uncertainty.parameters
     return tuple(

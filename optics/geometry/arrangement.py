@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
-from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.values import FloatArray, Shaped, Value
 
 MOST_VIEWS = 144
 RINGS = Bounds(1, 6)

@@ -49,7 +49,7 @@ class BoardHoles(Value):
 class CameraBody(Value):
     """A camera from outside, seen along its lens axis: x along its image's x, y along its image's y, z out of the lens.
 
-    Measures that nobody publishes are listed in `guessed`: the assembly guide says how to measure them.
+    Measures that nobody publishes are listed in `guessed`: the assembly guide describes how to measure them.
     """
 
     name: Name = Field(description="maker and model")

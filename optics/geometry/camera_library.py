@@ -15,9 +15,10 @@ from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_OR_INF_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line, Name
-from mirrorcam.core.values import InputError, Value, with_tuples
+from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 
@@ -38,7 +39,7 @@ class Source(Value):
     )
 
 
-class Published(Value):
+class PublishedFigures(Value):
     """Figures of a camera as its maker states them; those that are not published are left out."""
 
     focal_mm: float | None = Bounds(0.01, 1e4).field(None, "focal length")
@@ -86,7 +87,7 @@ class CameraProfile(Value):
     optics: Camera | None = None
     body: CameraBody
     sources: tuple[Source, ...] = ()
-    published: Published = Published()
+    published: PublishedFigures = PublishedFigures()
     set_aside: dict[str, Line] = Field(default_factory=dict)
     guessed: tuple[Name, ...] = ()
     notes: Line = ""
@@ -135,19 +136,19 @@ class CameraProfile(Value):
         """Relative difference of the optics from each published figure that they can be compared with."""
         if self.optics is None:
             return {}
-        told, optics = self.published, self.optics
+        published, optics = self.published, self.optics
         focal = optics.fx_px * self.sensor_px_per_px
-        width, height = told.view_px or (
+        width, height = published.view_px or (
             optics.width_px * self.sensor_px_per_px,
             optics.height_px * self.sensor_px_per_px,
         )
         sides = {"horizontal_deg": width, "vertical_deg": height, "diagonal_deg": math.hypot(width, height)}
         seen = {name: math.degrees(2.0 * math.atan(side / focal / 2.0)) for name, side in sides.items()}
-        if told.pixel_um is not None:
-            seen["focal_mm"] = focal * told.pixel_um / 1000.0
-        if told.focal_mm is not None and optics.aperture_mm > 0.0:
-            seen["f_number"] = told.focal_mm / optics.aperture_mm
-        stated = {name: getattr(told, name) for name in seen}
+        if published.pixel_um is not None:
+            seen["focal_mm"] = focal * published.pixel_um / 1000.0
+        if published.focal_mm is not None and optics.aperture_mm > 0.0:
+            seen["f_number"] = published.focal_mm / optics.aperture_mm
+        stated = {name: getattr(published, name) for name in seen}
         return {name: seen[name] / value - 1.0 for name, value in stated.items() if value is not None}
 
 

@@ -21,7 +21,8 @@ from mirrorcam.core.bounds import (
     TOLERANCE_MM,
     Bounds,
 )
-from mirrorcam.core.values import FloatArray, InputError, Value, with_tuples
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
@@ -106,7 +107,7 @@ class DesignSpec(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """True if second-surface mirrors are asked for, see `Mirror.is_second_surface`."""
+        """True if second-surface mirrors are requested, see `Mirror.is_second_surface`."""
         return self.surface == "second"
 
     @cached_property
@@ -128,7 +129,7 @@ class DesignSpec(Value):
 
     @model_serializer(mode="wrap")
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """All fields; rows and columns only where they are asked for."""
+        """All fields; rows and columns only where they are requested."""
         written: dict[str, Any] = write(self)
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 

@@ -1,4 +1,4 @@
-"""The layout: a base camera and its mirrors, which all packages share, with its file format."""
+"""The layout: a base camera and its mirrors, shared by all packages, with its file format and its working distance."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
 
 FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
-
 SLIVER = 0.02
 """Part of a sub-image that another may hide in a device as built; more means that the mirrors are wrong."""
+METRIC = "working_distance_mm"
+"""Median distance of the calibration's corners from the views, in the metrics of a calibrated layout."""
+VOLUME = (0.7, 1.0, 1.4)
+"""Distances within the working volume, relative to the working distance."""
 
 
 class Uncertainty(Value):
@@ -185,3 +188,20 @@ class Layout(Value):
     def load(cls, path: AnyPath) -> Self:
         """Read `layout.json`. Raises InputError, one line, for content that does not belong in it."""
         return read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)
+
+
+def working_distance_mm(layout: Layout) -> float | None:
+    """Where the calibration's boards were, or the middle of the depths that the device was designed for."""
+    found = layout.metrics.get(METRIC)
+    if found is not None and found.known:
+        return found.value
+    return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
+
+
+def working_range_mm(layout: Layout) -> tuple[float, float] | None:
+    """Least and greatest distance of the working volume around the boards and of the depths of the design."""
+    depths = [] if layout.spec is None else list(layout.spec.depths_mm)
+    found = layout.metrics.get(METRIC)
+    if found is not None and found.known:
+        depths += [factor * found.value for factor in VOLUME]
+    return (min(depths), max(depths)) if depths else None

@@ -11,7 +11,8 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.core.values import FloatArray, InputError, Shaped, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.layout import Layout
 
 # Gravity of 1 g is a unit vector; a robot that moves may have a little more, one in free fall none.

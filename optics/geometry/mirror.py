@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
@@ -13,7 +14,6 @@ from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
 from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
-from mirrorcam.optics.geometry.mirror_solid import MirrorSolid
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -288,3 +288,31 @@ class Mirror(Value):
             refractive_index=self.refractive_index,
             curvature_per_m=[bend[0, 0], bend[1, 1], bend[0, 1]],
         )
+
+
+@dataclass(frozen=True)
+class MirrorSolid:
+    """A prism over a convex outline.
+
+    Attributes
+    ----------
+    corners_in_rig_mm
+        Corners (2n, 3): those of the reflecting face, then those of the opposite face, alike.
+    normal_in_rig
+        Unit normal (3,) of the reflecting face, towards the pupil.
+    """
+
+    corners_in_rig_mm: FloatArray
+    normal_in_rig: FloatArray
+
+    @cached_property
+    def half_spaces(self) -> tuple[FloatArray, FloatArray]:
+        """Outward unit normals (k, 3) and offsets (k,) of the faces: a point x is inside where n.x <= d, mm."""
+        face, opposite = np.split(self.corners_in_rig_mm, 2)
+        middle = self.corners_in_rig_mm.mean(axis=0)
+        sides = np.cross(np.roll(face, -1, axis=0) - face, opposite - face)
+        normals = np.concatenate([[self.normal_in_rig, self.normal_in_rig], sides])
+        points = np.concatenate([face[:1], opposite[:1], face])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals *= np.sign(np.sum(normals * (points - middle), axis=1, keepdims=True))
+        return normals, np.sum(normals * points, axis=1)

@@ -1,7 +1,15 @@
-"""Images of points in mirrors as they appear to the pupil, and the derivatives of these images.
+"""Images of points in mirrors as they appear to the pupil, with derivatives: of flat, bent and second-surface mirrors.
 
 One formula serves `Mirror.image_of` and the calibration. Arrays are as in `mirror_arrays`: component first, a column
 for each point.
+
+The surface of a bent mirror is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame,
+whose origin is the foot of the outline's middle on the plane. Light is reflected as by the tangent plane where it meets
+the reflecting surface, (u, v) = E(u, v): solved by the chord method, differentiated implicitly, (I - E') d(u, v) = dE.
+The front of a bent plate is everywhere as far from its reflecting surface; where light enters and leaves it counts as
+parallel to the reflecting surface where light meets that. It leans there by as much one way as the other, which costs
+no direction, only a shift: 0.004 px of a C920 at most for 2 mm of acrylic with 0.3 / m (0.1 mm over a mirror of 50 mm),
+growing with t^2 k.
 """
 
 from __future__ import annotations
@@ -11,9 +19,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.bent_imaging import BentImages
-from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays, MirrorImages, dot
-from mirrorcam.optics.geometry.plate_imaging import PlateImages
+from mirrorcam.optics.geometry.mirror_arrays import (
+    ImageDerivatives,
+    MirrorArrays,
+    MirrorImages,
+    dot,
+    plane_axes,
+    plane_of,
+    plane_vjp,
+)
+from mirrorcam.optics.geometry.plate import PlaneDerivatives, PlateImages, PlatePath
+
+CHORD_STEPS = 40
+MET_MM = 1e-9
+"""Tolerance between the point where light was assumed to meet the reflecting surface and where it does."""
+Pair = tuple[FloatArray, FloatArray]
 
 
 def images(points_mm: FloatArray, mirrors: MirrorArrays, *, bent: bool = False) -> MirrorImages:
@@ -23,7 +43,7 @@ def images(points_mm: FloatArray, mirrors: MirrorArrays, *, bent: bool = False) 
     ----------
     points_mm : points (3, n) in rig.
     mirrors : the mirror that each point is seen in.
-    bent : whether derivatives by the curvature are asked for where mirrors are flat, too.
+    bent : whether derivatives by the curvature are requested where mirrors are flat, too.
 
     Returns
     -------
@@ -61,3 +81,188 @@ class PlainImages:
         )
         none = np.empty((len(by_image), 0, by_image.shape[-1]))
         return ImageDerivatives(point, centre, np.zeros_like(to_centre), none)
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The planes that bent mirrors stand off from.
+
+    Attributes
+    ----------
+    normal
+        Unit normals (3, n).
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    axes
+        The x and y axis (3, n) of each mirror's own frame.
+    middle_mm
+        Means (3, n) of the outlines' corners, with the coordinates `middle_uv_mm` along the axes.
+    bend_per_mm
+        The curvature (3, n).
+    """
+
+    normal: FloatArray
+    distance_mm: FloatArray
+    axes: Pair
+    middle_mm: FloatArray
+    middle_uv_mm: Pair
+    bend_per_mm: FloatArray
+
+    @classmethod
+    def of(cls, mirrors: MirrorArrays) -> _Base:
+        normal, distance = plane_of(mirrors.centre_mm)
+        x_axis, y_axis = plane_axes(normal)
+        middle_uv = dot(x_axis, mirrors.middle_mm), dot(y_axis, mirrors.middle_mm)
+        return cls(normal, distance, (x_axis, y_axis), mirrors.middle_mm, middle_uv, mirrors.curvature_per_m / 1e3)
+
+
+@dataclass(frozen=True)
+class _TangentPlanes:
+    """Tangent planes of bent surfaces at (u, v).
+
+    Attributes
+    ----------
+    base
+        The planes that the surfaces stand off from.
+    uv_mm
+        The places (n,), (n,) where they touch.
+    normal
+        Unit normals (3, n).
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    length
+        Lengths (n,) of the normals before they are scaled to 1.
+    reach_mm
+        The same places along the axes, from the foot of the pupil (n,), (n,).
+    slope
+        Slopes dh/du, dh/dv (n,), (n,).
+    """
+
+    base: _Base
+    uv_mm: Pair
+    normal: FloatArray
+    distance_mm: FloatArray
+    length: FloatArray
+    reach_mm: Pair
+    slope: Pair
+
+    @classmethod
+    def at(cls, uv_mm: Pair, base: _Base) -> _TangentPlanes:
+        (u, v), (xx, yy, xy), (x_axis, y_axis) = uv_mm, base.bend_per_mm, base.axes
+        slope_u, slope_v = xx * u + xy * v, yy * v + xy * u
+        height = (slope_u * u + slope_v * v) / 2.0
+        leaning = base.normal - slope_u * x_axis - slope_v * y_axis
+        length = np.sqrt(1.0 + slope_u**2 + slope_v**2)
+        reach = u + base.middle_uv_mm[0], v + base.middle_uv_mm[1]
+        distance = (base.distance_mm - height + slope_u * reach[0] + slope_v * reach[1]) / length
+        return cls(base, uv_mm, leaning / length, distance, length, reach, (slope_u, slope_v))
+
+    @property
+    def plane(self) -> Pair:
+        """Normal and distance."""
+        return self.normal, self.distance_mm
+
+    def _slopes_vjp(self, by_normal: FloatArray, by_distance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Derivatives (a, 3, n) by the unscaled normal n - h_u e1 - h_v e2, and (a, n) by its slopes h_u and h_v."""
+        scaled = by_distance / self.length
+        across = by_normal - dot(by_normal, self.normal)[:, None] * self.normal
+        by_leaning = across / self.length - (scaled * self.distance_mm)[:, None] * self.normal
+        by_u, by_v = (
+            scaled * reach - dot(by_leaning, axis) for reach, axis in zip(self.reach_mm, self.base.axes, strict=True)
+        )
+        return by_leaning, by_u, by_v
+
+    def uv_vjp(self, by_normal: FloatArray, by_distance: FloatArray) -> Pair:
+        """Derivatives (a, n) by u and by v from those by the tangent plane."""
+        xx, yy, xy = self.base.bend_per_mm
+        _, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
+        return by_u * xx + by_v * xy, by_u * xy + by_v * yy
+
+    def implicit_matrix(self, by_axes: PlaneDerivatives) -> FloatArray:
+        """I - E' (2, 2, n), from the derivatives of the point of reflection along both axes."""
+        by_u, by_v = self.uv_vjp(by_axes.normal, by_axes.distance)
+        return np.array([[1.0 - by_u[0], -by_v[0]], [-by_u[1], 1.0 - by_v[1]]])
+
+    def mirror_vjp(self, by_normal: FloatArray, by_distance: FloatArray, by_axes: Pair) -> Pair:
+        """Derivatives by the virtual centre (a, 3, n) and by the curvature (a, 3, n), with (u, v) held.
+
+        `by_axes` are those by the axes beyond what the tangent plane makes of them. The axes follow the normal:
+        de1 = q e2 - (dn.e1) n, de2 = -q e1 - (dn.e2) n, q = -n_x (e2.dn) / sqrt(1 - n_x^2).
+        """
+        (u, v), (e1, e2), n = self.uv_mm, self.base.axes, self.base.normal
+        by_leaning, by_u, by_v = self._slopes_vjp(by_normal, by_distance)
+        scaled = by_distance / self.length
+        by_height = -scaled
+        by_curvature = 1e-3 * np.stack(
+            [
+                by_height * u * u / 2.0 + by_u * u,
+                by_height * v * v / 2.0 + by_v * v,
+                by_height * u * v + by_u * v + by_v * u,
+            ],
+            axis=1,
+        )
+        by_e1, by_e2 = (
+            extra + slope * (scaled[:, None] * self.base.middle_mm - by_leaning)
+            for extra, slope in zip(by_axes, self.slope, strict=True)
+        )
+        aside = np.sqrt(1.0 - n[0] ** 2)
+        turn = np.divide(n[0], aside, out=np.zeros_like(aside), where=aside > 1e-6)
+        by_turn = (dot(by_e1, e2) - dot(by_e2, e1)) * turn
+        by_base = by_leaning - dot(by_e1, n)[:, None] * e1 - (dot(by_e2, n) + by_turn)[:, None] * e2
+        return plane_vjp(by_base, scaled, (n, self.base.distance_mm)), by_curvature
+
+
+@dataclass(frozen=True)
+class BentImages:
+    """Images (3, n) in bent mirrors."""
+
+    image_mm: FloatArray
+    _path: PlatePath
+    _tangent: _TangentPlanes
+
+    @classmethod
+    def of(cls, points_mm: FloatArray, mirrors: MirrorArrays) -> BentImages:
+        base = _Base.of(mirrors)
+        meets = PlatePath.through(points_mm, (base.normal, base.distance_mm), mirrors).reflection_point_mm()
+        u, v = (dot(axis, meets - mirrors.middle_mm) for axis in base.axes)
+        chord = None
+        for _ in range(CHORD_STEPS):
+            tangent = _TangentPlanes.at((u, v), base)
+            path = PlatePath.through(points_mm, tangent.plane, mirrors)
+            meets = path.reflection_point_mm() - mirrors.middle_mm
+            off_u, off_v = (dot(axis, meets) - was for axis, was in zip(base.axes, (u, v), strict=True))
+            missed = ~(np.abs(off_u) + np.abs(off_v) <= MET_MM)
+            if not (missed & ~np.isnan(off_u)).any():
+                break
+            if chord is None:
+                chord = tangent.implicit_matrix(path.reflection_point_vjp(np.stack(base.axes)))
+            du, dv = _solved(chord, off_u, off_v)
+            u, v = u + du, v + dv
+        return cls(np.where(missed, np.nan, path.image_mm()), path, tangent)
+
+    def vjp(self, by_image: FloatArray) -> ImageDerivatives:
+        """See `MirrorImages.vjp`."""
+        tangent, path = self._tangent, self._path
+        direct, meets = path.image_vjp(by_image), path.reflection_point_vjp(np.stack(tangent.base.axes))
+        by_uv = tangent.uv_vjp(direct.normal, direct.distance)
+        by_u, by_v = _solved(np.swapaxes(tangent.implicit_matrix(meets), 0, 1), *by_uv)
+
+        def total(held: FloatArray, moved: FloatArray) -> FloatArray:
+            """Derivatives with (u, v) held and those via (u, v), whose derivatives are `moved` (2, ..., n)."""
+            u, v = (by_u, by_v) if moved.ndim == 2 else (by_u[:, None], by_v[:, None])
+            return np.asarray(held + u * moved[0] + v * moved[1])
+
+        offset = path.reflection_point_mm() - tangent.base.middle_mm
+        by_axes = by_u[:, None] * offset, by_v[:, None] * offset
+        by_plane = total(direct.normal, meets.normal), total(direct.distance, meets.distance)
+        centre, curvature = tangent.mirror_vjp(*by_plane, by_axes)
+        return ImageDerivatives(
+            total(direct.point, meets.point), centre, total(direct.thickness, meets.thickness), curvature
+        )
+
+
+def _solved(matrix: FloatArray, a: FloatArray, b: FloatArray) -> Pair:
+    """Solution (..., n) of 2 x 2 equations (2, 2, n) with the right-hand sides a and b (..., n)."""
+    (aa, ab), (ba, bb) = matrix
+    determinant = aa * bb - ab * ba
+    return (bb * a - ab * b) / determinant, (aa * b - ba * a) / determinant

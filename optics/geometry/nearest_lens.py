@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mirrorcam.core.bounds import FOCAL_PX
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
 from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline

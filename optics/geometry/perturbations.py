@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
-from mirrorcam.optics.geometry.sub_images import covers_sensor, sub_images
+from mirrorcam.optics.geometry.sub_images import covers_sensor, sub_image_polygons
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
 DRAWS = 20  # attempts at mirrors that do not overlap in the image and a lens that covers the sensor
@@ -177,7 +178,7 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
 
 def _off_sensor(layout: Layout) -> int | None:
     """The first mirror that does not appear on the sensor."""
-    return next((index for index, shown in enumerate(sub_images(layout)) if shown.is_empty), None)
+    return next((index for index, shown in enumerate(sub_image_polygons(layout)) if shown.is_empty), None)
 
 
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:

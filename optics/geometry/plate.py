@@ -1,13 +1,20 @@
-"""Refraction in the plane-parallel plate of a second-surface mirror, and the plain mirror that it looks like.
+"""Refraction in the plane-parallel plate of a flat second-surface mirror, and images of points in it, with derivatives.
 
 Tangents are those of angles to the plate's normal, in air unless stated otherwise. Snell's law: sin = n sin'.
+
+Unfolded at the reflecting surface, light from the pupil to a point passes A of air and 2 t of glass while it goes l
+across: A tan + 2 t tan' = l, tan' = g tan. With s = tan / l this is s (A + 2 t g) = 1, which is smooth at l = 0. Arrays
+are as in `mirror_arrays`.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays, dot, plane_of, plane_vjp
 
 NEWTON_STEPS = 50
 
@@ -62,3 +69,161 @@ def surface_reflectance(tangent: FloatArray, refractive_index: float) -> FloatAr
     across = (cosine - refractive_index * inner_cosine) / (cosine + refractive_index * inner_cosine)
     parallel = (inner_cosine - refractive_index * cosine) / (inner_cosine + refractive_index * cosine)
     return 0.5 * (across**2 + parallel**2)
+
+
+@dataclass(frozen=True)
+class PlaneDerivatives:
+    """Derivatives of a values, by the point (a, 3, n), normal (a, 3, n), distance (a, n) and thickness (a, n)."""
+
+    point: FloatArray
+    normal: FloatArray
+    distance: FloatArray
+    thickness: FloatArray
+
+
+@dataclass(frozen=True)
+class _Partials:
+    """Partial derivatives (a, n) of values by the quantities that a path of light is made of."""
+
+    s: FloatArray
+    air: FloatArray | float = 0.0
+    squared: FloatArray | float = 0.0
+    distance: FloatArray | float = 0.0
+    thickness: FloatArray | float = 0.0
+
+
+@dataclass(frozen=True)
+class PlatePath:
+    """Light from the pupil to points via plane reflecting surfaces behind plates.
+
+    Attributes
+    ----------
+    point_mm
+        The points (3, n).
+    normal
+        Unit normals (3, n) of the planes, towards the pupil.
+    distance_mm
+        Distances (n,) of the planes from the pupil.
+    thickness_mm
+        Thicknesses (n,) of the plates.
+    height_mm
+        Heights (n,) of the points along the normal, from the pupil.
+    across_mm
+        Components (3, n) of the points along the plane, with the square `squared_mm2` (n,) of their length l.
+    air_mm
+        The length A (n,).
+    g
+        The ratio tan' / tan (n,).
+    s_per_mm
+        The ratio tan / l (n,).
+    alpha_per_mm
+        The term 2 t s^2 dg / dtan^2 (n,).
+    slope_mm
+        The sum A + 2 t g + 2 alpha l^2 (n,), the derivative in the implicit equation of s.
+    """
+
+    point_mm: FloatArray
+    normal: FloatArray
+    distance_mm: FloatArray
+    thickness_mm: FloatArray
+    height_mm: FloatArray
+    across_mm: FloatArray
+    air_mm: FloatArray
+    g: FloatArray
+    s_per_mm: FloatArray
+    alpha_per_mm: FloatArray
+    slope_mm: FloatArray
+
+    @classmethod
+    def through(cls, point_mm: FloatArray, plane: tuple[FloatArray, FloatArray], mirrors: MirrorArrays) -> PlatePath:
+        """The paths via planes (normal, distance) behind the plates of mirrors."""
+        t, n, (normal, distance) = mirrors.thickness_mm, mirrors.refractive_index, plane
+        height = dot(point_mm, normal)
+        across = point_mm - height * normal
+        air = np.where(height + distance - t > 0.0, height + 2.0 * (distance - t), np.nan)
+        squared = dot(across, across)
+        if np.any(t > 0.0):
+            tangent = outer_tangent(np.sqrt(squared), air, 2.0 * t, n)
+            g = 1.0 / np.sqrt(n**2 + (n**2 - 1.0) * np.square(tangent))
+            s = 1.0 / (air + 2.0 * t * g)
+            # d g / d tan^2 = -(n^2 - 1) g^3 / 2
+            alpha = -t * (n**2 - 1.0) * g**3 * s**2
+        else:
+            g, s, alpha = np.ones_like(air), 1.0 / air, np.zeros_like(air)
+        slope = 1.0 / s + 2.0 * alpha * squared
+        return cls(point_mm, normal, distance, t, height, across, air, g, s, alpha, slope)
+
+    @property
+    def plane(self) -> tuple[FloatArray, FloatArray]:
+        """Normal and distance of the planes."""
+        return self.normal, self.distance_mm
+
+    def image_mm(self) -> FloatArray:
+        """Images (3, n), as deep behind the reflecting surface as the light has air to pass."""
+        return np.asarray(self.air_mm * (self.s_per_mm * self.across_mm - self.normal))
+
+    def _ahead_mm(self) -> FloatArray:
+        """Distance of the point of reflection from the pupil's foot over the tangent: air, and glass times g."""
+        return self.distance_mm - self.thickness_mm + self.thickness_mm * self.g
+
+    def reflection_point_mm(self) -> FloatArray:
+        """Points (3, n) where the light meets the reflecting surface."""
+        return np.asarray(self.s_per_mm * self._ahead_mm() * self.across_mm - self.distance_mm * self.normal)
+
+    def image_vjp(self, by_image: FloatArray) -> PlaneDerivatives:
+        """Derivatives of a values from those by the image (a, 3, n)."""
+        by_stretch, along = dot(by_image, self.across_mm), dot(by_image, self.normal)
+        partials = _Partials(s=self.air_mm * by_stretch, air=self.s_per_mm * by_stretch - along)
+        return self._chained((by_image, along), (self.air_mm * self.s_per_mm, self.air_mm), partials)
+
+    def reflection_point_vjp(self, by_point: FloatArray) -> PlaneDerivatives:
+        """Derivatives of a values from those by the point of reflection (a, 3, n)."""
+        along, by_stretch = dot(by_point, self.normal), dot(by_point, self.across_mm)
+        ahead = self._ahead_mm()
+        partials = _Partials(
+            s=by_stretch * (ahead + self.alpha_per_mm * dot(self.across_mm, self.across_mm)),
+            squared=by_stretch * self.alpha_per_mm * self.s_per_mm / 2.0,
+            distance=by_stretch * self.s_per_mm - along,
+            thickness=-by_stretch * self.s_per_mm * (1.0 - self.g),
+        )
+        return self._chained((by_point, along), (self.s_per_mm * ahead, self.distance_mm), partials)
+
+    def _chained(
+        self, rows: tuple[FloatArray, FloatArray], combination: tuple[FloatArray, FloatArray], partials: _Partials
+    ) -> PlaneDerivatives:
+        """Derivatives of values with rows (a, 3, n) by the point stretch across - depth normal, by the chain rule.
+
+        `rows` come with their components along the normal (a, n), `combination` is (stretch, depth). s (A + 2 t g) = 1
+        gives ds = -(s / D) (dA + 2 g dt + alpha d(l^2)), alpha = 2 t g' s^2, D = A + 2 t g + 2 alpha l^2.
+        """
+        (by_point, along), (stretch, depth) = rows, combination
+        by_step = -self.s_per_mm / self.slope_mm * partials.s
+        air = partials.air + by_step
+        squared = partials.squared + self.alpha_per_mm * by_step
+        height = air - stretch * along - 2.0 * self.height_mm * squared
+        return PlaneDerivatives(
+            point=stretch * by_point + 2.0 * squared[:, None] * self.point_mm + height[:, None] * self.normal,
+            normal=height[:, None] * self.point_mm - (stretch * self.height_mm + depth) * by_point,
+            distance=partials.distance + 2.0 * air,
+            thickness=partials.thickness - 2.0 * air + 2.0 * self.g * by_step,
+        )
+
+
+@dataclass(frozen=True)
+class PlateImages:
+    """Images (3, n) in flat mirrors behind plates."""
+
+    image_mm: FloatArray
+    _path: PlatePath
+
+    @classmethod
+    def of(cls, points_mm: FloatArray, mirrors: MirrorArrays) -> PlateImages:
+        path = PlatePath.through(points_mm, plane_of(mirrors.centre_mm), mirrors)
+        return cls(path.image_mm(), path)
+
+    def vjp(self, by_image: FloatArray) -> ImageDerivatives:
+        """See `MirrorImages.vjp`; none by the curvature (a, 0, n)."""
+        by_plane = self._path.image_vjp(by_image)
+        centre = plane_vjp(by_plane.normal, by_plane.distance, self._path.plane)
+        none = np.empty((len(by_image), 0, by_image.shape[-1]))
+        return ImageDerivatives(by_plane.point, centre, by_plane.thickness, none)

@@ -222,7 +222,7 @@ def _integrated(direction: FloatArray, distance: FloatArray) -> DiscPart:
     for k in range(distance.shape[1]):
         along = (direction[:, k] * x_axis).sum(axis=1)[:, None]
         inside = distance[:, k, None] + (direction[:, k] * y_axis).sum(axis=1)[:, None] * y
-        # A chord along the border is wholly on one side of it.
+        # A chord along the border is entirely on one side of it.
         border = -inside / np.where(np.abs(along) > 1e-12, along, 1e-12)
         low = np.where(along >= 0.0, np.maximum(low, border), low)
         high = np.where(along < 0.0, np.minimum(high, border), high)

@@ -1,4 +1,4 @@
-"""Fields of view of a layout and the region that all views share, by polygon clipping.
+"""Sub-images by polygon clipping: fields of view, the region that all views share, and unvignetted parts.
 
 Depths are along the view axis from the pupil; regions of the plane at a depth are polygons in (x, y) of the view axes,
 mm.
@@ -6,21 +6,58 @@ mm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.convex_polygons import clipped
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outlines_of
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, passing
 
 POINTS_PER_EDGE = 32
+FARTHEST_PARTS = 10.0
+"""Ways from an edge to the middle of its outline, within which a border is that leaves anything."""
+
+
+def clipped(polygon: FloatArray, heights: FloatArray) -> FloatArray:
+    """The part of a convex polygon (n, 2) on the positive side of a line, by heights (n,) of its corners over it.
+
+    (0, 2) where there is none.
+    """
+    points, kept = _cut(polygon, heights)
+    return points[kept]
+
+
+def each_clipped(polygons: FloatArray, heights: FloatArray) -> FloatArray:
+    """The parts (m, most, 2) of convex polygons (m, n, 2) on the positive sides of lines, by heights (m, n) as above.
+
+    Those with fewer corners than the most, which is 3 to n + 1, repeat their last, before and after; where nothing is
+    left, all corners are zero.
+    """
+    points, kept = _cut(polygons, heights)
+    count = kept.sum(axis=1)
+    order = np.argsort(~kept, axis=1, kind="stable")
+    place = np.minimum(np.arange(max(count.max(), 3)), np.maximum(count - 1, 0)[:, None])
+    parts = np.take_along_axis(points, np.take_along_axis(order, place, axis=1)[..., None], axis=1)
+    return np.asarray(np.where((count > 0)[:, None, None], parts, 0.0))
+
+
+def _cut(polygons: FloatArray, heights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Corners (..., 2 n, 2) that parts of polygons (..., n, 2) may have, in order, and the mask of those they have."""
+    previous, before = np.roll(polygons, 1, axis=-2), np.roll(heights, 1, axis=-1)
+    inside = heights > 0.0
+    crosses = (before > 0.0) != inside
+    drop = np.where(crosses, before - heights, 1.0)
+    crossings = previous + (polygons - previous) * before[..., None] / drop[..., None]
+    points = np.stack([crossings, polygons], axis=-2).reshape(*polygons.shape[:-2], -1, 2)
+    return points, np.stack([crosses, inside], axis=-1).reshape(*heights.shape[:-1], -1)
 
 
 def _subdivided(polygon: FloatArray, per_edge: int = POINTS_PER_EDGE) -> FloatArray:
@@ -54,10 +91,10 @@ def sensor_polygon(camera: Camera) -> Polygon:
     return Polygon(normalized)
 
 
-def sub_images(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
+def sub_image_polygons(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     """The part of each sub-image on the sensor that shows the scene to a whole pupil, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
-    shown = [sensor.intersection(Polygon(outline)) for outline in whole_pupil_outlines_of(layout.mirrors, pupil)]
+    shown = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
@@ -77,7 +114,7 @@ class FieldsOfView:
     origins_mm : points (m, 3) where the rays leave their mirrors, one sub-image after the other.
     directions : of the rays (m, 3), of any length.
     corners_of : the rays of each mirror that sees something of the scene.
-    sub_images : the part of each sub-image that shows the scene, see `sub_images`.
+    sub_images : the part of each sub-image that shows the scene, see `sub_image_polygons`.
     """
 
     layout: Layout
@@ -131,7 +168,7 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
     """
     turn = layout.view_from_rig.T
     leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
-    shown = tuple(sub_images(layout, pupil))
+    shown = tuple(sub_image_polygons(layout, pupil))
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
         apparent = mirror.apparent
         forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
@@ -176,3 +213,91 @@ def pixel_efficiency(layout: Layout, depth_mm: float, pupil: Pupil = PINHOLE) ->
     views = fields_of_view(layout, pupil)
     region, _ = views.common_region(depth_mm)
     return views.pixel_efficiency(region, depth_mm)
+
+
+def unvignetted_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
+    """Corners (n, 2) of the part of a sub-image whose whole pupil the mirror serves, in normalized coordinates.
+
+    (0, 2) where there is none.
+    """
+    return unvignetted_outlines_of([mirror], pupil)[0]
+
+
+def unvignetted_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
+    """The `unvignetted_outline` (n, 2) of each mirror, found together."""
+    outlines = [mirror.usable_normalized for mirror in mirrors]
+    showing = [k for k, shown in enumerate(outlines) if len(shown)]
+    if pupil.radius_mm == 0.0 or not showing:
+        return outlines
+    most = max(len(outlines[k]) for k in showing)
+    shown = np.array([outlines[k][np.minimum(np.arange(most), len(outlines[k]) - 1)] for k in showing])
+    normals = np.array([mirrors[k].apparent.normal_in_rig for k in showing])
+    distances_mm = np.array([mirrors[k].apparent.distance_mm for k in showing])
+    for k, outline in zip(showing, unvignetted_outlines(shown, normals, distances_mm, pupil), strict=True):
+        outlines[k] = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
+    return outlines
+
+
+def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:
+    """The parts of sub-images whose whole pupil is served by n mirrors, each by one, in normalized coordinates.
+
+    Their borders, of which each is nearly straight, are drawn straight and run inside.
+
+    Parameters
+    ----------
+    shown
+        Corners (n, k, 2) of the parts that mirrors show to the middle of the pupil; with fewer, the last is repeated.
+    normals, distances_mm
+        Planes of the apparent mirrors: unit normals (n, 3) in the frame of the camera, and distances (n,).
+    pupil
+        Of a lens, not of a pinhole.
+
+    Returns
+    -------
+    Corners (n, most, 2), the last repeated; all zero where there is no such part.
+    """
+    following = np.roll(shown, -1, axis=1)
+    distinct = (following != shown).any(axis=2)
+    middles = (shown * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
+    ends = np.stack([shown, following], axis=2)
+    inwards = middles[:, None, None] - ends
+    parts = _parts_to_unvignetted(ends, middles, normals, distances_mm, pupil)
+    found = ((parts >= 0.0) & (parts < FARTHEST_PARTS)).all(axis=2) | ~distinct
+    borders = ends + np.where(found[..., None], parts, 0.0)[..., None] * inwards
+    along = borders[:, :, 1] - borders[:, :, 0]
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    across *= np.sign((inwards[:, :, 0] * across).sum(axis=-1, keepdims=True))
+    kept = shown * found.all(axis=1)[:, None, None]
+    for k in range(shown.shape[1]):
+        heights = ((kept - borders[:, None, k, 0]) * across[:, None, k]).sum(axis=-1)
+        kept = each_clipped(kept, np.where(distinct[:, k, None], heights, 1.0))
+    return kept
+
+
+def _parts_to_unvignetted(
+    ends: FloatArray, middles: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
+) -> FloatArray:
+    """Parts (n, k, 2) of the ways from the ends of edges (n, k, 2, 2) to middles (n, 2) after which pupils are whole.
+
+    NaN where none is: on the way, constant and slope of `passing` are linear, and their quotient is the radius where
+    a quadratic equation is solved.
+    """
+    middles = np.broadcast_to(middles[:, None, None], (*ends.shape[:2], 1, 2))
+    chief = np.concatenate([ends, middles], axis=2)
+    rays = np.concatenate([chief, np.ones((*chief.shape[:3], 1))], axis=3)
+    points = rays * (-distances_mm[:, None, None] / (rays @ normals[:, None, :, None])[..., 0])[..., None]
+    edges = np.stack([points[:, :, None, 0], points[:, :, None, 1]])
+    constants, slopes, _ = passing(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
+    constant, slope = constants[..., 0], pupil.radius_mm * slopes[..., 0, :]
+    more, turn = constant[:, :, 2:] - constant[:, :, :2], slope[:, :, 2:] - slope[:, :, :2]
+    constant, slope = constant[:, :, :2], slope[:, :, :2]
+    square, product, least = (
+        one * other - (first * second).sum(axis=-1)
+        for one, other, first, second in (
+            (more, more, turn, turn),
+            (constant, more, slope, turn),
+            (constant, constant, slope, slope),
+        )
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-least / (product + np.sqrt(product**2 - square * least)))

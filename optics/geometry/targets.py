@@ -20,7 +20,8 @@ from pydantic import Field, RootModel, model_validator
 
 from mirrorcam.core.bounds import PART_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 
 SQUARES = Bounds(3, 500)
@@ -283,7 +284,7 @@ class AprilGrid(Value):
         return np.where(np.repeat(np.repeat(self.black, y, axis=0), x, axis=1), 0, 255).astype(np.uint8)
 
 
-# Any board; read from a file, its `kind` says which.
+# Any board; read from a file, its `kind` names the class.
 Target = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_json
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import agree_on_bits, check_size, is_picture, picture_size
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs

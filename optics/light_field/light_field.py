@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mirrorcam.core.arguments import check_type
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Shaped
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue, Shaped
 
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]

@@ -59,7 +59,7 @@ class PixelFootprints:
     pupil_x, pupil_y
         Where the ray from the centroid of that part of the pupil crosses z = 0, mm.
     spread
-        Standard deviation of its points about the centroid over that of the whole pupil.
+        Standard deviation of its points about the centroid, divided by the whole pupil's.
     steps
         (2, 2): mean change of x and y (rows) from one subpixel to the next, to the right and down (columns).
     """
@@ -106,7 +106,7 @@ def pixel_footprints(
     Returns
     -------
     tuple
-        The footprints of each view: those of the whole pupil, and those of parts of it. No subpixel occurs twice.
+        The footprints of each view, of the whole pupil and of parts of it. No subpixel occurs twice.
     """
     grid = _SensorGrid(camera, cut)
     if not mirrors:

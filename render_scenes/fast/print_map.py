@@ -77,7 +77,7 @@ class PrintMap:
 
 
 def virtual_views(mirrors: tuple[Mirror, ...]) -> tuple[VirtualView, ...]:
-    """Return the view of each mirror; without mirrors, that of the bare camera."""
+    """Return the view of each mirror; without mirrors, the view of the bare camera."""
     if not mirrors:
         return (VirtualView(np.zeros(3), np.eye(3), np.zeros(3)),)
     return tuple(

@@ -1,4 +1,4 @@
-"""Where rays meet objects first, and what is there: normals and texture coordinates. In view axes, mm."""
+"""First hits of rays on objects, with normals and texture coordinates there. In view axes, mm."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def texture_place(objects: Any, number: Any, part: Any, point: Any, right: Any, 
 
 @inlined
 def corner_colour(objects: Any, triangles: Any, number: Any, part: Any, point: Any) -> Any:
-    """Colour of a triangle at a point, between those of its corners."""
+    """Colour of a triangle at a point, between the colours of its corners."""
     p = minus(mapped(objects, number, UNIT, point), at(triangles, part, 0))
     a, b = at(triangles, part, 3), at(triangles, part, 6)
     aa, ab, bb, pa, pb = dot(a, a), dot(a, b), dot(b, b), dot(p, a), dot(p, b)

@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.compiled import compiled, inlined
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
@@ -120,7 +121,7 @@ def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camer
 
 
 PARTS = 8
-"""Parts of an object that are told apart."""
+"""Parts of an object that are distinguished."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +251,7 @@ def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, lef
 
 @inlined
 def _smooth(normalized: Any, mirrors: Any, scene: Any, number: Any, v: Any, u: Any, colour: Any) -> None:
-    """Replace the colour of a pixel, that in its middle, by the mean with those of three places around."""
+    """Replace the colour of a pixel, taken in its middle, by its mean with the colours at three places around."""
     x, y = normalized[v, u, 0], normalized[v, u, 1]
     _, slide = transmitted(mirrors, number, x, y)
     start, direction, least = scene_ray(mirrors, number, x, y, slide)
@@ -268,7 +269,7 @@ WIDTH_PX = Bounds(64, 4096)
 """Width of a preview."""
 REFLECTANCE = 0.92
 SENSOR = SENSORS["c920"].replaced(tone_curve="srgb", exposure=0.75)
-"""A webcam whose grey levels are those of screens."""
+"""A webcam with the grey levels of screens."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +317,7 @@ def preview_frame(
         `tabletop`: the objects of `mirrorcam scene`, at the depths that the layout was designed for; `board`: a
         calibration board at the middle depth.
     width_px
-        Width of the picture; at most that of the camera's.
+        Width of the picture; at most the camera's.
     arranged_for
         The layout whose field of view the tabletop fills; by default `layout`. Pictures by several layouts show the
         same objects, in the middle of their fields, if these are arranged for the same one.

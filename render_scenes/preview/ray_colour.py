@@ -1,4 +1,4 @@
-"""The colour of a ray: light on matte surfaces, reflections of glossy ones, and what is seen through a glass ball.
+"""The colour of a ray: light on matte surfaces, reflections of glossy ones, and the view through a glass ball.
 
 Surfaces get the light of the lamp with its shadow, of the sky, and, roughly, the light that they throw at each other.
 """
@@ -119,18 +119,18 @@ def _lamp_light(
             suspects |= 1 << other
     if suspects == 0:
         return light
-    shown, asked = 0, 0
+    shown, tested = 0, 0
     # Leaves shade each other so irregularly that few points do.
     irregular = int(objects[number, KIND]) == TRIANGLES
     for place in range(POINTS, len(lamp)):
         # What none or all of the first points are hidden by is taken to hide no or all others.
-        if asked == FIRST_POINTS and (irregular or shown == 0 or shown == asked):
+        if tested == FIRST_POINTS and (irregular or shown == 0 or shown == tested):
             break
         to_lamp = minus(at(lamp, place, 0), point)
         if not is_hidden(objects, boxes, triangles, suspects, point, to_lamp, CLEARANCE):
             shown += 1
-        asked += 1
-    return light * shown / asked
+        tested += 1
+    return light * shown / tested
 
 
 @inlined
@@ -161,13 +161,13 @@ def _light_around(around: Any, balls: Any, number: Any, point: Any, normal: Any)
 FAR_RADII = 7.0
 """Distance from which on a ball hides nothing, in its radii: there it would be 2 % of the light."""
 FIRST_POINTS = 4
-"""Points of the lamp that tell whether all are asked for."""
+"""Points of the lamp that decide whether all are tested."""
 FLOOR_PART, WALL_PART = 0.8, 0.7
 """Parts of the half spaces below and behind that the floor and the wall fill."""
 
 
 CLEARANCE_MM = 1e-2
-"""Of a ray from a ball, so that it does not meet that again."""
+"""Offset of a ray from a ball, so that it does not meet the ball again."""
 GLOSS = 1.03
 """Light that leaves the body of a glossy surface, by that of a matte one and what the surface lets out again."""
 REFLECTED_SPREAD, REFRACTED_SPREAD = 4.0, 10.0

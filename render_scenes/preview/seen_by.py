@@ -12,9 +12,9 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import WHOLE, Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.equalisation import Equalisation
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame, Subject, preview_frame
@@ -32,7 +32,7 @@ UNKNOWN_GREY = 64
 
 @dataclass(frozen=True, eq=False)
 class SeenBy:
-    """What a layout sees, and what can be had of it.
+    """The view of a layout, and its products.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class SeenBy:
     searched_mm
         Depths between which was searched.
     true_depth_mm
-        (v, u): depth of what the reference view shows; infinite where that is nothing, NaN where it has no sample or
+        (v, u): depth of the surfaces in the reference view; infinite where there is none, NaN where it has no sample or
         one of a part of the pupil.
     """
 
@@ -56,8 +56,8 @@ class SeenBy:
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
-        """All views beside each other (h, w, 3), as they lie in space."""
-        return tiles(self.light_field)
+        """All views side by side (h, w, 3), as they lie in space."""
+        return tiled_views(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
         """The picture (v, u, 3) of all views in focus on a plane at a depth.
@@ -121,7 +121,7 @@ def _decoder(frame: PreviewFrame) -> Decoder:
 
 
 def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
-    """Depths between which a preview is searched: those of its subject with some room, and beyond the views."""
+    """Depths between which a preview is searched: the depths of its subject with some room, and beyond the views."""
     depths = default_depths_mm(layout)
     least = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
     near = max(BEFORE * min(depths), BEYOND_VIEWS * least)
@@ -129,7 +129,7 @@ def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
 
 
 def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
-    """Depths (v, u) of what the reference view shows."""
+    """Depths (v, u) of the surfaces that the reference view shows."""
     reference = reference_index(decoder.views)
     farthest = np.isinf(frame.light.depth_mm)
     depth = np.where(farthest, 0.0, frame.light.depth_mm)

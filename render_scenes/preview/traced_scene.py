@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import inlined
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.render_scenes.boards import margin_mm, printed_radiance
@@ -141,7 +142,7 @@ KINDS = {"rectangle": RECTANGLE, "sphere": SPHERE, "cylinder": CYLINDER, "box": 
 MATTE, GLOSSY, GLASS, PRINTED = range(4)
 MATERIALS = {"matte": MATTE, "glossy": GLOSSY, "glass": GLASS}
 PLAIN = -1
-"""Of an object without a texture."""
+"""Texture number of an object without one."""
 LAMP_ORDER = (0, 15, 6, 9, 3, 12, 5, 10, 1, 14, 7, 8, 2, 13, 4, 11)
 """Points of the lamp, of 4 x 4, that shadows are made of: two of its corners and two near its middle first."""
 OPEN = 0.6
@@ -154,7 +155,7 @@ TWIGS_OPAQUE = 0.35
 # Columns of the table of objects. Few tables, and none of their slices, go through the loops: numba counts the users of
 # every array that it passes on or cuts.
 KIND, MATERIAL, SHADES, TEXTURE, COLOUR, BOUND, UNIT = 0, 1, 2, 3, 4, 7, 11
-# Rows of the tables of the lamp and of what is around.
+# Rows of the tables of the lamp and of the surroundings.
 MIDDLE, FACING, FIRST_SIDE, SECOND_SIDE, RADIANCE, POINTS = 0, 1, 2, 3, 4, 5
 SKY_LIGHT, FLOOR_LIGHT, WALL_LIGHT, PLACES = range(4)
 # Columns of the table of balls.
@@ -312,7 +313,7 @@ def lamp_light(lamp: FloatArray, point: FloatArray, normal: FloatArray) -> Float
 
 
 def _surroundings(tabletop: Tabletop, colours: FloatArray, lamp: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What is around the objects of a tabletop scene, whose floor is its desk, and the balls that stand for them."""
+    """Surroundings of the objects of a tabletop scene, whose floor is its desk, and the balls that stand for them."""
     around = np.array([SKY, (0.0,) * 3, (0.0,) * 3, (np.inf, np.inf, 0.0)])
     sky = np.pi * OPEN * around[SKY_LIGHT]
     sides = {"desk": (FLOOR_LIGHT, 1, (0.0, -1.0, 0.0)), "wall": (WALL_LIGHT, 2, (0.0, 0.0, -1.0))}

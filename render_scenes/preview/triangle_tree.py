@@ -97,7 +97,7 @@ NOTHING = -1
 
 
 class TriangleTree(NamedTuple):
-    """Triangles in an order in which those of each box follow one another, and the boxes, each before those within it.
+    """Triangles ordered so that the triangles of each box follow one another, and the boxes, outer ones first.
 
     Attributes
     ----------

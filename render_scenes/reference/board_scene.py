@@ -128,7 +128,7 @@ def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
 def _path_options(
     mirrors: Sequence[Mirror], finishes: Sequence[MirrorFinish], bodies: Sequence[DeviceBody]
 ) -> PathOptions:
-    # What is between the mirrors of a device occludes the scene behind it: its parts or, without them, black.
+    # Parts between the mirrors of a device occlude the scene behind them; without parts there is black.
     rough = any(finish.roughness > 0.0 for finish in finishes)
     plates = any(mirror.is_second_surface for mirror in mirrors)
     return PathOptions(

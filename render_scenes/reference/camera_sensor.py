@@ -55,7 +55,7 @@ def _plugin(variant: str) -> str:
     class LensSensor(mi.Sensor):
         """Plugin "lens_camera": a camera at the origin of the rig; `intrinsics` are nine numbers between commas.
 
-        With a `table` (h + 1, w + 1, 2), that of `_table`, these serve only as its pinhole.
+        With a `table` (h + 1, w + 1, 2), from `_table`, these serve only as its pinhole.
 
         The rays of a point of the sensor start in a pupil of `aperture_mm` and meet on its chief ray, in the plane
         z = `focus_mm`. Nothing is seen before the plane z = `near_mm`.
@@ -198,7 +198,7 @@ def _nine(camera: Camera) -> list[float]:
 
 
 def _table(camera: Camera) -> NDArray[np.float32]:
-    """What undistorted corners of all pixels (h + 1, w + 1, 2) have beside those of the pinhole.
+    """Differences (h + 1, w + 1, 2) of undistorted corners of all pixels from the pinhole's.
 
     Between them the difference is so nearly linear that a pixel is met to 1e-4 px.
     """

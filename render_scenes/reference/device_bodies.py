@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 from mirrorcam.core.disk.files import read_bytes
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.nested_text import json_value
-from mirrorcam.core.values import FloatArray, InputError, Matrix4, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Matrix4, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.mesh_shapes import read_mesh
@@ -38,7 +39,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 class DeviceBody:
     """One body: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear RGB.
 
-    `kind` is that of `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
+    `kind` is as in `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
     """
 
     name: str
@@ -52,7 +53,7 @@ class DeviceBody:
 class DeviceParts(Value):
     """The parts around the mirrors of a device: a folder of files, their common checksum, and the pose of the camera.
 
-    `holder_from_rig` is rigid, from the frame of the camera to that of the parts, mm.
+    `holder_from_rig` is rigid, from the frame of the camera to the frame of the parts, mm.
     """
 
     folder: str
@@ -75,7 +76,7 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
-    """Raise InputError unless the mirrors of an assembly, if it has any, are those of a layout."""
+    """Raise InputError unless the mirrors of an assembly, if it has any, are a layout's."""
     solids = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
     if not solids:
         return
@@ -167,14 +168,14 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
 
 
 def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
-    """Transform a body from the frame of the holder to that of the camera, by a rigid 4x4."""
+    """Transform a body from the frame of the holder to the frame of the camera, by a rigid 4x4."""
     turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
     normals = None if body.normals is None else body.normals @ turn
     return replace(body, points=(body.points - origin) @ turn, normals=normals)
 
 
 def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
-    """Estimate the rigid 4x4 from the camera frame of a device as built to that of its holder, rig as designed.
+    """Estimate the rigid 4x4 from the camera frame of a device as built to the frame of its holder, rig as designed.
 
     Mirrors are perturbed along their normals (and turned about their middles), so that components across the normals
     determine the position of the pupil by least squares.
@@ -211,7 +212,7 @@ def body_shapes(bodies: Sequence[DeviceBody]) -> dict[str, Any]:
 
 
 class BodyObstacles:
-    """`truth.obstacles.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
+    """`truth.light_rays.Obstacles` of bodies in the frame of the camera; Mitsuba's variant must have been set."""
 
     def __init__(self, bodies: Sequence[DeviceBody]) -> None:
         import mitsuba as mi

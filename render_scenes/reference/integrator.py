@@ -105,7 +105,7 @@ class PathOptions:
     Attributes
     ----------
     mirrors_only
-        What the camera sees directly is black.
+        Surfaces that the camera sees directly are black.
     branches
         Number of branches traced through the first plate: 1 where nothing is transparent.
     lit
@@ -132,7 +132,7 @@ def _plugin(variant: str) -> str:
     delta, through = mi.BSDFFlags.Delta, mi.BSDFFlags.DeltaTransmission
 
     class LightPaths(mi.SamplingIntegrator):
-        """Plugin "light_paths": emission at the ends of paths, as `PathOptions` says."""
+        """Plugin "light_paths": emission at the ends of paths, as in `PathOptions`."""
 
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
@@ -170,7 +170,7 @@ def _plugin(variant: str) -> str:
         def _by_branch(self, scene: Any, ray: Any, active: Any, branch: Any, key: Any, number: Any) -> Any:
             """Sample as above, through plates and with scattering surfaces.
 
-            The path through the first plate is that of the branch, with `passes` passes to its coating; `out` is true
+            The path through the first plate follows the branch, with `passes` passes to its coating; `out` is true
             after it. All later interactions are sampled at random.
             """
 

@@ -127,7 +127,7 @@ def mesh(
 ) -> Any:
     """Make a shape of the current variant of triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat ones.
 
-    `texture_places` (n, 2) are those of the vertices in a texture, in its sides.
+    `texture_places` (n, 2) are the places of the vertices in a texture, in units of its sides.
     """
     import mitsuba as mi
 

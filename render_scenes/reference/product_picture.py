@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly
@@ -26,7 +27,7 @@ MARGIN = 1.08  # sides of the picture over the extent of the device
 PAPER_MM = 4000.0
 BEND_MM = 350.0
 LARGEST_LENS_MM = 10.0  # radius, where the front of a camera is a single plane
-# Radius over that of the lens ring, and linear RGB: rings that look like a lens.
+# Radius over the lens ring's, and linear RGB: rings that look like a lens.
 LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 0.03, 0.09)), (0.24, (0.0, 0.0, 0.0)))
 
 
@@ -117,7 +118,7 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     Raises
     ------
     InputError
-        The folder holds no assembly, or that of another layout.
+        The folder holds no assembly, or the assembly of another layout.
     """
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")

@@ -13,7 +13,8 @@ from pydantic import Field
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.core.disk.resumable import FolderManifest
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
@@ -23,7 +24,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
 KNOWN = ("layout.json", "board.toml")
-"""What the user has besides the pictures."""
+"""Files that the user has besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
@@ -40,7 +41,7 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: what a user of a real camera knows, and a checksum of each file written so far.
+    """Manifest of a rendered set: facts that a user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, the seed included.
     """

@@ -128,7 +128,7 @@ class _SetRenderer:
 
 @lru_cache(maxsize=2)
 def _set_renderer(setup_json: str) -> _SetRenderer:
-    # One setup for the frames via the mirrors and one for those of the bare camera.
+    # One setup for the frames via the mirrors and one for the bare camera's.
     return _SetRenderer(CaptureSetup.model_validate_json(setup_json))
 
 

@@ -13,7 +13,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid
@@ -49,8 +50,8 @@ class PosePlan:
 def reaches(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[Reach, ...]:
     """Range of depths and largest tilt at which each view of a plan shows `FEWEST_CORNERS` corners or more.
 
-    Depth is that of the board's middle along a unit vector (3,) in rig, tilt the angle of its normal to that vector; in
-    whole mm and degrees, as a person who held the board would know them.
+    Depth belongs to the board's middle along a unit vector (3,) in rig, tilt is the angle of its normal to that vector;
+    in integer mm and degrees, as a person who held the board would know them.
     """
     middle = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
     depths = (plan.poses @ middle)[:, :3] @ forward
@@ -136,7 +137,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
 
 
 def _depths(layout: Layout) -> tuple[float, float]:
-    """Nearest and farthest depth of the board's middle: slightly beyond those of the spec."""
+    """Nearest and farthest depth of the board's middle: slightly beyond the spec's."""
     if layout.spec is not None:
         return 0.92 * min(layout.spec.depths_mm), 1.15 * max(layout.spec.depths_mm)
     scale = layout.mirrors[layout.central_index].distance_mm * np.sqrt(2.0)

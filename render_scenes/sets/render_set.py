@@ -14,8 +14,9 @@ from pathlib import Path
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
 from mirrorcam.core.disk.files import write_bytes, write_files, write_json, write_npz
 from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board
@@ -95,7 +96,7 @@ def render_set(
     variant
         Mitsuba's variant, on which the bytes depend; by default the fastest of this machine.
     progress
-        Called with the numbers of pictures done and of all, at the start and after each; those of a video count twice.
+        Called with the numbers of pictures done and of all, at the start and after each; a video's count twice.
 
     Returns
     -------
@@ -227,9 +228,9 @@ def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes
 
 def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
-    asked = dataset.model_dump(mode="json", exclude={"request", "files"})
+    inputs = dataset.model_dump(mode="json", exclude={"request", "files"})
     drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
-    return value_digest(asked | drawn)[:16]
+    return value_digest(inputs | drawn)[:16]
 
 
 def _write_known(folder: Path, dataset: Dataset, layout: Layout) -> None:

@@ -1,6 +1,6 @@
 """Model of lens and sensor: from radiance to the 8-bit picture of a webcam.
 
-Blur, colours, vignetting, veiling glare and noise, then what the webcam does to the raw picture: demosaicing, noise
+Blur, colours, vignetting, veiling glare and noise, then the webcam's processing of the raw picture: demosaicing, noise
 reduction, the tone curve and sharpening, in this order. Pupil and focus are the renderers': they decide which light
 comes to a pixel.
 """
@@ -181,7 +181,7 @@ def srgb(linear: FloatArray) -> FloatArray:
 
 
 def _in_steps(grey: Picture) -> NDArray[np.uint16]:
-    """Grey levels as whole steps; what is brighter than white is white."""
+    """Grey levels as integers, clipped at white."""
     return np.asarray(np.clip(np.rint(grey * np.float32(_STEPS)), 0.0, 255.0 * _STEPS).astype(np.uint16))
 
 
@@ -220,7 +220,7 @@ def photograph(
     Returns
     -------
     NDArray[np.uint8]
-        Picture (h, w) of grey light where nothing tells colours apart, otherwise (h, w, 3).
+        Picture (h, w) of grey light where nothing separates colours, otherwise (h, w, 3).
     """
     light = light_of_pixels(radiance, subpixels, camera, model)
     light *= np.float32(255.0 * model.exposure)

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from mirrorcam.core.arguments import GivenPath
 from mirrorcam.core.bounds import PICTURES, SEED
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic, read_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.video_output import X264, file_address, require_x264
+from mirrorcam.core.video.animation import X264, file_address, require_x264
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -121,7 +121,7 @@ def _frame(image: NDArray[np.uint8], number: int, rate: Fraction) -> Any:
 
 
 def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None) -> None:
-    """Raise InputError where the frames cannot be put into the video that is asked for."""
+    """Raise InputError where the frames cannot be put into the requested video."""
     video, sensor = settings.video, settings.sensor
     if video is not None and rate_hz is None:
         raise InputError(f"video {video}: its frames are moments of a motion, expected a rate_hz")

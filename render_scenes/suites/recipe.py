@@ -60,14 +60,14 @@ def _tolerances(data: object) -> object:
 
 
 class SetRecipe(Value):
-    """What a suite states of a set; everything that it leaves out has its default.
+    """The entry of a set in a suite; everything that it leaves out has its default.
 
     Parameters
     ----------
     name
         Name of the set in its suite.
     why
-        What the set is for.
+        Purpose of the set.
     copies
         Number of sets that differ in nothing but their seeds, which count up from `seed`.
     design
@@ -77,7 +77,7 @@ class SetRecipe(Value):
     binned
         Fraction of the camera's pixels along an axis that are left when they are binned.
     lens_model, distortion
-        The camera's lens instead of that of the library.
+        The camera's lens instead of the library's.
     tolerances
         How far the rendered camera may be from its layout, or "none".
     sensor
@@ -85,7 +85,7 @@ class SetRecipe(Value):
     board, frames, base_frames, seed, rate_hz
         As of a `SetRequest`.
     depths_mm
-        Depths that the boards are at and around, instead of those of the design.
+        Depths that the boards are at and around, instead of the design's.
     renderer, spp, maps, finish
         As of `RenderSettings`.
     """
@@ -178,7 +178,7 @@ class SetRecipe(Value):
         """
         layout = designed if self.layout is None else self.layout.replaced(camera=self.camera)
         assert layout is not None, "a recipe without a layout needs the one of its design"
-        asked = SetRequest(
+        request = SetRequest(
             layout=layout,
             target=self.board,
             frames=self.frames,
@@ -189,7 +189,7 @@ class SetRecipe(Value):
             rate_hz=self.rate_hz,
         )
         if not self.depths_mm or layout.spec is None:
-            return asked
+            return request
         there = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
-        plan = plan_frames(there, self.board, self.frames, asked.random(Stream.POSES))
-        return asked.replaced(poses=plan.poses.tolist())
+        plan = plan_frames(there, self.board, self.frames, request.random(Stream.POSES))
+        return request.replaced(poses=plan.poses.tolist())

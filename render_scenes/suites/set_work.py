@@ -10,33 +10,25 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mirrorcam.core.disk.fingerprint import source_digest, source_digests, value_digest, versions
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 
-# Packages and modules that no set depends on.
-UNRELATED_OPTICS = ("alignment", "calibration", "camera_files", "drift", "light_field")
-UNRELATED_SCENES = ("preview", "suites", "tabletop")
-RECIPE = "mirrorcam.render_scenes.suites.recipe"
-
-
-@cache
-def made_with() -> dict[str, str]:
-    """Digests of sources and versions of distributions that decide about the bytes of a set, in this process."""
-    return (
-        source_digests("mirrorcam.core")
-        | source_digests("mirrorcam.optics", without=UNRELATED_OPTICS)
-        | source_digests("mirrorcam.render_scenes", without=UNRELATED_SCENES)
-        | {RECIPE: source_digest(RECIPE)}
-        | versions("render")
-    )
+CODE = (
+    "mirrorcam.render_scenes.sets.render_set",
+    "mirrorcam.render_scenes.suites.recipe",
+    "mirrorcam.optics.design.optimise",
+)
+"""Modules that decide about the bytes of a set: they render it, state its request, and design its layout."""
 
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
     """Name of the folder of a set: its own, and 16 digits of a digest of all that its bytes follow from."""
-    asked = {"recipe": recipe.stated(), "variant": variant, "made_with": made_with()}
-    return f"{recipe.name}-{value_digest(asked)[:16]}"
+    inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": program_of(*CODE)}
+    return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 
 class SetTask(Value):
@@ -79,7 +71,7 @@ def render_on_one_core(task_json: str) -> SetAnswer:
         failure = str(error)
     except Exception as error:
         failure = f"{type(error).__name__}: {error}"
-    return SetAnswer(" ".join(failure.split()), files, made_with(), time.process_time() - started)
+    return SetAnswer(" ".join(failure.split()), files, program_of(*CODE), time.process_time() - started)
 
 
 def render_in_turn(task_json: str) -> SetAnswer:

@@ -20,9 +20,10 @@ from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import PICTURES, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, inside, model_from, read_bytes, tables_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line
-from mirrorcam.core.values import InputError, Value, with_tuples
+from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.settings import SensorModel
@@ -94,7 +95,7 @@ def suite_names() -> tuple[str, ...]:
 
 
 def read_suite(name: str) -> Suite:
-    """A suite of the program by its name, or that of a TOML file, whose layouts are files beside it.
+    """A suite of the program by its name, or the suite of a TOML file, whose layouts are files beside it.
 
     Raises InputError in one line for a name that is not known, and a file or a recipe that is not valid.
     """
@@ -186,7 +187,7 @@ def _picture_bytes(sensor: SensorModel) -> float:
 def elapsed_s(seconds: Sequence[float], workers: int, slowness: float) -> float:
     """Time until workers, each on a core of its own, have done work of these processor seconds.
 
-    `slowness` is how much longer this machine takes than that of the rates.
+    `slowness` is the ratio of this machine's time to the time on the machine of the rates.
     """
     if not seconds:
         return 0.0

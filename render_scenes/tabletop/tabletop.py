@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError, Value, Vector3
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value, Vector3
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds

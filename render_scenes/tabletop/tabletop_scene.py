@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.light_field.light_field import Views
@@ -71,7 +72,7 @@ def render_lit(
     seed
         Seed of the sample pattern.
     by_mirrors
-        What the camera sees without a mirror is black.
+        Surfaces that the camera sees without a mirror are black.
     most_indirect
         Upper bound of what an area light adds to a sample by way of a surface that scatters. A bound leaves out the
         brightest glints on other surfaces, whose noise would need thousands of samples.

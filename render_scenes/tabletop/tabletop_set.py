@@ -21,9 +21,10 @@ from mirrorcam.core.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
 from mirrorcam.core.disk.files import read_bytes, write_files, write_json
 from mirrorcam.core.disk.fingerprint import digest, value_digest
 from mirrorcam.core.disk.resumable import FolderManifest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
@@ -305,7 +306,7 @@ def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> d
 
 def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
     """Sixteen hexadecimal digits of all that the bytes of a set follow from."""
-    asked = manifest.model_dump(mode="json", exclude={"request", "files"})
+    inputs = manifest.model_dump(mode="json", exclude={"request", "files"})
     stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
     drawn = {"seed": seed, "built": built.identity, "things": stand}
-    return value_digest(asked | drawn)[:16]
+    return value_digest(inputs | drawn)[:16]

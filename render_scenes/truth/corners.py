@@ -1,6 +1,6 @@
 """Ground truth of corners: the pixel of every corner of a board in a frame, and its visibility, in float64.
 
-The projection is that of the layout; renderers share no code with it.
+The projection is the layout's; renderers share no code with it.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class Oracle:
         return px, visible
 
     def while_read(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.motion.poses_at` takes them.
+        """`by_mirrors` under a rolling shutter, for poses (3, 4, 4) as `boards.poses_at` takes them.
 
         Each corner is projected with the pose at which the row of its own image is read.
         """

@@ -65,7 +65,7 @@ def pixel_rays(
     layout
         The device as built.
     mirrors
-        Whether rays go via the mirrors, or those of the bare camera are meant.
+        Whether rays go via the mirrors, or straight from the bare camera.
     step
         Every `step`-th row and column.
     finishes

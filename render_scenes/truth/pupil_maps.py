@@ -19,11 +19,11 @@ from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100
-"""Rays of a pixel that more than one surface may serve; those of all others are alike."""
+"""Rays of a pixel that more than one surface may serve; all other pixels have equal rays."""
 RIM = 12
-"""Rays from the rim of the pupil that tell which pixels those are."""
+"""Rays from the rim of the pupil that find these pixels."""
 BLOCK_PX = 4
-"""Sides of the blocks of pixels that are told apart."""
+"""Sides of the blocks of pixels that are distinguished."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 CHANNELS = tuple(f"{place}.{name}" for place in ("first", "second") for name in ("mirror", "share", "x", "y"))
 
@@ -52,7 +52,7 @@ class PupilTracer:
     def met(self, chief_rays: FloatArray, place: FloatArray, mirrors: Sequence[int]) -> NDArray[np.int64]:
         """Index (n,) of the mirror that reflects rays, `NO_MIRROR` where there is none or an obstacle before it.
 
-        The rays start at a place (2,) in the unit disc, that of the pupil. `mirrors` are those that they may meet.
+        The rays start at a place (2,) in the unit disc, which stands for the pupil. They may meet `mirrors`.
         """
         origin = self.pupil.radius_mm * np.array([*place, 0.0])
         along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)

@@ -38,8 +38,8 @@ __all__ = [
 if TYPE_CHECKING:
     from mirrorcam.cad.build import build_parts
     from mirrorcam.calibration.validation import validate
+    from mirrorcam.core.errors import InputError
     from mirrorcam.core.images.pictures import read_image
-    from mirrorcam.core.values import InputError
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
     from mirrorcam.optics.design.optimise import design
@@ -63,7 +63,7 @@ else:
         "Checkerboard": "optics.geometry.targets",
         "Decoder": "optics.light_field.decoder",
         "DesignSpec": "optics.geometry.design_spec",
-        "InputError": "core.values",
+        "InputError": "core.errors",
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
         "RenderSettings": "render_scenes.settings",

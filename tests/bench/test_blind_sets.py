@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.bench.calibrator_run import described_views, write_blind_set
 from mirrorcam.bench.suite_folder import read_finished
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.layout import Layout
 from tests.small_set import contents

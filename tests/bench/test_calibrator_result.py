@@ -13,7 +13,7 @@ import pytest
 
 from mirrorcam.bench import calibrator_run
 from mirrorcam.bench.calibrator_run import LOG, calibration_of, take_result
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.small_set import contents
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="files of POSIX")

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.leaderboard_files import read_leaderboard
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.bench.test_leaderboard_files import evaluation
 
 

@@ -23,7 +23,8 @@ from mirrorcam.bench.leaderboard_files import (
 )
 from mirrorcam.bench.scores.leaderboard import Leaderboard, TriedSet, leaderboard
 from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from tests.bench.scores.test_leaderboard import attempt
 from tests.command_line import assert_refused_here, results
 

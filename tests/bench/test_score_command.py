@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.bench.score_request import Flip, Format, Unit
 from mirrorcam.cli import main
-from mirrorcam.optics.camera_files.camera_rig import Pictures
+from mirrorcam.optics.camera_files.camera_rig import PictureFlip
 from mirrorcam.optics.camera_files.read.registry import FORMATS, UNITS_MM
 from mirrorcam.optics.camera_files.write import write_exports
 from tests.command_line import assert_refused_here, results
@@ -96,4 +96,4 @@ def test_other_units_and_flips_are_used(folder: Path, tmp_path: Path, capfd: pyt
 def test_the_choices_of_options_are_those_of_the_readers() -> None:
     assert get_args(Format) == FORMATS
     assert get_args(Unit) == tuple(UNITS_MM)
-    assert get_args(Flip) == get_args(Pictures)
+    assert get_args(Flip) == get_args(PictureFlip)

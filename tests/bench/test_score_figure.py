@@ -9,7 +9,7 @@ from matplotlib.collections import PatchCollection
 
 from mirrorcam.bench.evaluation_files import score_figure, view_errors
 from mirrorcam.bench.scores.calibration_score import score_calibration
-from mirrorcam.optics.camera_files.read.mirrorcam_layout import read_layout
+from mirrorcam.optics.camera_files.read.registry import read_layout
 from mirrorcam.optics.geometry.layout import Layout
 from tests.drawn import drawn, values_of
 

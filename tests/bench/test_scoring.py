@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.bench.score_request import Reading, ScoreRequest
 from mirrorcam.bench.scoring import FILES, score, sets_in, write_report
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.write import write_exports
 from tests.optics.camera_files.rigs import device
 

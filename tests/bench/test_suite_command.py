@@ -14,8 +14,8 @@ from mirrorcam.bench.suite_command import plan_text, show_suites, size_text, sui
 from mirrorcam.bench.suite_folder import read_finished
 from mirrorcam.bench.suite_run import planned, render_suite, workers_here
 from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import cores
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.suite import SUITES, read_suite, slowness
 from mirrorcam.render_scenes.variant import choose_variant

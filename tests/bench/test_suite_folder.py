@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.bench.suite_folder import put_files, read_finished, state_of
 from mirrorcam.core.disk.files import write_json
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from tests.small_set import contents
 

@@ -16,9 +16,9 @@ import pytest
 from mirrorcam.bench.suite_folder import state_of
 from mirrorcam.bench.suite_run import layouts_of, planned, workers_here, workers_of
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.set_work import SetAnswer, render_in_turn
 from mirrorcam.render_scenes.suites.suite import Suite

@@ -14,7 +14,7 @@ import pytest
 from mirrorcam.bench.suite_folder import read_finished
 from mirrorcam.bench.suite_run import Plan, fetched, planned
 from mirrorcam.bench.suite_store import Store, fetch_set, publish
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.variant import choose_variant

@@ -72,13 +72,16 @@ def small_layout() -> Layout:
 
 @pytest.fixture(scope="session")
 def built_second_surface(small_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """The small layout of second-surface mirrors, built by one process; its parts are not sliced."""
+    """The small layout of second-surface mirrors, built by one process; its parts are not sliced.
+
+    They are kept in the folder `kept` beside that of the files.
+    """
 
     def build(folder: Path) -> None:
         with no_slicer():
-            build_parts(small_layout, folder)
+            build_parts(small_layout, folder / "device", results=folder / "kept")
 
-    out = built_once(tmp_path_factory, "second_surface_parts", build)
+    out = built_once(tmp_path_factory, "second_surface_parts", build) / "device"
     return small_layout, out, read_checks(out)
 
 

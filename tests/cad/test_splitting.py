@@ -29,7 +29,8 @@ from mirrorcam.cad.splitting import (
     triangles_of,
     whole_part,
 )
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.core.disk.output_folder import results_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -32,7 +33,7 @@ EITHER = "expected --layout FILE, or --direct-view N"
         ("--direct-view 2 --layout layout.json", EITHER),
         ("--direct-view 2 --model fisheye", "model: expected auto or joint, with any of sheet, turn, bow, board"),
         ("--layout layout.json --model joint+turn", "model: turn needs a direct view"),
-        ("--layout layout.json --model pinhole", "--model 'pinhole': unknown word 'pinhole' of a model, expected auto"),
+        ("--layout layout.json --model pinhole", "unknown word 'pinhole' of a model, expected auto"),
         ("--direct-view 145", "--direct-view '145': Input should be less than or equal to 144"),
         ("--layout nowhere.json", "no such file"),
     ],
@@ -61,7 +62,7 @@ def test_pictures_without_a_corner_are_refused(
     before = set(tmp_path.rglob("*"))
     assert_refused_here(arguments.split(), capfd, "no corner of the board found in any of 2 frames")
     # What was found in the pictures is kept, so that they are not searched again beside better ones.
-    kept = tmp_path / "calibrated" / "detections"
+    kept = results_folder(tmp_path / "calibrated")
     assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
 
 

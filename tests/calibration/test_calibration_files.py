@@ -21,8 +21,8 @@ from mirrorcam.calibration.calibration_files import (
     write_calibration,
 )
 from mirrorcam.calibration.calibration_request import CalibrationRequest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import cell_means
 from mirrorcam.optics.geometry.camera import Camera

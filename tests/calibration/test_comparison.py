@@ -17,8 +17,8 @@ from mirrorcam.calibration.comparison import (
     difference_figure,
     write_comparison,
 )
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import SIGMA
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from mirrorcam.optics.camera_files.write import write_exports
 from mirrorcam.optics.geometry.layout import Layout

@@ -22,9 +22,10 @@ from mirrorcam.calibration.drift_check import (
     write_drift_files,
 )
 from mirrorcam.core.disk.files import write_json, write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError, Metric
-from mirrorcam.optics.drift.drift import UNTOLD_DEG, Drift, MirrorMove, tells_drift
+from mirrorcam.core.values import Metric
+from mirrorcam.optics.drift.drift import UNDETERMINED_DEG, Drift, MirrorMove, shows_drift
 from mirrorcam.optics.geometry.layout import Layout
 from tests.command_line import results
 from tests.core.video.videos import pictures, write_h264
@@ -54,11 +55,11 @@ def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) 
     line = drift_line(default_layout, drift_of(default_layout, tells_deg=0.3))
     assert line.startswith("not enough texture to tell whether")
     assert "400 points matched in mirror 0-0 tell turns from 0.3° on; expected a scene with detail" in line
-    assert "tell nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNTOLD_DEG))
+    assert "tell nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNDETERMINED_DEG))
 
 
 def test_pictures_of_another_device_are_told_from_plain_ones(default_layout: Layout) -> None:
-    drift = replace(drift_of(default_layout, tells_deg=UNTOLD_DEG), unlike=True)
+    drift = replace(drift_of(default_layout, tells_deg=UNDETERMINED_DEG), unlike=True)
     line = drift_line(default_layout, drift)
     assert "do not show what this layout's mirrors would" in line
     assert line.endswith("of another device, or of a repeating pattern?")
@@ -75,9 +76,9 @@ def test_figures_are_written_with_their_limits(default_layout: Layout, tmp_path:
 def test_layouts_that_state_no_measured_mirrors_or_two_tell_nothing(
     default_layout: Layout, small_layout: Layout
 ) -> None:
-    assert not tells_drift(small_layout.replaced(kind="calibrated"))
-    assert not tells_drift(default_layout.replaced(kind="nominal"))
-    assert tells_drift(default_layout.replaced(kind="calibrated"))
+    assert not shows_drift(small_layout.replaced(kind="calibrated"))
+    assert not shows_drift(default_layout.replaced(kind="nominal"))
+    assert shows_drift(default_layout.replaced(kind="calibrated"))
 
 
 def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_path: Path) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mirrorcam.calibration.validation import LIMITS, Validation, decoded_metrics, mirror_errors
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_labels import LABELS
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.sound_calibration import sound_calibration
 

@@ -8,7 +8,7 @@ import pytest
 
 from mirrorcam.core.arguments import check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 class OwnPath:

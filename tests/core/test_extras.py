@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mirrorcam.core import extras
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def test_all_missing_modules_are_named_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

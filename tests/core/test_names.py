@@ -7,10 +7,22 @@ from html.parser import HTMLParser
 from io import StringIO
 
 import pytest
+import yaml
 from markdown_it import MarkdownIt
 from pydantic import TypeAdapter, ValidationError
 
-from mirrorcam.core.names import LONGEST, Link, Name, markdown_text, spreadsheet_text, word
+from mirrorcam.core.names import (
+    LONGEST,
+    Link,
+    Name,
+    drawable,
+    fitted,
+    markdown_text,
+    number,
+    numbers,
+    spreadsheet_text,
+    word,
+)
 from tests.hostile_names import ACCEPTED, REFUSED
 
 HOSTILE = (
@@ -22,6 +34,7 @@ HOSTILE = (
     r"back\slash \<b>",
     "$x$ & <!-- note -->",
 )
+ASCII = range(128)
 
 
 class Seen(HTMLParser):
@@ -88,3 +101,30 @@ def test_a_word_has_no_blank() -> None:
     assert word("my photo\t1\u00a0.png") == "my_photo_1_.png"
     assert word("Bild_ä.png") == "Bild_ä.png"
     assert word("bad\udcff.png") == "bad_.png"
+
+
+def test_numbers_stay_numbers_in_yaml() -> None:
+    values = [1e-05, -3.25e-17, 1e22, 0.1, -0.0, 1360.38, 5.0]
+    read = yaml.safe_load("[" + ", ".join(number(value) for value in values) + "]")
+    assert all(type(value) is float for value in read)
+    assert read == values
+    # What this is about: PyYAML takes Python's own text of the first for a string.
+    assert isinstance(yaml.safe_load(repr(values[0])), str)
+
+
+def test_numbers_read_back_to_the_bit_and_zero_has_no_sign() -> None:
+    values = [0.1 + 0.2, -1e-300, 2.0**-1074, 123456789.0, -0.0]
+    text = numbers(values, " ")
+    assert [float(word) for word in text.split()] == values
+    assert text.endswith(" 0.0")
+
+
+def test_what_the_font_lacks_is_marked() -> None:
+    assert drawable("PLA, 20 %", ASCII) == "PLA, 20 %"
+    assert drawable("a 鏡\n\udc80", ASCII) == "a \ufffd\ufffd\ufffd"
+
+
+@pytest.mark.parametrize("text", [*ACCEPTED, *REFUSED])
+def test_any_text_fits(text: str) -> None:
+    shown = fitted(text, 30.0, len)
+    assert shown == (text if len(text) <= 30 else f"{text[:27]}...")

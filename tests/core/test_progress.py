@@ -15,8 +15,9 @@ def callbacks() -> Iterator[tuple[str, str, str]]:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef):
                     given = node.args
-                    defaults = [None] * (len(given.args) - len(given.defaults)) + [*given.defaults, *given.kw_defaults]
-                    for argument, default in zip([*given.args, *given.kwonlyargs], defaults, strict=True):
+                    named = [*given.posonlyargs, *given.args]
+                    defaults = [None] * (len(named) - len(given.defaults)) + [*given.defaults, *given.kw_defaults]
+                    for argument, default in zip([*named, *given.kwonlyargs], defaults, strict=True):
                         if argument.arg == "progress":
                             annotation = ast.unparse(argument.annotation) if argument.annotation else ""
                             place = f"{path.relative_to(ROOT)}:{node.name}"

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import (
     NOT_FINITE,
-    InputError,
     InvalidValue,
     Metric,
     Points3,

@@ -10,7 +10,7 @@ from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_sweep import Runner, sweep
-from mirrorcam.designs.sweep_work import Answer, record_text
+from mirrorcam.designs.sweep_work import Answer, file_text
 from mirrorcam.optics.design.spec_grid import Outcome, grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
@@ -42,7 +42,7 @@ class Counting:
         for number, spec in reversed(list(enumerate(specs))):
             self.asked.append(spec)
             layout = "{}" if (outcome := self._outcome(spec)).status == "solved" else ""
-            yield number, Answer(record_text(outcome, layout), layout)
+            yield number, Answer(file_text(outcome), layout)
 
 
 def solved(spec: DesignSpec) -> Outcome:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.cli import application, main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import figure_text
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError
 from mirrorcam.designs.design_command import DesignChanges
 from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -67,7 +67,7 @@ def test_a_spec_without_a_parabola_is_designed_all_the_same(
 ) -> None:
     assert main(["design", "--out", str(tmp_path)]) == 0
     assert "parabola.json" in results(tmp_path)
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", no_parabola)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", no_parabola)
     assert main(["design", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "no faceted parabola to compare with: infeasible design, spacing constraint: facets 30 mm apart" in printed

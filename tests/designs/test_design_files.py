@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.designs.design_files import DesignRequest, read_request, request_of, request_toml, write_design
 from mirrorcam.designs.sweep_files import SweepRequest, read_sweep
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -36,7 +36,7 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     def refuse(spec: DesignSpec) -> Layout:
         raise InfeasibleDesign("spacing", "facets do not fit")
 
-    monkeypatch.setattr("mirrorcam.optics.design.parabola.faceted_parabola", refuse)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.faceted_parabola", refuse)
     found = write_design(spec, tmp_path / "without")
     assert found.parabola is None
     assert "facets do not fit" in found.no_parabola
@@ -53,7 +53,7 @@ def test_the_layout_is_there_before_any_picture_of_it(
     def broken(*_: object) -> None:
         raise FloatingPointError("no picture")
 
-    monkeypatch.setattr("mirrorcam.designs.design_figure.before_after", broken)
+    monkeypatch.setattr("mirrorcam.designs.design_files.before_after", broken)
     with pytest.raises(FloatingPointError):
         write_design(DesignSpec(), tmp_path)
     assert Layout.load(tmp_path / "layout.json") == layout

@@ -18,12 +18,13 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
-from mirrorcam.designs import sweep_work
-from mirrorcam.designs.design_sweep import Results, table_of, write_table
+from mirrorcam.designs import design_sweep, sweep_work
+from mirrorcam.designs.design_sweep import layout_name, table_of, write_table
 from mirrorcam.designs.sweep_files import design_here
-from mirrorcam.designs.sweep_work import Answer, answer, record_text
+from mirrorcam.designs.sweep_work import Answer, answer, file_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -62,92 +63,34 @@ def test_what_is_finished_is_not_done_again(tmp_path: Path) -> None:
     assert again.asked == []
 
 
-def record_of(folder: Path) -> Path:
-    return min((folder / "results").iterdir())
+def layout_of(folder: Path) -> Path:
+    return min((folder / "layouts").iterdir())
 
 
-def delete_both(folder: Path) -> None:
-    (folder / "layouts" / record_of(folder).name).unlink()
-    record_of(folder).unlink()
-
-
-def delete_record(folder: Path) -> None:
-    record_of(folder).unlink()
-
-
-def truncate_record(folder: Path) -> None:
-    record_of(folder).write_bytes(record_of(folder).read_bytes()[:-40])
-
-
-def delete_layout(folder: Path) -> None:
-    (folder / "layouts" / record_of(folder).name).unlink()
-
-
-def alter_layout(folder: Path) -> None:
-    (folder / "layouts" / record_of(folder).name).write_text("{ }")
-
-
-def swap_records(folder: Path) -> None:
-    first, second, *_ = sorted((folder / "results").iterdir())
-    first.write_bytes(second.read_bytes())
-
-
-def edit_record(folder: Path) -> None:
-    data = json.loads(record_of(folder).read_text())
-    data["outcome"]["finding"] = "my own words"
-    record_of(folder).write_text(json.dumps(data))
-
-
-@pytest.mark.parametrize("harm", [delete_both, delete_record, delete_layout])
-def test_what_is_missing_is_done_again(harm: Callable[[Path], None], tmp_path: Path) -> None:
+def test_a_layout_that_was_deleted_comes_back_and_one_that_was_changed_is_refused(tmp_path: Path) -> None:
     sweep_into(SPECS, tmp_path, Counting(solved))
-    before = files_of(tmp_path)
-    harm(tmp_path)
+    before, name = files_of(tmp_path), layout_of(tmp_path).name
+    layout_of(tmp_path).unlink()
     runner = Counting(solved)
     sweep_into(SPECS, tmp_path, runner)
-    assert len(runner.asked) == 1
+    assert runner.asked == []
     assert files_of(tmp_path) == before
-
-
-@pytest.mark.parametrize("harm", [truncate_record, edit_record, alter_layout, swap_records])
-def test_what_was_changed_is_refused_until_it_is_deleted(harm: Callable[[Path], None], tmp_path: Path) -> None:
-    sweep_into(SPECS, tmp_path, Counting(solved))
-    before = files_of(tmp_path)
-    name = record_of(tmp_path).name
-    harm(tmp_path)
-    changed = files_of(tmp_path)
+    layout_of(tmp_path).write_text("{ }")
     with pytest.raises(InputError, match=rf"{name}: was changed since this command wrote it"):
         sweep_into(SPECS, tmp_path, Counting(solved))
-    assert files_of(tmp_path) == changed
-    for folder in ("results", "layouts"):
-        (tmp_path / folder / name).unlink(missing_ok=True)
+    assert layout_of(tmp_path).read_text() == "{ }"
+
+
+def test_designs_of_another_program_are_made_again_and_one_that_has_become_infeasible_loses_its_layout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sweep_into(SPECS, tmp_path, Counting(solved))
-    assert files_of(tmp_path) == before
-
-
-def change_sources(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = sweep_work.made_with() | {"mirrorcam.optics.design": "0" * 64}
-    for module in ("mirrorcam.designs.design_sweep", "mirrorcam.designs.sweep_work"):
-        monkeypatch.setattr(f"{module}.made_with", lambda: other)
-
-
-def test_changed_sources_make_everything_out_of_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sweep_into(SPECS, tmp_path, Counting())
-    change_sources(monkeypatch)
+    for module in (design_sweep, sweep_work):
+        monkeypatch.setattr(module, "program_of", lambda code: {"code": "0" * 64})
     runner = Counting()
-    sweep_into(SPECS, tmp_path, runner)
-    assert len(runner.asked) == 4
-
-
-def test_no_design_loads_what_is_left_out_of_the_sources() -> None:
-    listed = "name for name in sys.modules if name.startswith('mirrorcam.optics.')"
-    code = f"import mirrorcam.optics.design.optimise, sys; print(*({listed}))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = done.stdout.split()
-    assert "mirrorcam.optics.design.optimise" in loaded
-    parts = {name.split(".")[2] for name in loaded}
-    recorded = {name for name in sweep_work.made_with() if name.startswith("mirrorcam.optics.")}
-    assert {f"mirrorcam.optics.{part}" for part in parts} == recorded
+    sweep_into(SPECS[1:], tmp_path, runner)
+    assert len(runner.asked) == 3
+    assert [path.name for path in (tmp_path / "layouts").iterdir()] == [Path(layout_name(SPECS[0])).name]
 
 
 def test_a_failure_is_told_and_tried_again(tmp_path: Path) -> None:
@@ -156,26 +99,14 @@ def test_a_failure_is_told_and_tried_again(tmp_path: Path) -> None:
 
     (outcome,) = sweep_into(SPECS[:1], tmp_path, died)
     assert (outcome.status, outcome.finding) == ("failed", "3 workers died of it, the last by signal 9")
-    assert json.loads(record_of(tmp_path).read_text())["outcome"]["status"] == "failed"
     runner = Counting(solved)
     assert [outcome.status for outcome in sweep_into(SPECS[:1], tmp_path, runner)] == ["solved"]
     assert len(runner.asked) == 1
 
 
-def test_a_design_that_has_become_infeasible_takes_its_layout_along(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sweep_into(SPECS, tmp_path, Counting(solved))
-    change_sources(monkeypatch)
-    sweep_into(SPECS[1:], tmp_path, Counting())
-    assert len(list((tmp_path / "layouts").iterdir())) == 1
-
-
 def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: Path) -> None:
     def foreign(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        record = json.loads(record_text(solved(specs[0]), "{}"))
-        record["made_with"]["scipy"] = "1.0"
-        yield 0, Answer(json.dumps(record), "{}")
+        yield 0, Answer(file_text(solved(specs[0])), "{}", program_of(sweep_work.CODE) | {"scipy": "1.0"})
 
     with pytest.raises(InputError, match=r"^scipy of a worker is not what this sweep began with"):
         sweep_into(SPECS, tmp_path, foreign)
@@ -194,7 +125,7 @@ def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
     assert sweep_into(SPECS, tmp_path, backwards) == outcomes
     assert files_of(tmp_path) == files_of(folder)
     for outcome in outcomes:
-        layout = Layout.load(tmp_path / Results.layout_name(outcome.spec))
+        layout = Layout.load(tmp_path / layout_name(outcome.spec))
         assert (layout.spec, layout.metrics) == (outcome.spec, outcome.metrics)
 
 
@@ -213,7 +144,7 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
                     assert victim.pid is not None
                     os.kill(victim.pid, signal.SIGKILL)
             yield number, got
-            kept.append([path.name for path in (tmp_path / "results").iterdir()])
+            kept.append([path.name for path in (tmp_path / "layouts").iterdir()])
 
     assert sweep_into(SPECS, tmp_path, with_a_kill) == outcomes
     assert [len(names) for names in kept] == [1, 2, 3, 4]
@@ -256,7 +187,7 @@ def alive(group: int) -> bool:
     [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
 )
 def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
-    results, layouts = tmp_path / "out" / "results", tmp_path / "out" / "layouts"
+    layouts = tmp_path / "out" / "layouts"
     process = sweeping(tmp_path)
     try:
         wait_until(lambda: len(list(layouts.glob("[!.]*"))) >= 1)
@@ -274,13 +205,13 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     else:
         assert (process.returncode, said) == (130, "mirrorcam: interrupted; finished files are complete\n")
     assert not (tmp_path / "out" / "sweep.csv").exists()
-    before = {path.name: (results / path.name).stat().st_mtime_ns for path in layouts.glob("[!.]*")}
+    before = {path.name: path.stat().st_mtime_ns for path in layouts.glob("[!.]*")}
     assert 1 <= len(before) < 8
     again = sweeping(tmp_path)
     printed, said = again.communicate(timeout=120)
     assert (again.returncode, said) == (0, "")
     assert "8 solved, 0 infeasible, 0 failed" in printed
-    assert {name: (results / name).stat().st_mtime_ns for name in before} == before
+    assert {name: (layouts / name).stat().st_mtime_ns for name in before} == before
     with (tmp_path / "out" / "sweep.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["rows"], row["scale_mm"], row["tradeoff"]) for row in rows] == [
@@ -288,7 +219,7 @@ def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, lis
     ]
     folder, outcomes = finished
     for outcome in outcomes:
-        name = Results.layout_name(outcome.spec)
+        name = layout_name(outcome.spec)
         assert (tmp_path / "out" / name).read_bytes() == (folder / name).read_bytes()
 
 
@@ -315,7 +246,7 @@ def test_tables_hold_the_same_in_every_format(tmp_path: Path) -> None:
     assert [row["depths_mm"] for row in cells] == ["300 500"] * 3
     assert [row["grid_error"] for row in cells] == ["0.3", "0.6", ""]
     assert [row["finding"] for row in cells] == ["", "", '2 mm, "too close"']
-    assert [row["layout"] for row in cells] == [*(Results.layout_name(spec) for spec in SPECS[:2]), ""]
+    assert [row["layout"] for row in cells] == [*(layout_name(spec) for spec in SPECS[:2]), ""]
     assert list(cells[0]) == list(rows[0])
 
 

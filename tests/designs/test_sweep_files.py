@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.core.disk.output_folder import results_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_sweep import table_of
 from mirrorcam.designs.sweep_files import SweepRequest, in_order, read_sweep, write_sweep
 from mirrorcam.optics.design.spec_grid import Outcome, grid, structure
@@ -38,7 +40,7 @@ def test_a_table_and_a_figure_sum_up_the_outcomes_in_the_order_of_the_specs(tmp_
 def test_without_a_solved_spec_the_figure_of_an_earlier_sweep_is_removed(tmp_path: Path) -> None:
     write_sweep(SPECS[:2], tmp_path, Counting(solved))
     assert (tmp_path / "pareto.png").exists()
-    for path in (*(tmp_path / "results").iterdir(), *(tmp_path / "layouts").iterdir()):
+    for path in (*results_folder(tmp_path).glob("design-*"), *(tmp_path / "layouts").iterdir()):
         path.unlink()
     swept = write_sweep(SPECS[:2], tmp_path, Counting())
     assert swept.files == (tmp_path / "sweep.csv",)

@@ -11,7 +11,8 @@ import pytest
 from mirrorcam.cad.holder.carriers import centre_after, rotation_about
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import write_source
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.device.adjustment import FILES, adjust, read_device, write_adjustment
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.device.board_files import print_board
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, load_board, save_board
 from tests.command_line import results

@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.cad.plan.back_table import BACKS, Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.console.options import Adapter
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.geometry.camera_library import read_body, read_camera
 from mirrorcam.optics.geometry.layout import Layout

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.device.new_camera import write_new_camera
 from mirrorcam.optics.geometry.camera_library import read_body, read_camera, read_profile
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.calibration.validation import calibrate_set
-from mirrorcam.core.disk.fingerprint import file_digests
+from mirrorcam.core.disk.fingerprint import file_digests, value_digest
 from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
-from mirrorcam.core.disk.stages import MANIFEST
+from mirrorcam.core.disk.stages import made_of
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.run.pipeline import SETTINGS, finish, quick_recipe, stages
 from tests.shared import path_without_slicer
@@ -55,7 +55,7 @@ def test_it_ends_well_and_says_so_in_plain_lines(first: tuple[Path, subprocess.C
     assert "\x1b" not in result.stdout
     assert reused(result) == set()
     assert [path.name for path in out.iterdir() if path.name.startswith(".")] == [HIDDEN]
-    assert [path.name for path in (out / HIDDEN).iterdir()] == ["written.jsonl"]
+    assert sorted(path.name for path in (out / HIDDEN).iterdir()) == ["results", "written.jsonl"]
 
 
 def test_every_link_of_the_page_leads_to_a_file(first: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
@@ -113,7 +113,8 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
     out = tmp_path / "quick"
     for stage in ("design", "cad", HIDDEN):
         shutil.copytree(first[0] / stage, out / stage)
-    unfinished = out / HIDDEN / "unfinished" / "set"
+    (of_set,) = (stage for stage in stages(quick_recipe(seed=0), out) if stage.name == "set")
+    unfinished = out / HIDDEN / "unfinished" / "set" / value_digest(made_of(of_set, out))
     command = [sys.executable, "-m", "mirrorcam", "run", "--quick", "--out", str(out)]
     environment = os.environ | {"PATH": path_without_slicer()}
     with subprocess.Popen(
@@ -131,9 +132,8 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
     frames = {path.name: path.stat().st_mtime_ns for path in (unfinished / "frames").glob(f"*{SETTINGS.suffix}")}
     assert len(frames) >= 3
 
-    (unfinished_stage,) = (stage for stage in stages(quick_recipe(seed=0), out) if stage.name == "set")
     with output_folder(out, "run") as output:
-        finish(unfinished_stage, output)
+        finish(of_set, output)
     now = {name: (out / "set" / "frames" / name).stat().st_mtime_ns for name in frames}
     assert now == frames
-    assert file_digests(out / "set", without=MANIFEST) == file_digests(first[0] / "set", without=MANIFEST)
+    assert file_digests(out / "set") == file_digests(first[0] / "set")

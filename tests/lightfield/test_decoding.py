@@ -13,8 +13,8 @@ from PIL import Image
 
 from mirrorcam.calibration.drift_check import DRIFT, drift_check
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.decoding import EQUALISATION, decode_files, readable, spread
 from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.optics.geometry.camera import Camera

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depths
+from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.lightfield import depth_maps
+from mirrorcam.lightfield.depth_maps import draw_depth, keep_depth, kept_depth, write_depth, write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
@@ -70,10 +72,18 @@ def wall() -> LightField:
     return photograph(grid_views(), [Surface(500.0)])[0]
 
 
+def keep(folder: Path, wall: LightField) -> None:
+    estimator = DepthEstimator(wall, near_mm=300.0, far_mm=800.0)
+    with output_folder(folder, "depth") as output:
+        with output.staged(complete=False) as staged:
+            write_depth(staged, "wall", estimator.estimate(wall), wall, (300.0, 800.0))
+        keep_depth(output, "wall", wall, (300.0, 800.0))
+
+
 @pytest.fixture(scope="module")
 def kept(wall: LightField, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder, estimator = tmp_path_factory.mktemp("kept"), DepthEstimator(wall, near_mm=300.0, far_mm=800.0)
-    keep_depth(folder / "wall_depth.npz", estimator.estimate(wall), wall, estimator)
+    folder = tmp_path_factory.mktemp("kept")
+    keep(folder, wall)
     return folder
 
 
@@ -89,7 +99,6 @@ def test_what_was_kept_comes_back(wall: LightField, kept: Path) -> None:
 
 def test_depth_of_another_light_field_or_range_is_not_used(wall: LightField, kept: Path) -> None:
     assert kept_depth(kept, "other", wall, None, None) is None
-    assert kept_depth(kept / "none", "wall", wall, None, None) is None
     assert kept_depth(kept, "wall", wall, 310.0, None) is None
     assert kept_depth(kept, "wall", wall, None, np.inf) is None
     samples = wall.samples.copy()
@@ -98,12 +107,15 @@ def test_depth_of_another_light_field_or_range_is_not_used(wall: LightField, kep
         assert kept_depth(kept, "wall", changed, None, None) is None
 
 
-def test_older_files_and_others_are_not_used(wall: LightField, kept: Path, tmp_path: Path) -> None:
-    with np.load(kept / "wall_depth.npz") as arrays:
-        older = {name: arrays[name] for name in arrays if name != "light_field_sha256"}
-        np.savez(tmp_path / "wall_depth.npz", **older)
-    assert kept_depth(tmp_path, "wall", wall, None, None) is None
-    (tmp_path / "wall_depth.npz").write_text("no archive", encoding="utf-8")
+def test_a_changed_file_and_depth_of_another_program_are_not_used(
+    wall: LightField, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep(tmp_path, wall)
+    with monkeypatch.context() as patch:
+        patch.setattr(depth_maps, "program_of", lambda module: {"code": "0" * 64})
+        assert kept_depth(tmp_path, "wall", wall, None, None) is None
+    assert kept_depth(tmp_path, "wall", wall, None, None) is not None
+    (tmp_path / "wall_depth.npz").write_text("mine", encoding="utf-8")
     assert kept_depth(tmp_path, "wall", wall, None, None) is None
 
 

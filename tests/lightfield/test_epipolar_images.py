@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.epipolar_images import LINES, draw_epi, write_epi
 from mirrorcam.optics.light_field.light_field import Axis
 from mirrorcam.optics.light_field.render.epipolar_images import epi

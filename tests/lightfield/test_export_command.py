@@ -10,8 +10,9 @@ import pytest
 import trimesh
 
 from mirrorcam.cli import main
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.lightfield.export_command import ExportRequest, export_light_field
 from mirrorcam.optics.light_field.io.formats import registry
 from mirrorcam.optics.light_field.io.formats.hci import read_hci, write_hci

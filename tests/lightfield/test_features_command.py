@@ -15,7 +15,7 @@ from mirrorcam.lightfield.features_command import draw_features, write_features
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField
 from mirrorcam.lightfield.requests import FeaturesRequest
 from mirrorcam.optics.light_field.features import FeatureFinder
-from mirrorcam.optics.light_field.features.feature_files import COLUMNS
+from mirrorcam.optics.light_field.features.feature_set import COLUMNS
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.command_line import assert_refused_here, results

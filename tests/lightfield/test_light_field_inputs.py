@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.light_field import LightField

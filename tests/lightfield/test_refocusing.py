@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.lightfield.depth_maps import write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.refocusing import stills, write_refocused

@@ -13,7 +13,7 @@ from mirrorcam.render_scenes.truth.light_rays import reflected
 RAYS = 48
 
 
-def wholly_served(mirror: Mirror, chief: FloatArray, pupil: Pupil) -> NDArray[np.bool_]:
+def unvignetted(mirror: Mirror, chief: FloatArray, pupil: Pupil) -> NDArray[np.bool_]:
     """Mask (n,) of chief rays (n, 2) to points in focus to which all rays from the rim are reflected by a mirror."""
     angles = 2.0 * np.pi * np.arange(RAYS) / RAYS
     rim = pupil.radius_mm * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RAYS)])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.render_scenes import variant
 
 
@@ -35,7 +35,7 @@ def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
 
 RENDERS = """
 from mirrorcam.render_scenes.variant import use_variant
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 try:
     print(use_variant())
 except InputError as error:

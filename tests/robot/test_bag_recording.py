@@ -18,8 +18,8 @@ import pytest
 
 from mirrorcam.calibration.drift_check import drift_check
 from mirrorcam.core.console.reporter import TERMINAL
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.video import Video

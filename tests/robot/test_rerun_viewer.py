@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import depth_m
 from mirrorcam.optics.light_field.light_field import LightField

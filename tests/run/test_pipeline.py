@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.core.console.reporter import TERMINAL
 from mirrorcam.core.disk.files import write_metrics
-from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.core.disk.stages import Stage, perform, staleness
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.disk.stages import Stage
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.run import pipeline
 from mirrorcam.run.pipeline import full_recipe, quick_recipe, run_all, stages
@@ -107,43 +106,20 @@ def test_a_missing_extra_stops_the_run_before_any_work(tmp_path: Path, monkeypat
     assert not (tmp_path / "out").exists()
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Stage, ...]]:
-    """Every stage of a run, as if done: with its own fingerprint, but without its work."""
-    root = tmp_path_factory.mktemp("run")
-    every = stages(quick_recipe(0), root)
-    done = tuple(replace(stage, work=lambda folder, progress: None, reads=()) for stage in every)
-    with output_folder(root, "run") as output:
-        for stage in done:
-            perform(stage, output)
-    return root, done
-
-
-@pytest.mark.parametrize(
-    ("name", "stale"),
-    [
-        ("numpy", {"design", "cad", "set", "validation", "light_field", "page"}),
-        ("build123d", {"cad"}),
-        ("mitsuba", {"set"}),
-    ],
-)
-def test_another_version_of_a_dependency_makes_the_stages_that_need_it_stale(
-    name: str, stale: set[str], finished: tuple[Path, tuple[Stage, ...]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    root, done = finished
-    now = metadata.version
-    monkeypatch.setattr(metadata, "version", lambda other: "999" if other == name else now(other))
-    reasons = {stage.name: staleness(stage, root) for stage in done}
-    assert reasons == {stage.name: f"{name} {now(name)} → 999" if stage.name in stale else "" for stage in done}
-
-
-def test_a_slicer_that_is_installed_later_makes_the_parts_stale(
-    finished: tuple[Path, tuple[Stage, ...]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    root, done = finished
-    before = slicer_version() or "not installed"
+def test_each_stage_depends_on_the_libraries_and_programs_that_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mirrorcam.cad.write.slicer.slicer_version", lambda: "PrusaSlicer-99.0")
-    asked = {stage.name: stage.programs for stage in stages(quick_recipe(0), root)}
-    reasons = {stage.name: staleness(replace(stage, programs=asked[stage.name]), root) for stage in done}
-    stale = {name: reason for name, reason in reasons.items() if reason}
-    assert stale == {"cad": f"slicer {before} → PrusaSlicer-99.0"}
+    needs = {
+        name: {stage.name for stage in stages(quick_recipe(0), Path("root")) if name in _versions(stage)}
+        for name in ("numpy", "casadi", "build123d", "mitsuba", "PrusaSlicer-99.0")
+    }
+    assert needs == {
+        "numpy": {"design", "cad", "set", "validation", "light_field", "page"},
+        "casadi": {"design"},
+        "build123d": {"cad"},
+        "mitsuba": {"set"},
+        "PrusaSlicer-99.0": {"cad"},
+    }
+
+
+def _versions(stage: Stage) -> set[str]:
+    return {*program_of(stage.code), *stage.programs.values()}

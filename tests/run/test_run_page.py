@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk.files import write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.html.templates import PageFile, PagePicture
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import RenderSettings

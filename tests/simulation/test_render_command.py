@@ -224,7 +224,7 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--settings none.toml", "none.toml: no such file"),
         ("--parts .", ".: no assembly.glb and no .stl files, expected a folder that `mirrorcam cad` wrote"),
         ("--parts mine --renderer fast", "renderer fast: shows mirrors alone"),
-        ("--workers 0", "for --workers. Must be >= 1"),
+        ("--workers 0", "--workers '0': expected 1 to 1024"),
         ("--workers 2 --scheduler tcp://x:1", "--workers and --scheduler: expected one of the two"),
         ("--out mine", "mine: has 'truth' but no dataset.json, expected a new or empty folder"),
         ("--out layout.json", "layout.json: is a file, expected a folder"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import SENSORS
 from mirrorcam.simulation.render_request import PosesFile, sensor_of, tolerances_of

@@ -16,9 +16,9 @@ import pytest
 
 from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.processes.worker_pool import run_local
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest

@@ -14,8 +14,8 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.simulation.render_request import mesh_from_text

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 # No graphics card: 3-D graphics by software, and the page drawn without them, which is ten times as fast. Nothing that

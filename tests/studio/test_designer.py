@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest

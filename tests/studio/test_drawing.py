@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from shapely import Polygon, intersection_all
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

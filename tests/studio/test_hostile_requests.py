@@ -90,7 +90,7 @@ def server(request: pytest.FixtureRequest, tmp_path: Path, default_layout: Layou
     arguments: tuple[str, ...] = ()
     if request.param == "live":
         layout, video = write_live_set(tmp_path, default_layout, frames=3)
-        arguments = (str(video), "--layout", str(layout), "--view-width-px", "60", "--depth-width-px", "60")
+        arguments = (str(video), "--layout", str(layout))
     with served(out, request.param, *arguments, errors=errors) as address:
         yield request.param, int(address.rstrip("/").rsplit(":", 1)[1]), errors
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from mirrorcam.cad.plan.back_table import BACKS
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.designs.design_files import read_request
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -1,6 +1,6 @@
 """A solid in linear elasticity, condensed to the screws that hold it: second-order tetrahedra, by scikit-fem and SciPy.
 
-Everything is for a modulus of 1 MPa: displacements under a force go as 1 / modulus, those of expansion do not change.
+Everything is for a modulus of 1 MPa: displacements under a force scale with 1 / modulus, expansion does not.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 
 POISSON = 0.35
 LOADS = 8
-"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), that of what it carries, a strain of its own expansion
-and one of what is glued to it.
+"""Loads of a solid: its weight along x, y and z (of 1 N/mm3), the weight that it carries, a strain of its own
+expansion and one of the bodies glued to it.
 """
 
 
 @dataclass(frozen=True)
 class Carried:
-    """A rigid thing on a solid: nodes that it rests on, a point whose motion is told, and a weight in N at its middle.
+    """A rigid body on a solid: the nodes under it, a point whose motion is reported, and a weight in N at its middle.
 
     `glue` (n, 3, 3) are springs in N/mm between each node and the thing, where the solid has a
     modulus of 1 MPa; the thing then expands about the point. Without, it moves as the nodes do in the mean.
@@ -73,7 +74,7 @@ class Solid:
     ) -> CondensedSolid:
         """Hold the solid by screws: each a set of nodes that moves as a rigid body about its point of `at` (n, 3).
 
-        A set grows about its point as the solid does: what is pressed together there is of one material.
+        A set grows about its point as the solid does: bodies pressed together there are of one material.
         """
         if any(len(nodes) < 3 for nodes in screws):
             raise InputError("a screw holds fewer than 3 nodes of the mesh, expected finer elements")
@@ -96,12 +97,14 @@ class Solid:
         loads = loads - stiffness @ grown
         by_loads[free] = factor.solve(loads[free])
         own = by_screws.T @ (stiffness @ by_screws)
-        told = {name: self._told(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)}
+        motions = {
+            name: self._motion_of(each, at, count) for (name, each), at in zip(carried.items(), glued, strict=True)
+        }
         return CondensedSolid(
             stiffness=(own + own.T) / 2.0,
             forces=by_screws.T @ loads,
-            by_screws={name: motion @ by_screws for name, motion in told.items()},
-            by_loads={name: motion @ by_loads for name, motion in told.items()},
+            by_screws={name: motion @ by_screws for name, motion in motions.items()},
+            by_loads={name: motion @ by_loads for name, motion in motions.items()},
         )
 
     def _assembled(self, carried: Mapping[str, Carried]) -> tuple[Any, FloatArray]:
@@ -153,8 +156,8 @@ class Solid:
             loads[first : first + 6, 3:6] += _weights(each)
         return whole, loads, glued
 
-    def _told(self, each: Carried, first: int | None, count: int) -> FloatArray:
-        """The motion (6, count) of what is carried, on all displacements: from `first` on its own, or a mean."""
+    def _motion_of(self, each: Carried, first: int | None, count: int) -> FloatArray:
+        """The motion (6, count) of a carried body on all displacements: its own from `first` on, or a mean."""
         motion = np.zeros((6, count))
         if first is None:
             motion[:, : self._dofs.size] = self._motion(each)

@@ -29,7 +29,8 @@ from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
 
@@ -38,7 +39,7 @@ class Plastic:
     """A plastic as printed, at 20 to 25 deg C.
 
     `creep` is how much of the elastic strain is added in 1000 h under the same small stress, `swelling` the strain from
-    dry to the air of a room. Where `source` says "from memory", the number is that of common data sheets, not looked
+    dry to the air of a room. Where `source` says "from memory", the number is from common data sheets, not looked
     up.
     """
 
@@ -73,7 +74,7 @@ PLASTICS = (
 MIRROR_PER_K = {"acrylic": 70e-6, "glass": 9e-6}
 """Expansion of mirrors, by their material: of cast acrylic and of float glass, from memory."""
 STEEL_PER_K = 12e-6
-"""Expansion of what the foot is screwed to."""
+"""Expansion of the support that the foot is screwed to."""
 
 
 def plastic_named(name: str, modulus_mpa: float, density_g_per_cm3: float) -> Plastic:
@@ -175,7 +176,7 @@ def tied_motions(
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Motions of all that parts carry against what is called `CAMERA`.
+    """Motions, against `CAMERA`, of everything that parts carry.
 
     Parameters
     ----------
@@ -188,7 +189,7 @@ def tied_motions(
     feet : sequence of int
         The screws that do not move.
     mirror_per_k : float
-        Expansion of what is glued, per K.
+        Expansion of the glued bodies, per K.
 
     Raises InputError where a screw holds too few nodes.
     """
@@ -260,7 +261,7 @@ def _solved(
     feet: Sequence[int],
     mirror_per_k: float,
 ) -> DeviceMotions:
-    """Join the parts at their screws; columns of loads are those of `DeviceMotions`, in its order."""
+    """Join the parts at their screws; columns of loads are in the order of `DeviceMotions`."""
     count = 6 * len(at)
     stiffness, forces = np.zeros((count, count)), np.zeros((count, 9))
     # Plastic of 1 g/cm3 weighs so many N/mm3.
@@ -278,15 +279,15 @@ def _solved(
     free = np.setdiff1d(np.arange(count), ground)
     pulled = forces[free] - stiffness[np.ix_(free, ground)] @ motions[ground]
     motions[free] = np.linalg.solve(stiffness[np.ix_(free, free)], pulled)
-    told = {
+    carried = {
         name: solid.by_screws[name] @ motions[own] + solid.by_loads[name] @ loads
         for part, own, solid in zip(parts, dofs, condensed, strict=True)
         for name in part.carried
     }
     points_at = {name: each.at for part in parts for name, each in part.carried.items()}
-    camera = told.pop(CAMERA)
+    camera = carried.pop(CAMERA)
     against = {}
-    for name, motion in told.items():
+    for name, motion in carried.items():
         arm = points_at[name] - points_at[CAMERA]
         shift = motion[:3] - camera[:3] - np.cross(camera[3:], arm, axisa=0).T
         against[name] = np.vstack([shift, motion[3:] - camera[3:]])

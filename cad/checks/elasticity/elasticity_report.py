@@ -27,7 +27,8 @@ from mirrorcam.cad.checks.elasticity.tetrahedra import NO_GMSH, gmsh_program
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px
 
@@ -55,10 +56,10 @@ class Error:
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one plastic: what the device does that its calibration does not know.
+    """Errors of a device printed of one plastic, which its calibration does not know.
 
     `gravity` is for turning the device from no gravity to 1 g in the worst direction (from one side to the other it is
-    twice that); `corrected` what is left of it by the table; `warmth` for 10 K, `creep` for 1000 h in the worst
+    twice that); `corrected` the rest after correction by the table; `warmth` for 10 K, `creep` for 1000 h in the worst
     direction. `mirrors_warmth_deg` is the turn of each mirror for 10 K.
     """
 
@@ -92,7 +93,7 @@ def all_errors(layout: Layout, motions: DeviceMotions, depth_mm: float) -> tuple
 
 
 def gravity_table(layout: Layout, motions: DeviceMotions, plastic: Plastic) -> GravityTable:
-    """What a robot needs to correct the layout for a pose."""
+    """The table by which a robot corrects the layout for a pose."""
     mirrors = {}
     weighed = motions.under_gravity(plastic.modulus_mpa, plastic.density_g_per_cm3)
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
@@ -113,7 +114,7 @@ def _worst_turn_deg(motions: Mapping[str, FloatArray]) -> float:
 def _worst_shifts_px(layout: Layout, motions: Mapping[str, FloatArray], depth_mm: float) -> tuple[float, float]:
     """Of motions (6, k) of each mirror per unit of k loads: the largest shift for a unit vector of these.
 
-    Second, what is left of it where the motion of all mirrors as one body is estimated from pictures, as `drift` does.
+    Second, the rest where the motion of all mirrors as one body is estimated from pictures, as `drift` does.
     """
     shifts = _shifts_px(layout, motions, depth_mm)
     together = {}
@@ -207,7 +208,7 @@ def write_elasticity(out: Path, device: Device) -> dict[str, Metric]:
 def table_of(errors: Sequence[Errors], own: Errors, depth_mm: float) -> dict[str, Any]:
     """The content of `elasticity.json`: each plastic's errors with whether they pass, and of `own` each mirror's turn.
 
-    Lengths are in mm, angles in deg; `apart_px` is what is left where the motion of all mirrors as one is known.
+    Lengths are in mm, angles in deg; `apart_px` is the rest where the motion of all mirrors as one is known.
     """
     return {
         "schema": SCHEMA,

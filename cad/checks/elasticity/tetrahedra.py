@@ -14,8 +14,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 
 # Round shapes get this many elements around; elements are no smaller than this.
 AROUND, SMALLEST_MM = 6, 1.0
@@ -70,16 +71,18 @@ def tetrahedra_of(step: Path, size_mm: float) -> Tetrahedra:
     with TemporaryDirectory() as folder:
         mesh = Path(folder, "part.msh")
         sizes = ["-clmax", f"{size_mm:g}", "-clmin", f"{SMALLEST_MM:g}", "-clcurv", f"{AROUND}"]
-        asked = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
-        command = [*_command(program), *asked]
+        options = [str(step), "-3", *sizes, "-algo", "hxt", "-nt", "1", "-format", "msh22", "-o", str(mesh)]
+        command = [*_command(program), *options]
         try:
             ran = run_program(command, timeout_s=LONGEST_S)
         except subprocess.TimeoutExpired:
             raise InputError(f"{step}: gmsh took longer than {LONGEST_S:g} s to mesh it") from None
         if ran.returncode != 0 or not mesh.is_file():
             output = (ran.stdout + ran.stderr).decode("utf-8", "replace")
-            told = [line for line in output.splitlines() if "Error" in line]
-            raise InputError(f"{step}: gmsh could not mesh it: {told[0] if told else f'exit code {ran.returncode}'}")
+            errors = [line for line in output.splitlines() if "Error" in line]
+            raise InputError(
+                f"{step}: gmsh could not mesh it: {errors[0] if errors else f'exit code {ran.returncode}'}"
+            )
         found = read_msh22(mesh.read_text(encoding="utf-8"))
     if len(found.corners) == 0:
         raise InputError(f"{step}: gmsh could not mesh it: no solid in it")

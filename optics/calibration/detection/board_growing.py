@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, SOFTEST, Image
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
@@ -39,7 +39,7 @@ MIN_CONTRAST = 0.6  # relative to that of the corners around
 MIN_EXPLAINED = 0.8  # of the variance around a corner
 MAX_SIGMA_PX = 0.3
 UNEXPLAINED_WITHOUT_MOTION = 0.7  # by a model that knows blur of motion, relative to one without, where there is some
-JUDGED = 20  # corners by which to tell, at least, where there are as many
+JUDGED = 20  # corners by which a board is judged, at least, where there are as many
 # Relative to the board's median: the standard deviation, and the unexplained variance (and this much more).
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED = 2.5, 3.0, 0.01
 RIGHT = np.array([1.0, 0.0])
@@ -106,7 +106,7 @@ def _seen_corners(
     found, look = _grown(picture, places, pixels, corners, target, mirrored=mirrored)
     have = np.flatnonzero(np.isfinite(found[:, 0]))
     have = have[smooth(corners[have], found[have], target.longest_step)]
-    warp = Warp.through(corners[have], found[have], degree=QUINTIC)
+    warp = BoardWarp.through(corners[have], found[have], degree=QUINTIC)
     if warp is None:
         return Corners.none()
     expected = warp.expected(corners[have], found[have])
@@ -142,7 +142,7 @@ def _grown(
     for _ in range(ROUNDS):
         near = cKDTree(known_places).query(corners, distance_upper_bound=reach)[0] < reach
         new = np.flatnonzero(near & (tries < most_tries) & np.isnan(found[:, 0]))
-        warp = Warp.through(known_places, known_pixels) if len(new) else None
+        warp = BoardWarp.through(known_places, known_pixels) if len(new) else None
         if warp is None:
             break
         tries[new] += 1
@@ -169,7 +169,7 @@ def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
     """The corners of a board with the derivatives of their common warp; None where they have none."""
     places = corner_places(target)[corners.ids]
-    warp = Warp.through(places, corners.pixels, degree=QUINTIC)
+    warp = BoardWarp.through(places, corners.pixels, degree=QUINTIC)
     return None if warp is None else warp.expected(places, corners.pixels)
 
 
@@ -229,7 +229,7 @@ def _like_the_others(seen: RefinedCorners) -> BoolArray:
     return np.asarray(sure & (rest < MAX_RELATIVE_UNEXPLAINED * np.median(rest) + UNEXPLAINED))
 
 
-def _largest_part(warp: Warp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
+def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
     """The largest connected part of the corners, where neighbours have nearly the same residual to the warp.
 
     Two mirrors may show a board as if it continued from one into the other, but for a step of a few pixels. The warp
@@ -259,13 +259,13 @@ def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArr
     Neighbours are at most `step` squares apart.
     """
     none = np.zeros(len(places), dtype=bool)
-    warp = Warp.through(places, pixels)
+    warp = BoardWarp.through(places, pixels)
     if len(places) < MIN_CORNERS or warp is None:
         return none
     keep = _largest_part(warp, places, pixels, step)
     for round_ in range(5):
         if round_ or not keep.all():
-            warp = Warp.through(places[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
+            warp = BoardWarp.through(places[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
         if warp is None:
             return none
         off = np.linalg.norm(pixels - warp.at(places), axis=1)

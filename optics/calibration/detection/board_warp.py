@@ -19,7 +19,7 @@ OUTLIER_CELLS = 0.12  # between a corner and the map through the others
 
 
 @dataclass(frozen=True)
-class Warp:
+class BoardWarp:
     """The map from a board's points, in squares from its top left, to pixels: projective, plus a smooth polynomial.
 
     The polynomial stands for what a lens, a bent board or mirror and a rolling shutter add; with few points it is left
@@ -41,7 +41,7 @@ class Warp:
     polynomial: FloatArray
 
     @classmethod
-    def through(cls, places: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> Warp | None:
+    def through(cls, places: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> BoardWarp | None:
         """The warp of places (n, 2) in squares to pixels (n, 2), some of which may be wrong; None for too few.
 
         A cubic may be extrapolated by a square or two. A quintic is for between the points: the second derivatives of
@@ -61,7 +61,7 @@ class Warp:
                 return warp._corrected(places, pixels, off_px, most)
         return warp
 
-    def _corrected(self, places: FloatArray, pixels: FloatArray, off_px: float, degree: int) -> Warp:
+    def _corrected(self, places: FloatArray, pixels: FloatArray, off_px: float, degree: int) -> BoardWarp:
         """The warp with a polynomial fitted robustly (Cauchy weights), as some outliers remain."""
         off = pixels - self.at(places)
         terms = self._terms(places, degree)

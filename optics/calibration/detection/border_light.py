@@ -187,7 +187,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
 class _Rays:
     """Starts and directions (s, d, 3) of the rays of a border's points, beyond its mirror and beyond the neighbour.
 
-    `alone` (s, d) tells where the neighbour adds no light.
+    `alone` (s, d) is where the neighbour adds no light.
     """
 
     own: tuple[FloatArray, FloatArray]

@@ -1,4 +1,9 @@
-"""Any number of ChArUco boards or AprilGrids in one image, by grids of corners and the markers between them."""
+"""Any number of ChArUco boards or AprilGrids in one image, by grids of corners and the markers between them.
+
+An AprilGrid is a checkerboard whose columns and rows are as wide as a gap and a tag by turns. Which of them are tags is
+seen from their widths, so that corners get places on the print up to a shift by entire tags, and a smooth map takes
+them there.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +21,11 @@ from mirrorcam.optics.calibration.detection.board_growing import (
     grow_board,
     same_board,
 )
-from mirrorcam.optics.calibration.detection.board_warp import Warp, corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_places
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners, smooth_parts
+from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
-from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
-from mirrorcam.optics.calibration.detection.tag_grids import linked_tags
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
@@ -32,9 +37,10 @@ NEAR = 2.3  # squares between the centres of markers that predict each other
 PREDICTION_ERROR = 0.12  # squares between a marker and its prediction by another one, per square between them
 MIN_MARKERS = 2
 SAME_PLACE = 0.3  # squares between a marker and its place on a board, for it to belong to that board
+MIN_RATIO = 0.5  # of the logarithm of a tag's side by a gap, in the picture by on the print
 
 
-def find_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
+def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
     """Find up to `most` boards in a picture, those with most corners first.
 
     Grids of saddle points are numbered by the markers between them. Where that shows fewer than half as many, as on
@@ -118,7 +124,7 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
 
 def _shown(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
     """Mask of the markers (n, 4, 2) with places (n, 4, 2) on the print that lie where a detected board has them."""
-    warp = Warp.through(corner_places(target)[board.ids], board.pixels)
+    warp = BoardWarp.through(corner_places(target)[board.ids], board.pixels)
     if warp is None:
         return np.zeros(len(places), dtype=bool)
     middles = places.mean(axis=1)
@@ -219,3 +225,40 @@ def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
     agree = off < PREDICTION_ERROR * distance[first, second] + 0.1
     matrix = coo_array((agree.astype(float), (first, second)), shape=(len(places),) * 2).tocsr()
     return matrix.multiply(matrix.T)
+
+
+def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArray]]:
+    """Places (n, 2) of corners on grids of their own, and their approximate pixels (n, 2).
+
+    The places are those of `corner_grids`; tags begin at odd x and at even y.
+    """
+    points = saddle_points(grey)
+    found = []
+    for members, places in corner_grids(points, by_turns=True):
+        placed = _tags_placed(places, points.pixels[members], target)
+        if placed is None:
+            continue
+        # Lines of corners on a print whose first tag begins at (1, 0).
+        on_print = target.line_mm(placed - np.array([1, 0])) / target.pitch_mm
+        parts = smooth_parts(on_print, points.pixels[members], target.longest_step)
+        found += [(placed[part], points.pixels[members[part]]) for part in parts]
+    return found
+
+
+def _tags_placed(places: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
+    """The places, moved so that tags begin at odd x and at even y; None where they are not wide and narrow by turns."""
+    order = {(x, y): number for number, (x, y) in enumerate(places.tolist())}
+    ratios = []
+    for axis, wide in ((0, 1), (1, 0)):
+        step = np.eye(2, dtype=np.int64)[axis]
+        sides: tuple[list[float], list[float]] = ([], [])
+        for (x, y), number in order.items():
+            after = order.get((x + int(step[0]), y + int(step[1])))
+            if after is not None:
+                length = float(np.linalg.norm(pixels[after] - pixels[number]))
+                sides[((x, y)[axis] + wide) % 2].append(np.log(max(length, 1e-6)))
+        if sides[0] and sides[1]:
+            ratios.append(float(np.median(sides[0]) - np.median(sides[1])))
+    if not ratios or abs(np.mean(ratios)) < MIN_RATIO * -np.log(target.spacing):
+        return None
+    return places if np.mean(ratios) > 0 else places + 1

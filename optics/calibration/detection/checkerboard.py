@@ -1,4 +1,12 @@
-"""Plain checkerboards in one image: find boards or parts of them, confirm predicted corners."""
+"""Plain checkerboards in one image: find boards or parts of them and their ends, confirm predicted corners.
+
+The ends of a board are found by the white paper around it: at an end, black squares turn white where they should, and
+white ones stay white. An obstacle hardly ever ends along a line of the grid, one square beyond the last corners, and is
+hardly ever as bright as the paper.
+
+Under a distortion so strong that corners do not link into grids, OpenCV finds a board that is completely visible: it
+links squares, which bend less than rows of corners.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +19,15 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_ends import board_ends
+from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
 from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArray, connected, grow_grid
-from mirrorcam.optics.calibration.detection.board_warp import Warp, typical_cell_px
-from mirrorcam.optics.calibration.detection.corner_grids import corner_grids
-from mirrorcam.optics.calibration.detection.saddle_points import saddle_points
-from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, SeenGrid
-from mirrorcam.optics.calibration.detection.whole_board import whole_board
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, typical_cell_px
+from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
-
 CHECKERBOARD_WINDOW = 0.4
 WHOLE_WINDOW, MAX_REFINED = 0.2, 0.1  # of boards under strong distortion: half-window and move of a corner, in cells
 MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the part of them that a board keeps which is like the print
@@ -35,6 +40,12 @@ SAME = 0.3  # of a cell, between two positions of one corner
 NEAR = 2  # squares from a corner to those around it that certainly are of one board
 ROUNDS = 20
 STRAY = 0.25  # of a cell, between a linked corner and the smooth surface through the others
+INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, where a square and the paper are sampled
+ACROSS = (-0.2, 0.0, 0.2)  # squares from the middle of a square, along the end
+MAX_OFF = 0.3  # of the contrast between white and black
+MIN_SQUARES = 2  # of each colour
+MIN_AGREEING = 0.8  # of the squares of each colour
+FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:
@@ -43,7 +54,7 @@ def cell_px(pixels: FloatArray) -> FloatArray:
     return np.asarray(distances[:, 1])
 
 
-def refine(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
+def refine_saddles(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window: float) -> FloatArray:
     """Refine corners (n, 2) by their gradients, each in a half-window of `window` times its own cell (n,) px."""
     half = np.clip((window * cells_px).astype(np.int64), 2, 20)
     refined = np.empty_like(pixels)
@@ -68,7 +79,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
     Grids of saddle points start them; the print, compared with the picture, decides which corners are there. Where none
-    are found, as under the distortion of a fisheye lens, a board that is wholly visible is searched by its squares.
+    are found, as under the distortion of a fisheye lens, a board that is completely visible is searched by its squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
     most = max(target.cols, target.rows)
@@ -88,7 +99,7 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     if not found and (whole := whole_board(grey, target)):
         places, pixels = whole
         cells = cell_px(pixels)
-        refined = refine(grey, pixels, cells, WHOLE_WINDOW)
+        refined = refine_saddles(grey, pixels, cells, WHOLE_WINDOW)
         stays = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINED * cells
         pixels = np.where(stays[:, None], refined, pixels)
         found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
@@ -137,7 +148,7 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, first: BoolArray, ste
     """The corners (n) connected with the first ones, on the smooth surface that goes through them and is grown."""
     part = first
     for _ in range(ROUNDS):
-        warp = Warp.through(places[part], pixels[part])
+        warp = BoardWarp.through(places[part], pixels[part])
         if warp is None:
             return np.zeros(len(places), dtype=bool)
         off = np.linalg.norm(warp.at(places) - pixels, axis=1)
@@ -182,7 +193,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     if inside.sum() < MIN_CORNERS:
         return Corners.none()
     ids = np.flatnonzero(inside)
-    refined = refine(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
+    refined = refine_saddles(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
     near = np.linalg.norm(refined - predicted[inside], axis=1) < max_shift * cells[inside]
 
     grid = predicted.reshape(rows, cols, 2)
@@ -197,3 +208,78 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     typical = np.median(contrast[near]) if near.any() else 0.0
     good = near & (contrast > max(SAME_CONTRAST * typical, 8.0))
     return Corners(ids[good].astype(np.int64), refined[good])
+
+
+def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArray:
+    """Coordinates (2, 2) of the corners where a board is seen to end, as `SeenGrid.limits`.
+
+    Parameters
+    ----------
+    picture
+        Grey values (h, w).
+    places, pixels
+        The corners on their grid (n, 2), as of `corner_grids`, and in the picture (n, 2).
+    """
+    warp = BoardWarp.through(places.astype(np.float64), pixels)
+    limits = NO_LIMITS.copy()
+    if warp is None:
+        return limits
+    for axis in range(2):
+        for side, sign in enumerate((-1, 1)):
+            last = (places[:, axis] * sign).max() * sign
+            along = np.sort(places[places[:, axis] == last, 1 - axis])
+            squares = along[:-1][np.diff(along) == 1] + 0.5
+            if len(squares) >= 2 * MIN_SQUARES and _ends(picture, warp, axis, int(last), sign, squares):
+                limits[side, axis] = last
+    return limits
+
+
+def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
+    """Whether squares with middles (n,) along a side of the grid are the last ones."""
+
+    def values(beyond: tuple[float, ...]) -> FloatArray:
+        """Grey values (n, b, a) of each square at distances from the last corners; NaN beyond the picture."""
+        out, along = np.meshgrid(last + sign * np.array(beyond), np.array(ACROSS), indexing="ij")
+        at = np.empty((len(squares), *out.shape, 2))
+        at[..., axis], at[..., 1 - axis] = out, squares[:, None, None] + along
+        pixels = warp.at(at.reshape(-1, 2))
+        within = np.asarray(((pixels >= 0.0) & (pixels <= np.array(picture.shape[::-1]) - 1.0)).all(axis=1))
+        seen = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
+        return np.where(within, seen, np.nan).reshape(at.shape[:-1])
+
+    # The square between corners a and a + 1 along x and y is white where a has an even sum.
+    corner = np.floor(squares).astype(np.int64) + (last if sign > 0 else last - 1)
+    white = np.asarray(corner % 2 == 0)
+    if min(white.sum(), (~white).sum()) < MIN_SQUARES:
+        return False
+    inside, outside = values(INSIDE), values(OUTSIDE)
+    paper, ink = np.median(inside[white]), np.median(inside[~white])
+    off = MAX_OFF * (paper - ink)
+    if not off > 0.0:
+        return False
+    good = np.asarray((np.abs(outside - paper) < off).all(axis=(1, 2)))
+    good &= (np.abs(inside - np.where(white, paper, ink)[:, None, None]) < off).all(axis=(1, 2))
+    return bool(min(good[white].mean(), good[~white].mean()) >= MIN_AGREEING)
+
+
+def whole_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
+    """Places (n, 2) of all corners of a board in a picture (h, w), as of `corner_grids`, and their pixels (n, 2).
+
+    None where no board of the target's size is completely visible.
+    """
+    across, down = target.corners_across
+    found, corners = cv2.findChessboardCorners(grey, (across, down), flags=FLAGS)
+    if not found:
+        return None
+    pixels = np.asarray(corners, dtype=np.float64).reshape(down, across, 2)
+    along = [np.diff(pixels, axis=axis).reshape(-1, 2).sum(axis=0) for axis in (1, 0)]
+    if np.linalg.det(np.array(along)) < 0.0:
+        pixels = pixels[:, ::-1]
+    y, x = np.indices(pixels.shape[:2])
+    # Right of and below a corner whose coordinates have an even sum there is white.
+    middles = (pixels[:-1, :-1] + pixels[1:, :-1] + pixels[:-1, 1:] + pixels[1:, 1:]) / 4.0
+    bright = sample(np.asarray(grey, dtype=np.float32), middles.reshape(1, -1, 2))[0]
+    even = ((x + y) % 2 == 0)[:-1, :-1].ravel()
+    if bright[even].mean() < bright[~even].mean():
+        x = x + 1
+    return np.stack([x.ravel(), y.ravel()], axis=1).astype(np.int64), pixels.reshape(-1, 2)

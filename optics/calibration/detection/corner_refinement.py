@@ -52,7 +52,7 @@ class RefinedCorners:
         Sigma (n,) of the blur, px.
     ghost_strengths
         Estimated strengths (n, k) of the ghost images, relative to those expected; (n, 0) where they are not estimated.
-        One more column, where that is estimated, tells how much more they show on white than on black.
+        Where it is estimated, one more column is how much more they show on white than on black.
     """
 
     pixels: FloatArray

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.disk.results import Results
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target
@@ -30,7 +30,7 @@ def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> lis
         found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
         found = [board for board in found if len(board) <= 1 + target.looks_same_upside_down]
     else:
-        found = [(board,) for board in charuco.find_boards(grey, target, mirrored=mirrored, most=most)]
+        found = [(board,) for board in charuco.find_marked_boards(grey, target, mirrored=mirrored, most=most)]
     return [board for board in found if board and len(spread_out(board[0]))][:most]
 
 
@@ -41,16 +41,16 @@ def direct_view(grey: Grey, target: Target) -> Observations:
     return Observations.none()
 
 
-def sub_images(grey: Grey, layout: Layout, target: Target, folder: Path | None = None) -> DetectedFrame:
+def sub_images(grey: Grey, layout: Layout, target: Target, results: Results | None = None) -> DetectedFrame:
     """Corners in every mirror of a frame (h, w), as frame 0; a view that shows no board adds no rows.
 
-    The boards are kept in a folder, where one is given: they are the same in the mirrors of any layout.
+    The boards are kept where there is a store: they are the same in the mirrors of any layout.
     """
     most = 2 * len(layout.mirrors)  # more boards than there are mirrors, as some may belong to none
     if isinstance(target, Checkerboard):
-        kept = _kept(grey, target, most, folder, lambda: _as_grids(find_checkerboards(grey, target)))
+        kept = _kept(grey, target, most, results, lambda: _as_grids(find_checkerboards(grey, target)))
         return _checkerboards([grid for _, grid in kept.grids], layout, target)
-    kept = _kept(grey, target, most, folder, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
+    kept = _kept(grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most)))
     boards = _boards_of(kept.corners)
     assigned = assign(boards, layout, target)
     views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
@@ -58,16 +58,16 @@ def sub_images(grey: Grey, layout: Layout, target: Target, folder: Path | None =
 
 
 def _kept(
-    grey: Grey, target: Target, most: int, folder: Path | None, find: Callable[[], DetectedFrame]
+    grey: Grey, target: Target, boards: int, results: Results | None, find: Callable[[], DetectedFrame]
 ) -> DetectedFrame:
-    """What is found in a picture whatever the mirrors are, from a folder that keeps it, if one is given."""
-    if folder is None:
+    """What a store keeps of a picture whatever the mirrors are: up to `boards` in mirrors; 0: the direct view."""
+    if results is None:
         return find()
-    name = detection_cache.key(grey, target, f"{most} boards")
-    kept = detection_cache.load(folder, name, views=most, corners=len(target.corners_in_board_mm))
+    name = detection_cache.name_of(grey, target, boards)
+    kept = detection_cache.load(results, name, views=boards, corners=len(target.corners_in_board_mm))
     if kept is None:
         kept = find()
-        detection_cache.save(folder, name, kept)
+        detection_cache.save(results, name, kept)
     return kept
 
 
@@ -132,7 +132,7 @@ def detect_frames(
     mirrored
         Whether the pictures show the board through the mirrors (`sub_images`), or directly (`direct_view`).
     folder
-        Where detections are cached, if anywhere.
+        Folder that keeps what is found in a picture, if there is one.
     workers
         Number of threads.
     on_frame
@@ -146,26 +146,17 @@ def detect_frames(
     Raises
     ------
     InputError
-        Where a picture does not have the size of the layout's camera, and where nothing can be cached in the folder.
+        Where a picture does not have the size of the layout's camera, and where nothing can be kept in the folder.
     """
     expected = (layout.camera.height_px, layout.camera.width_px)
-    if folder is not None:
-        detection_cache.check_folder(folder)
-
-    def find(grey: Grey) -> DetectedFrame:
-        return sub_images(grey, layout, target, folder) if mirrored else DetectedFrame(direct_view(grey, target))
+    results = None if folder is None else Results(folder)
 
     def look(grey: Grey | None) -> DetectedFrame:
         if grey is None:
             return DetectedFrame(Observations.none())
-        if folder is None:
-            return find(grey)
-        name = detection_cache.key(grey, target, layout.identity if mirrored else "none")
-        seen = detection_cache.load(folder, name, views=len(layout.mirrors), corners=len(target.corners_in_board_mm))
-        if seen is None:
-            seen = find(grey)
-            detection_cache.save(folder, name, seen)
-        return seen
+        if mirrored:
+            return sub_images(grey, layout, target, results)
+        return _kept(grey, target, 0, results, lambda: DetectedFrame(direct_view(grey, target)))
 
     def sized() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):

@@ -1,27 +1,19 @@
-"""Cache of detections, keyed by the content of the picture.
-
-A file is named by the SHA-256 of the picture's pixels and of all else that decides what is found, the programs that
-find it among them, so that it is never out of date. Where one cannot be read, the corners are found again each time: it
-may be somebody else's, and is not replaced.
-"""
+"""Detections that are kept: what was found in a picture is found again only by another program."""
 
 from __future__ import annotations
 
 import io
-import os
 import zipfile
 import zlib
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.disk.files import read_bytes, write_bytes
-from mirrorcam.core.disk.fingerprint import Fingerprint, digest, source_digest, versions
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.disk.fingerprint import digest
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.disk.results import Results
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.targets import Target
 
@@ -32,25 +24,24 @@ MOST_BYTES = 10_000_000
 """Bytes of the largest file: a corner takes 40."""
 
 
-@cache
-def version() -> str:
-    """Return 64 hexadecimal digits of the programs that decide what is found: optics and what it is built on."""
-    return Fingerprint(sources={"mirrorcam.optics": source_digest("mirrorcam.optics")}, versions=versions()).digest
+CODE = "mirrorcam.optics.calibration.detection.detect_boards"
+_FRAME = "frame.npz"
 
 
-def key(grey: Grey, target: Target, mirrors: str) -> str:
-    """Return 64 hexadecimal digits of what decides which corners are found; `mirrors` identifies the mirrors."""
-    asked = f"{version()} {target.model_dump_json()} {mirrors} {grey.shape}\n"
-    return digest(asked.encode(), np.ascontiguousarray(grey).data)
+def name_of(grey: Grey, target: Target, boards: int) -> str:
+    """Return 64 hexadecimal digits of a picture (h, w), the target, and how many boards are searched in mirrors."""
+    request = f"{target.model_dump_json()} {boards} {grey.shape}\n"
+    return digest(request.encode(), np.ascontiguousarray(grey).data)
 
 
-def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame | None:
-    """Load the detections under a key, as frame 0; None where no file holds them whole.
+def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFrame | None:
+    """Load the detections of a name, as frame 0; None where they are not kept.
 
-    `views` and `corners` are the numbers of mirrors and of corners on the target that they may be of.
+    `views` and `corners` are the numbers of views and of corners on the target that they may be of.
     """
+    kept = results.get(name, program_of(CODE))
     try:
-        content = io.BytesIO(read_bytes(folder / f"{name}.npz", MOST_BYTES))
+        content = io.BytesIO(b"" if kept is None else kept[_FRAME])
         if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MOST_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
@@ -58,7 +49,7 @@ def load(folder: Path, name: str, *, views: int, corners: int) -> DetectedFrame 
             seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
             frame = DetectedFrame(seen, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
-        return None  # incomplete, or of another program: detected again
+        return None  # nothing is kept, or somebody else wrote it
 
     known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
     return frame if known.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
@@ -82,19 +73,8 @@ def _grids(
     return tuple(found)
 
 
-def check_folder(folder: Path) -> None:
-    """Raise InputError where nothing can be kept in a folder: it is a link or a file."""
-    if folder.is_symlink():
-        raise InputError(f"{folder}: is a link, expected a folder for found corners, or nothing")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, expected a folder for found corners, or nothing")
-
-
-def save(folder: Path, name: str, frame: DetectedFrame) -> None:
-    """Keep what was found in a picture under a key, written whole or not at all; what is there already stays."""
-    check_folder(folder)
-    if os.path.lexists(folder / f"{name}.npz"):
-        return
+def save(results: Results, name: str, frame: DetectedFrame) -> None:
+    """Keep what was found in a picture."""
     content = io.BytesIO()
     arrays = {field: getattr(frame.corners, field) for field in FIELDS} | {UNASSIGNED: frame.unassigned_px}
     grids = [grid for _, grid in frame.grids]
@@ -107,4 +87,4 @@ def save(folder: Path, name: str, frame: DetectedFrame) -> None:
         "grid_limits": np.array([grid.limits for grid in grids]).reshape(-1, 2, 2),
     }
     np.savez(content, **arrays)
-    write_bytes(folder / f"{name}.npz", content.getvalue())
+    results.put(name, program_of(CODE), {_FRAME: content.getvalue()})

@@ -1,31 +1,48 @@
-"""Ghost images of second-surface mirrors, and refinement of corners in their presence.
+"""Ghost images of second-surface mirrors, and corners refined together with them.
 
 The uncoated front of a second-surface mirror reflects a few percent of the light itself, and reflects as much of what
 comes back from the coating to the coating again. So the picture has a faint ghost image on either side, a few pixels
 off in the plane of incidence. At an edge one ghost image is white already (or the other one still black), which moves
-the edge by some hundredths of a pixel: the same way in all views, as if the plate were thicker.
+the edge by some hundredths of a pixel: in the same direction in all views, as if the plate were thicker.
 
 The layout and the board's pose give the offsets of the ghost images, and Fresnel's equations their strengths. One ghost
 image ends before the picture does, where its light would leave the plate past the edge. Exactly where depends on how
 the plate was cut and glued, so corners near that place are left out.
 
 Offsets must be known well: along an edge, a ghost image that is wrong by a tenth of a pixel across it moves the edge by
-some thousandths of a pixel. So `ghost_removal` uses mirrors as they were estimated, not as they are nominally.
+some thousandths of a pixel. So the mirrors are those of a first estimate, not the nominal ones.
+
+How strong ghost images are depends on the coating, and how they look on how the camera encodes light: both are the same
+in all frames, and estimated from those that show the board largest, where ghost images are farthest from the edges that
+they belong to.
+
+Light adds, grey values do not: a camera that encodes light by a power shows what is added to black several times as
+strong as what is added to white. So everything is done in light, as that power encodes it for which ghost images show
+as strong on black as on white.
+
+The better the coating reflects, the fainter is one ghost image and the stronger the other, relative to the picture:
+their ratio gives the reflectance. Their sum is less informative, as blur of another shape than a Gaussian looks like a
+pair of ghost images.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, smooth
 from mirrorcam.optics.calibration.detection.board_warp import corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import cell_px
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import (
     MAX_HALF_PX,
     Appearance,
@@ -34,20 +51,29 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
     half_cells,
 )
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
-from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import surface_reflectance
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
-REFLECTANCE = 0.92  # of the coating, assumed; `ghost_removal` corrects it
+REFLECTANCE = 0.92  # of the coating, assumed; `without_ghost_images` corrects it
 PASSES = (0, 2, 3)  # to the coating and back, of the ghost images; the picture itself has one
 KIND = (0, 1, 1)  # light that the front reflects from outside; light that it reflects back to the coating
 COMPLETE = 2  # passes of the ghost images that must be complete; more carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
-FEW = 60  # corners of a view that tell its blur and strengths
+FEW = 60  # corners of a view that determine its blur and strengths
+MOST_FRAMES = 4  # that determine the encoding and the strengths
+MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in all, the strengths are those of Fresnel's equations
+ROUNDS = 2  # of estimating strengths and blur: wrong blur looks like ghost images that are stronger
+ROUNDS_FOR_GAMMA = 5
+FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
+GAIN = 0.7  # too large a power makes ghost images stronger on white by about half the logarithm of white / black
+LEAST_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is not there
+MOST_OFF = 1.15  # by which a coating may make a ghost image stronger or fainter
 
 
 @dataclass(frozen=True)
@@ -77,7 +103,7 @@ class GhostedView:
         return replace(self, ghosts=self.ghosts.times(factors))
 
     def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
-        """The same where, and as blurred as, a picture of light shows them, and the fit, which tells the strengths."""
+        """The same where, and as blurred as, a picture of light shows them, and the fit, which gives the strengths."""
         look = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
         seen = refine(light, self.expected, look)
         pixels = np.where(np.isfinite(seen.pixels), seen.pixels, self.expected.pixels)
@@ -155,3 +181,161 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
     half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
     reach = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The power that encodes light, the blur, and a factor on each kind of ghost image; 0 for one not there."""
+
+    gamma: float
+    factors: FloatArray
+    blur_px: float | None = None
+
+
+def without_ghost_images(
+    seen: Sequence[Observations],
+    pictures: Sequence[Grey | Path | None],
+    rig_from_board: Mapping[int, FloatArray],
+    layout: Layout,
+    target: Target,
+    *,
+    workers: int = 1,
+) -> list[Observations]:
+    """Refine the corners of views in second-surface mirrors with their ghost images.
+
+    Only corners with complete ghost images are kept. Corners in first-surface mirrors are returned as they are.
+
+    Parameters
+    ----------
+    seen
+        Corners of each frame, as frame 0.
+    pictures
+        The frames (None: not at hand, so that none of its corners in second-surface mirrors is kept).
+    rig_from_board
+        Pose (4, 4) of the board in each frame that shows any.
+    layout
+        Camera and mirrors, as nearly as corners tell that ghost images have pulled by some hundredths of a pixel.
+    target
+        The board.
+    workers
+        Number of threads.
+
+    Returns
+    -------
+    list of Observations
+        As many as were given.
+    """
+    ghosted = {
+        number: _ghosted(rows, rig_from_board[number], layout, target)
+        for number, rows in enumerate(seen)
+        if number in rig_from_board and pictures[number] is not None
+    }
+    largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
+    look = _look([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MOST_FRAMES:]], target)
+
+    def refined(number: int) -> Observations:
+        light = in_light(_grey(pictures[number]), look.gamma)
+        views = ((mirror, _refined(light, view, look, target)) for mirror, view in ghosted[number].items())
+        return Observations.join(
+            [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
+        )
+
+    plain = [rows.where(~np.isin(rows.view, _second_surface(layout))) for rows in seen]
+    with ThreadPoolExecutor(workers) as pool:
+        found = dict(zip(largest, pool.map(refined, largest), strict=True))
+    return [Observations.join([rows, found[n]]) if n in found else rows for n, rows in enumerate(plain)]
+
+
+def in_light(grey: Grey, gamma: float) -> Image:
+    """The light behind grey values that its power 1 / gamma encodes, of the same white."""
+    white = max(int(grey.max()), 1)
+    return np.asarray(cv2.LUT(grey, (white * (np.arange(256) / white) ** gamma).astype(np.float32)))
+
+
+def _second_surface(layout: Layout) -> list[int]:
+    return [number for number, mirror in enumerate(layout.mirrors) if mirror.is_second_surface]
+
+
+def _ghosted(rows: Observations, rig_from_board: FloatArray, layout: Layout, target: Target) -> dict[int, GhostedView]:
+    """The views of a frame in second-surface mirrors, by these."""
+    views = {}
+    for mirror in np.intersect1d(rows.view, _second_surface(layout)).tolist():
+        own = rows.where(rows.view == mirror)
+        corners = Corners(own.corner, own.pixels, own.sigma_px)
+        view = ghosted_view(corners, rig_from_board, layout.camera, layout.mirrors[mirror], target)
+        if view is not None:
+            views[mirror] = view
+    return views
+
+
+def _size_px(views: Mapping[int, GhostedView]) -> float:
+    return float(np.median([np.median(cell_px(view.expected.pixels)) for view in views.values()]))
+
+
+def _grey(picture: Grey | Path | None) -> Grey:
+    if picture is None:
+        raise ValueError("no picture at hand")
+    return read_image(picture, grey=True) if isinstance(picture, Path) else picture
+
+
+def _look(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Look:
+    """What all corners of some frames show together."""
+    few = [(grey, [view.few for view in views]) for grey, views in frames]
+    there = np.ones(2, dtype=np.bool_)
+    if sum(len(view) for _, views in few for view in views) < MIN_CORNERS_FOR_STRENGTH:
+        return _Look(1.0, there.astype(np.float64))
+    while True:
+        gamma, shown = _gamma([(grey, [view.of_ghosts(there) for view in views]) for grey, views in few], target)
+        lights = [(in_light(grey, gamma), views) for grey, views in shown]
+        fits = [_blurred(view, light, target) for light, views in lights for view in views]
+        factors = np.zeros(2)
+        factors[there] = np.nanmedian(np.concatenate([seen.ghost_strengths for _, seen in fits]), axis=0)
+        hardly = there & (factors < LEAST_STRENGTH)
+        there &= ~hardly
+        if not hardly.any() or not there.any():
+            blur_px = float(np.median([view.blur_px for view, _ in fits]))
+            return _Look(gamma, _of_one_coating(factors * there), blur_px)
+
+
+def _gamma(
+    frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
+) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
+    """The power of light for which ghost images show as strong on white as on black, and views with their blur."""
+    gamma, shown = FIRST_GAMMA, list(frames)
+    for _ in range(ROUNDS_FOR_GAMMA):
+        lights = [in_light(grey, gamma) for grey, _ in shown]
+        fits = [
+            [view.fitted(light, target, fit_encoding=True) for view in views]
+            for light, (_, views) in zip(lights, shown, strict=True)
+        ]
+        shown = [(grey, [view for view, _ in of_frame]) for (grey, _), of_frame in zip(shown, fits, strict=True)]
+        on_white = np.concatenate([seen.ghost_strengths[:, -1] for of_frame in fits for _, seen in of_frame])
+        gamma = float(np.clip(gamma * np.exp(-GAIN * np.nanmedian(on_white)), 1.0, MAX_GAMMA))
+    return gamma, shown
+
+
+def _of_one_coating(factors: FloatArray) -> FloatArray:
+    """The factors (2,) nearest to those estimated that some reflectance of the coating explains.
+
+    Relative to the picture, the strength of light reflected at the front is inversely proportional to it, that of light
+    reflected back to the coating proportional.
+    """
+    there = factors > 0.0
+    if not there.all():
+        return np.where(there, np.clip(factors, 1.0 / MOST_OFF, MOST_OFF), 0.0)
+    better = float(np.clip(np.sqrt(factors[1] / factors[0]), 1.0 / MOST_OFF, MOST_OFF))
+    return np.array([1.0 / better, better])
+
+
+def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedView, RefinedCorners]:
+    """A view with the blur that a picture of light shows, and the last fit."""
+    for _ in range(ROUNDS):
+        view, seen = view.fitted(light, target)
+    return view, seen
+
+
+def _refined(light: Image, view: GhostedView, look: _Look, target: Target) -> Corners:
+    """The corners of a view, with the blur that some of them show."""
+    view = view.times(look.factors)
+    start = view.few if look.blur_px is None else replace(view.few, blur_px=look.blur_px)
+    return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)

@@ -1,8 +1,8 @@
 """Numbering of checkerboards of which each mirror shows only a part, by all views of all frames together.
 
-One view tells where its part of the board is in space, up to a shift by squares and a turn by quarters. From the image
-of a board in one mirror to that in another one, the same rigid motion leads in every frame. So the motions that the
-possible shifts in some frames propose are put to the vote of all frames. With the motions known, the parts that all
+One view determines where its part of the board is in space, up to a shift by squares and a turn by quarters. From the
+image of a board in one mirror to that in another one, the same rigid motion leads in every frame. So the motions that
+the possible shifts in some frames propose are put to the vote of all frames. With the motions known, the parts that all
 mirrors of a frame show make up one larger part, and often one that can be numbered.
 """
 
@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
-from mirrorcam.optics.calibration.detection.seen_grid import TURNS, SeenGrid
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.detection.detections import TURNS, DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera

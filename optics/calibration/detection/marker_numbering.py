@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.solver.observations import IntArray
 
 MIN_CORRELATION = 0.5  # of what the squares show with the markers of a numbering, on average

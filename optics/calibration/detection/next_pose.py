@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver import initial_estimates
-from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, IntArray, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -136,7 +136,7 @@ class NextPosePlanner:
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         return cls(
             Estimate.of(camera, layout.mirrors, np.zeros((0, 4, 4))),
-            replace(joint_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, HELD_DEG)),
+            replace(planning_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, HELD_DEG)),
             [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[BUILT_MM] * (3 * len(layout.mirrors))],
             [
                 f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
@@ -192,7 +192,7 @@ class NextPosePlanner:
         return np.degrees(np.stack(sigma, axis=-1))
 
 
-def joint_model(intrinsics: Sequence[str], target: Target) -> Model:
+def planning_model(intrinsics: Sequence[str], target: Target) -> Model:
     """Planes, intrinsics and poses of a board as drawn."""
     board = Board.rigid(target.corners_in_board_mm)
     return Model(tuple(intrinsics), thickness=False, curvature=False, board=board)

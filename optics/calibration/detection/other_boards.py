@@ -1,23 +1,39 @@
 """Which board pictures show that do not show the stated one: another size, another dictionary, or a flipped picture.
 
 Only a few pictures are looked at, so that this costs little. What is recognised is refused with its likely cause.
+
+The markers' numbers reveal a board of another size, of OpenCV's old pattern, or numbered from another marker on. Where
+they cannot be read, they are tried flipped, of another size, inverted, and of another dictionary.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
+from mirrorcam.optics.calibration.detection.charuco import families_seen, find_marked_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
-from mirrorcam.optics.calibration.detection.other_markers import other_markers
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
-from mirrorcam.optics.geometry.targets import Checkerboard, Target
+from mirrorcam.optics.calibration.detection.detections import SeenGrid
+from mirrorcam.optics.calibration.detection.marker_layout import (
+    GriddedPicture,
+    MarkerPairs,
+    Steps,
+    marker_pairs,
+    marker_side,
+)
+from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MOST_PICTURES = 2  # looked at of each kind
-FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is wholly visible
+FILLED = 0.9  # of the corners of a grid's rectangle, for a board that is completely visible
 PARTS = 0.5  # of the boards of any size, for the largest size that counts: parts of a board look like smaller ones
+MIN_BEYOND = 2  # pairs with a marker that the stated board lacks, by picture
+MIN_STEPS = 3  # pairs of markers that give the same number of columns, by picture
+UNEXPLAINED = 0.05  # of the pairs that some numbering explains, for another one to be as likely
+MAX_OFF = 0.035  # squares, between the side of markers as stated and as seen
 
 
 def other_board(
@@ -87,3 +103,162 @@ def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
 
 def _size(target: Target) -> str:
     return f"{target.cols} x {target.rows}"
+
+
+def other_markers(
+    pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
+) -> str | None:
+    """How pictures (h, w) show another ChArUco board or AprilGrid than the stated one; None where they seem right.
+
+    `mirrored` and `found` are as in `other_board`.
+    """
+    shown = [GriddedPicture.of(picture, target) for picture in pictures]
+    least = MIN_STEPS * len(shown)
+    pairs = _pairs(shown, target, mirrored=bool(mirrored))
+    columns, steps = pairs.steps(target).likely
+    if len(steps.highest) < least:
+        if not found:
+            return _unreadable(shown, target, mirrored=mirrored)
+        if not isinstance(target, Charuco):
+            return None
+        # Markers of a wrong side are hardly read.
+        other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
+        return other or _other_side(shown, target, mirrored=mirrored)
+    tags = isinstance(target, AprilGrid)
+    board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
+    size = f"{target.cols} x {target.rows}"
+    highest = steps.highest - (target.first_marker if isinstance(target, Charuco) else 0)
+    rows = (highest if tags else 2 * highest + 1) // columns + 1 + steps.follows  # at least
+    if columns != target.cols:
+        sentence = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
+        exchanged = columns == target.rows and rows.max() <= target.cols
+        return sentence + (": are cols and rows exchanged?" if exchanged else "")
+    if isinstance(target, Charuco) and (other := _other_numbers(pairs, steps, target, len(shown))):
+        return other
+    if (rows > target.rows).sum() >= MIN_BEYOND * len(shown):
+        return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
+    if not isinstance(target, Charuco):
+        return None
+    white = not target.black[0, 0]
+    own, others = (pairs.explained(columns, target.first_marker, white_first=bool(way)) for way in (white, not white))
+    other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if own - others < least else None
+    return other or _other_side(shown, target, mirrored=mirrored)
+
+
+def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: int) -> str | None:
+    """Whether markers are in other places than on the target, or have other numbers."""
+    first, count = target.first_marker, len(target.markers)
+    white = bool(not target.black[0, 0])
+    votes = [pairs.explained(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)]
+    lowest, highest = int(steps.highest.min()) - target.cols, int(steps.highest.max())
+    beyond = int(((steps.highest >= first + count) | (steps.highest - target.cols < first)).sum())
+    # With an odd number of columns, a wrong numbering fails only at the sides of the board.
+    close = max(votes) - max(MIN_STEPS * pictures, UNEXPLAINED * max(votes))
+    if close < 0:
+        return None
+    as_stated, few_beyond = votes[0] > close, beyond < MIN_BEYOND * pictures
+    if as_stated and few_beyond:
+        return None
+    other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > close
+    phase = 0 if as_stated else int(np.argmax(votes))
+    # The numbers of whole pairs of rows, from the one that holds the lowest number.
+    begin = first + phase + (lowest - first - phase) // target.cols * target.cols
+    fits = begin != first and begin >= 0 and highest < begin + count
+    if other_pattern and (few_beyond or not fits):
+        return _other_pattern(target)
+    if not fits:
+        return None
+    # Where neither side of the board is visible, several numberings are as likely.
+    known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
+    return (
+        f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
+        f"board.toml has {first} to {first + count - 1}: set "
+        f"first_marker = {known} there, unless the board has more rows"
+    )
+
+
+def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
+    """Whether more corners are found where the board is of the other pattern: a wrong one lacks a side of it.
+
+    With an odd number of columns, the patterns differ by a shift: only the corners at the sides differ.
+    """
+    if target.rows % 2:
+        return None
+    other = target.replaced(legacy=not target.legacy)
+    more = []
+    for picture, way in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
+        own, others = (
+            max(map(len, find_marked_boards(picture, one, mirrored=way, most=1)), default=0) for one in (target, other)
+        )
+        if own and others:
+            more.append(others - own)
+    if not more or min(more) < 0 or sum(more) < max(MIN_STEPS, target.rows // 2) * len(pictures):
+        return None
+    return _other_pattern(target)
+
+
+def _other_pattern(target: Charuco) -> str:
+    if target.rows % 2:
+        return (
+            f"the ChArUco board in the pictures has a white square at its top left, which none of {target.rows} rows "
+            "has: are cols and rows right in board.toml?"
+        )
+    sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
+    if target.legacy:
+        return f"{sentence} 4.6 and later print them, board.toml says legacy = true: remove that"
+    return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
+
+
+def _other_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
+    side = marker_side(shown, target, mirrored=mirrored)
+    if side is None or abs(side - target.marker_mm / target.square_mm) < MAX_OFF:
+        return None
+    if not _readable(shown, target.replaced(marker_mm=side * target.square_mm), mirrored=bool(mirrored)):
+        return None
+    return (
+        f"the markers in the pictures look like {side * target.square_mm:.2g} mm on squares of {target.square_mm:g} "
+        f"mm, board.toml says marker_mm = {target.marker_mm:g}"
+    )
+
+
+def _unreadable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
+    """Why the markers cannot be read."""
+    flipped = bool(mirrored)
+    if mirrored is not None and _readable(shown, target, mirrored=not flipped):
+        return (
+            "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
+            "selfie camera; switch that off, or flip them left to right"
+        )
+    if isinstance(target, AprilGrid):
+        return None
+    negatives = [GriddedPicture.of(np.asarray(255 - one.grey, dtype=np.uint8), target) for one in shown]
+    if _readable(negatives, target, mirrored=flipped):
+        return (
+            "the ChArUco board in the pictures is printed white on black: print it black on white, or exchange black "
+            "and white in all pictures"
+        )
+    return _other_side(shown, target, mirrored=mirrored) or _other_dictionary(shown, target, mirrored=flipped)
+
+
+def _other_dictionary(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
+    own = dictionaries.family(target.dictionary)
+    others = [name for name in dictionaries.FAMILIES if name != own]
+    counts = np.sum([families_seen(one.grey, others, len(target.markers), mirrored=mirrored) for one in shown], axis=0)
+    name = others[int(counts.argmax())]
+    if counts.max() < MIN_STEPS * len(shown) or dictionaries.count(name) < len(target.markers):
+        return None
+    other = target.replaced(dictionary=name, first_marker=0)
+    steps = _pairs(shown, other, mirrored=mirrored).steps(other).likely[1]
+    if len(steps.highest) < MIN_STEPS * len(shown):
+        return None
+    named = dictionaries.smallest(name, max(len(target.markers), int(steps.highest.max()) + 1))
+    return f"the pictures show markers of {named}, board.toml says dictionary {target.dictionary}"
+
+
+def _readable(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
+    steps = _pairs(shown, target, mirrored=mirrored).steps(target).likely[1]
+    return len(steps.highest) >= MIN_STEPS * len(shown)
+
+
+def _pairs(shown: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+    return MarkerPairs.together([marker_pairs(one, target, mirrored=mirrored) for one in shown])

@@ -1,4 +1,4 @@
-"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, from the frames themselves.
+"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, and outlines moved to there.
 
 The image in a mirror changes from frame to frame; the gaps between mirrors and the holder do not. A mirror that was cut
 too short or glued beside its place shows the same corners, only less or more of the scene: its plane is right and its
@@ -7,15 +7,18 @@ outline is not. Its edges are where the change ends.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from shapely import Polygon
 
-from mirrorcam.core.values import FloatArray
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.mirror_sides import Side, shown_in_plane_mm
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.plate import outer_tangent
 
 REACH_PX = 40.0  # to either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
@@ -26,6 +29,7 @@ MIN_LENGTH_PX = 40.0
 TOLERANCE_PX = 1.5  # of a point to the straight line through the others
 ALONG = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
 HALVES_PX = 1.5  # by which an edge may differ between halves of the frames
+AGREES_PX = 3.0  # an edge this near to its place is left there: dim or still parts of a scene move it by 2
 
 
 class Extremes:
@@ -206,3 +210,129 @@ def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
     first = int(np.argmax(run))
     before, after = profile[first - 1], profile[first]
     return float(depths[first - 1] + FINE_PX * (before - 0.5 * inside) / max(before - after, 1e-6))
+
+
+def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layout, tuple[str, ...]]:
+    """Move the mirrors' outlines to where the frames show them.
+
+    An edge stays where it was not seen. A mirror stays as it is where the new edges would make the layout invalid.
+
+    Parameters
+    ----------
+    layout
+        A layout whose mirror planes are right.
+    edges
+        Its `seen_edges`.
+
+    Returns
+    -------
+    layout, notes
+        The layout with moved outlines, and a note on each mirror whose edges are beside their places.
+    """
+    waiting = {}
+    for index, (mirror, seen) in enumerate(zip(layout.mirrors, edges, strict=True)):
+        moves = {number: edge for number, edge in seen.items() if np.abs(edge.off_px).max() > AGREES_PX}
+        if moves:
+            far = max(float(np.abs(edge.off_px).max()) for edge in moves.values())
+            count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
+            text = f"mirror {layout.mirror_names[index]}: {count} edges are seen up to {far:.0f} px"
+            waiting[index] = {number: edge.line for number, edge in moves.items()}, text
+    return _moved(layout, waiting)
+
+
+def _moved(layout: Layout, waiting: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
+    """The layout with the edges of some mirrors on other lines, where that is possible, and a note on each of them."""
+    notes = []
+    # A mirror whose new outline overlaps another one is tried again once the other one has moved.
+    refused = dict.fromkeys(waiting, "")
+    for _ in range(len(waiting)):
+        for index in list(refused):
+            mirrors = list(layout.mirrors)
+            try:
+                mirrors[index] = with_edges(mirrors[index], waiting[index][0])
+                layout = layout.replaced(mirrors=tuple(mirrors))
+            except InvalidValue as error:
+                refused[index] = str(error)
+            else:
+                del refused[index]
+    for index, (_, edges) in waiting.items():
+        outcome = f"not moved: {refused[index]}" if index in refused else "moved there"
+        notes.append(f"{edges} beside their places, {outcome}")
+    return layout, tuple(notes)
+
+
+def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
+    """The mirror with some edges on other lines of its plane frame; raises InvalidValue where that is impossible."""
+    corners = mirror.outline_in_plane_mm
+    unmoved = [side.moved(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))]
+    edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
+    pairs = zip([edges[-1], *edges[:-1]], edges, strict=True)
+    found = np.array([np.linalg.solve([before[:2], line[:2]], [before[2], line[2]]) for before, line in pairs])
+    frame = mirror.rig_from_plane
+    outline = frame[:3, 3] + found @ frame[:3, :2].T
+    if not mirror.curvature_per_m.any():
+        return mirror.replaced(outline_in_rig_mm=outline)
+    # The same surface, described by its tangent plane in the new middle; the angle between the two planes is so small
+    # that the curvature is the same in both.
+    middle = found.mean(axis=0)
+    xx, yy, xy = mirror.curvature_per_m / 1e3
+    rise = frame[:3, :2] @ np.array([[xx, xy], [xy, yy]]) @ middle
+    touching = outline.mean(axis=0) + mirror.sag_mm(outline.mean(axis=0)) * mirror.normal_in_rig
+    normal = mirror.normal_in_rig - rise
+    normal /= np.linalg.norm(normal)
+    centre = 2.0 * (normal @ touching) * normal
+    return mirror.replaced(
+        virtual_centre_in_rig_mm=centre,
+        outline_in_rig_mm=outline * ((touching @ normal) / (outline @ normal))[:, None],
+    )
+
+
+@dataclass(frozen=True)
+class Side:
+    """An edge of a polygon in a mirror's own frame, in mm, from `start` (2,) on; `outward` is its normal."""
+
+    start: FloatArray
+    along: FloatArray
+    outward: FloatArray
+    length_mm: float
+
+    @classmethod
+    def of(cls, polygon: FloatArray, edge: int) -> Side:
+        start, end = polygon[edge], polygon[(edge + 1) % len(polygon)]
+        length_mm = float(np.linalg.norm(end - start))
+        along = (end - start) / length_mm
+        outward = np.array([along[1], -along[0]])
+        return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
+
+    def moved(self, other: Side, off_mm: FloatArray) -> FloatArray:
+        """The line (3,), nx x + ny y = d, of this edge moved by the offsets (2,) at the ends of the nearby `other`."""
+        ends = np.array([other.start, other.start + other.length_mm * other.along])
+        at = (ends - self.start) @ self.along
+        first, second = self.start + at[:, None] * self.along + off_mm[:, None] * self.outward
+        normal = np.array([second[1] - first[1], first[0] - second[0]]) / np.linalg.norm(second - first)
+        return np.array([*normal, normal @ first])
+
+
+def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
+    """The part (n, 2) of a mirror that shows the scene, where the camera sees it on the `apparent` mirror's plane.
+
+    For a first-surface mirror this is all of it. For a second-surface mirror, whose front is cut like its coating, it
+    is where light both enters and leaves through the front. `Mirror.usable_normalized` approximates this by the chief
+    ray, with errors of some pixels towards the sides. Here the corners are exact: each corner of the front is seen
+    directly, and again where light leaves that entered at the corner, after twice the plate's thickness.
+    """
+    seen = mirror.apparent
+    if not mirror.is_second_surface:
+        return seen.outline_in_plane_mm
+    air_mm = mirror.distance_mm - mirror.thickness_mm
+    foot = -air_mm * mirror.normal_in_rig
+    across = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
+    across_mm = np.linalg.norm(across, axis=1, keepdims=True)
+    tangent = outer_tangent(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
+    nearer = np.divide(air_mm * tangent, across_mm, out=np.ones_like(tangent), where=across_mm > 0.0)
+    front, into = foot + across, foot + nearer * across
+    shown = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(into[:, :2] / into[:, 2:]))
+    if shown.area <= 0.0:
+        return np.zeros((0, 2))
+    on_plane = seen.cut(np.array(shown.exterior.coords)[:-1])
+    return (on_plane - seen.rig_from_plane[:3, 3]) @ seen.rig_from_plane[:3, :2]

@@ -1,28 +1,48 @@
-"""The size of the board that the distances between a layout's mirrors imply, where pictures do not fit the layout.
+"""Tests of the common scale of all lengths, which show a wrong size of the board's squares.
 
 Each mirror shows the middle of the board at a distance in proportion to the board's size. Reflected back, all of them
 show one point, which holds only at one size. A size that was stated in another unit is recognised by its ratio.
+
+A board whose squares are k times as large as stated makes all lengths 1/k times the true ones, and the pictures fit as
+well as before: corners alone cannot show it. The nominal layout can, by two kinds of lengths: distances of the virtual
+centres, and the places of the mirrors' edges, which frames show at a direction from the pupil. Both follow from a
+device that deviates from its design as a hobbyist builds it, whose camera may sit elsewhere; the remaining common
+factor is the scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.assignment import likely_mirror
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import find_boards
+from mirrorcam.optics.calibration.detection.segmentation import SeenEdge
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
+from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import transform
 
 UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
 SAME_UNIT = 1.15  # ratio of the sizes, to that of two units
 OTHER_SIZE = 1.5  # ratio of the sizes, from which they do not differ by a print's scale
 AGREEING = 0.9  # correlation of where mirrors show the board with where they are
+BUILT = Tolerances.hobby()
+"""Standard deviations of a device from its layout, as a prior."""
+IN_PLANE_MM = 0.3  # of a mirror along its own plane, in a pocket of this clearance
+CUT_MM = 0.1  # all mirrors alike cut too large or too small: half of an uncompensated kerf
+EDGE_MM = 0.2  # one edge alone, cut and seen
+FAR_OFF = 2.0  # residual in sigmas from which an edge counts less: a mirror that was cut by hand
+ROUNDS = 20
+ALARM_SIGMAS, REFUSED = 3.5, 0.1
+NOTED_SIGMAS, NOTED = 2.0, 0.01
 
 
 def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
@@ -31,11 +51,11 @@ def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str 
     if ratio is None or 1.0 / OTHER_SIZE < ratio < OTHER_SIZE:
         return None
     side, what = (target.tag_mm, "tags") if isinstance(target, AprilGrid) else (target.square_mm, "squares")
-    said = f"board.toml says {what} of {side:g} mm, the pictures fit about"
+    stated = f"board.toml says {what} of {side:g} mm, the pictures fit about"
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < SAME_UNIT:
-            return f"{said} {side * factor:.3g} mm: were they measured in {unit}?"
-    return f"{said} {side * ratio:.2g} mm in this layout: is either of them of another device?"
+            return f"{stated} {side * factor:.3g} mm: were they measured in {unit}?"
+    return f"{stated} {side * ratio:.2g} mm in this layout: is either of them of another device?"
 
 
 def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:
@@ -70,3 +90,112 @@ def _middles(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatAr
         if pose is not None:
             found[mirror] = transform(pose, middle)[0]
     return found
+
+
+@dataclass(frozen=True)
+class CommonScale:
+    """All lengths relative to those of the nominal layout, and the standard deviation of this factor."""
+
+    factor: float
+    sigma: float
+
+    def beyond(self, sigmas: float, least: float) -> bool:
+        """Return whether it differs from 1 by more than `least` and by more than `sigmas` standard deviations."""
+        return abs(self.factor - 1.0) > max(least, sigmas * self.sigma)
+
+
+def common_scale(
+    layout: Layout, virtual_centres: FloatArray, edges: Sequence[Mapping[int, SeenEdge]] = ()
+) -> CommonScale:
+    """Determine the common scale of all lengths against the nominal layout.
+
+    Least squares over one factor, a shift and a turn of the camera, a shift along each mirror's plane, and one error of
+    the cut; shift along the normal and tilt of each mirror are errors of its virtual centre. Edges far off count less.
+    Where the device deviates more than its tolerances, the standard deviation grows accordingly.
+
+    Parameters
+    ----------
+    layout
+        The nominal layout.
+    virtual_centres
+        Those of the calibration (m, 3), in rig, mm.
+    edges
+        What the frames show of each mirror's edges, against its nominal outline at its calibrated plane.
+    """
+    seen = [(mirror, edge) for mirror, of_mirror in enumerate(edges) for edge in of_mirror.values()]
+    centre_rows, centres_off = _of_centres(layout, virtual_centres)
+    edge_rows = np.array([_of_edge(layout, mirror, edge) for mirror, edge in seen]).reshape(-1, centre_rows.shape[1])
+    edges_off = np.array([edge.off_mm / EDGE_MM for _, edge in seen])
+    prior = _prior(len(layout.mirrors))
+    rows = np.concatenate([centre_rows, edge_rows, prior])
+    off = np.concatenate([centres_off, edges_off, np.zeros(len(prior))])
+    free = slice(len(centres_off), len(centres_off) + len(seen))
+    weight = np.ones(len(off))
+    for _ in range(ROUNDS if seen else 1):
+        solution = np.linalg.lstsq(weight[:, None] * rows, weight * off, rcond=None)[0]
+        misfit = rows @ solution - off
+        weight[free] = 1.0 / np.sqrt(1.0 + (misfit[free] / FAR_OFF) ** 2)
+    misfit, rows = weight * misfit, weight[:, None] * rows
+    excess = max(1.0, float(np.sqrt(misfit @ misfit / max(len(centres_off) + len(seen) - 1, 1))))
+    return CommonScale(1.0 + float(solution[0]), excess * float(np.sqrt(np.linalg.inv(rows.T @ rows)[0, 0])))
+
+
+def _of_centres(layout: Layout, virtual_centres: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rows (3m, 8 + 2m) and values of the virtual centres, in standard deviations."""
+    nominal = layout.virtual_centres_in_rig_mm
+    count = len(nominal)
+    lengths = np.linalg.norm(nominal, axis=1)
+    normals = -nominal / lengths[:, None]
+    along = normals[:, :, None] * normals[:, None, :]
+    design = np.zeros((count, 3, 8 + 2 * count))
+    design[:, :, 0] = nominal
+    # A pupil that sits t away from where it should moves each virtual centre by -2 (n.t) n.
+    design[:, :, 1:4] = -2.0 * along
+    design[:, :, 4:7] = -np.stack([np.cross(axis, nominal) for axis in np.eye(3)], axis=2)
+    across = np.eye(3) - along
+    tilted = np.radians(BUILT.tilt_deg) * lengths
+    spread = (2.0 * BUILT.offset_mm) ** 2 * along + tilted[:, None, None] ** 2 * across
+    whiten = np.linalg.inv(np.linalg.cholesky(spread))
+    rows = (whiten @ design).reshape(3 * count, -1)
+    return rows, np.einsum("mij,mj->mi", whiten, virtual_centres - nominal).ravel()
+
+
+def _of_edge(layout: Layout, mirror: int, edge: SeenEdge) -> FloatArray:
+    """Row (8 + 2m,) of an edge's offset, in standard deviations."""
+    middle, outward = edge.middle_in_rig_mm, edge.outward_in_rig
+    row = np.zeros(8 + 2 * len(layout.mirrors))
+    row[0] = outward @ middle
+    row[1:4] = -outward
+    row[4:7] = -np.cross(middle, outward)  # -(axis x middle) . outward, of each axis
+    row[7] = 1.0
+    row[8 + 2 * mirror : 10 + 2 * mirror] = outward @ layout.mirrors[mirror].rig_from_plane[:3, :2]
+    return row / EDGE_MM
+
+
+def _prior(mirrors: int) -> FloatArray:
+    """Rows (7 + 2m, 8 + 2m) that hold all unknowns but the factor near zero."""
+    turn = np.radians(BUILT.camera_turn_deg)
+    sigmas = [*[BUILT.camera_offset_mm] * 3, *[turn] * 3, CUT_MM, *[IN_PLANE_MM] * (2 * mirrors)]
+    return np.eye(8 + 2 * mirrors)[1:] / np.array(sigmas)[:, None]
+
+
+def scale_doubt(
+    layout: Layout,
+    virtual_centres: FloatArray,
+    edges: Sequence[Mapping[int, SeenEdge]],
+    side_mm: float,
+    what: Literal["square", "tag"] = "square",
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Alarms and notes on the common scale; raises InputError where it is far off and the board must be another."""
+    scale = common_scale(layout, virtual_centres, edges)
+    fitting_mm, sigma_mm = side_mm / scale.factor, side_mm * scale.sigma / scale.factor**2
+    message = (
+        f"the board's {what}s look like {fitting_mm:.4g} ± {sigma_mm:.2g} mm, board.toml says {what}_mm = "
+        f"{side_mm:g}: all lengths come out {scale.factor:.3f} (±{scale.sigma:.3f}) times those of the nominal "
+        f"layout; measure the print, correct {what}_mm and calibrate again"
+    )
+    if scale.beyond(ALARM_SIGMAS, REFUSED):
+        raise InputError(message)
+    if scale.beyond(ALARM_SIGMAS, NOTED):
+        return (message,), ()
+    return ((), (message,)) if scale.beyond(NOTED_SIGMAS, NOTED) else ((), ())

@@ -1,14 +1,14 @@
 """The difference of two calibrations of one device, as pixels of each view, and what their covariances predict of it.
 
-After the projection difference of mrcal (Kogan). Two calibrations may place the rig differently in space: a common
-motion of all mirrors, or of the principal point, is nearly a motion of the scene. The rigid motion that makes the
-projections by B agree best with those by A, over points in the working volume, is taken out; the rest is what
-differs in a measurement.
+After the projection difference of mrcal and its implied transformation (Kogan). Two calibrations may place the rig
+differently in space: a common motion of all mirrors, or of the principal point, is nearly a motion of the scene. The
+rigid motion that makes the projections by B agree best with those by A, over points in the working volume, is taken
+out; the rest is what differs in a measurement.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,29 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.diagnostics.projection_motion import (
-    ROUNDING_PX,
-    best_motion,
-    by_motion,
-    without_motion,
-)
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    Projection,
+    ProjectedPoints,
     grid_px,
     outline_px,
     points_at_pixels,
-    project,
+    project_points,
     propagated,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
 from mirrorcam.optics.calibration.solver.residuals import global_names
-from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.optics.geometry.working_distance import VOLUME
 
 NOISE_RATIO = 2.5
 """Ratio of difference and sigma in the worst view that noise alone exceeds in one comparison of a hundred, or fewer."""
+UNLIKE = 3.0
+"""Views that differ by more than this many times the median view hardly count in the motion."""
+MOST_STEPS, STEADY_MM, ROUNDING_PX = 100, 1e-8, 1e-9
+ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Pixels (n, 2) of points (n, 3) in mm, each by its own view, and their derivatives (n, 2, 3) by the points, px/mm."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     kept = _shown(b, points.view, transform(b_from_a, points.in_a))
     points, weights = points.where(kept), weights[kept]
     moved = transform(b_from_a, points.in_a)
-    shown_a, shown_b = project(a, points.view, points.in_a), project(b, points.view, moved)
+    shown_a, shown_b = project_points(a, points.view, points.in_a), project_points(b, points.view, moved)
     motion_columns = by_motion(shown_b.by_point, moved, range_mm)
     covariance = sum(
         (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, shown_a), (b, shown_b))),
@@ -190,7 +189,7 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     )
 
 
-def _predicted(layout: Layout, shown: Projection, columns: FloatArray, weights: FloatArray) -> FloatArray:
+def _predicted(layout: Layout, shown: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
     """Covariances (n, 2, 2) of differences due to one layout's, where the motion follows; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
@@ -208,7 +207,7 @@ def _of_view(
     return ViewDifference(view, pixels, difference, shifts, covariance, np.sqrt(np.maximum(variances, 0.0)))
 
 
-def view_name(layout: Layout, view: int) -> str:
+def view_label(layout: Layout, view: int) -> str:
     """What people call a view."""
     return "direct view" if view == DIRECT else f"mirror {layout.mirror_names[view]}"
 
@@ -242,7 +241,7 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
         if (np.abs(found - middle) > (high - low) / 2.0).any():
             places = [f"({x:.0f}, {y:.0f})" for x, y in (middle, found)]
             raise InputError(
-                f"{view_name(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
+                f"{view_label(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
                 "expected two calibrations of one device"
             )
 
@@ -276,7 +275,7 @@ class _Points:
         points = points.where(_shown(a, points.view, points.in_a) & _shown(b, points.view, points.in_b))
         for view in _views(a):
             if not (points.on_map & (points.view == view)).any():
-                raise InputError(f"{view_name(a, view)} shows nothing {range_mm:g} mm away in both layouts")
+                raise InputError(f"{view_label(a, view)} shows nothing {range_mm:g} mm away in both layouts")
         return points
 
     def where(self, mask: NDArray[np.bool_]) -> _Points:
@@ -286,7 +285,7 @@ class _Points:
 
 def _shown(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
     """Which of points (n, 3) their views (n,) show: in front of the mirror and of the camera, and within the lens."""
-    seen = np.array(np.isfinite(project(layout, view, points_in_rig).pixels).all(axis=1))
+    seen = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
     for each in np.unique(view):
         at = view == each
         pixels = layout.camera.project(points_in_rig[at]) if each == DIRECT else layout.project(points_in_rig[at], each)
@@ -301,10 +300,10 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
     """
 
     def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = project(b, points.view, points_in_b)
+        found = project_points(b, points.view, points_in_b)
         return found.pixels, found.by_point
 
-    shown = project(a, points.view, points.in_a).pixels
+    shown = project_points(a, points.view, points.in_a).pixels
     return best_motion(shown, points.view, points.in_a, project_in_b, _nearest_motion(points))
 
 
@@ -313,3 +312,84 @@ def _nearest_motion(points: _Points) -> FloatArray:
     middle_a, middle_b = points.in_a.mean(axis=0), points.in_b.mean(axis=0)
     turn = Rotation.align_vectors(points.in_b - middle_b, points.in_a - middle_a)[0].as_matrix()
     return rigid(turn, middle_b - turn @ middle_a)
+
+
+def best_motion(
+    shown_px: FloatArray,
+    view: NDArray[np.int64],
+    points_in_a: FloatArray,
+    project_in_b: ProjectPoints,
+    start: FloatArray,
+    *,
+    scaled: bool = False,
+) -> tuple[FloatArray, FloatArray]:
+    """The motion b_from_a (4, 4) after which B shows points (n, 3) of A where A does, and their weights (n,) in it.
+
+    A weighted least squares of pixels, by Gauss and Newton. Weights are Geman and McClure's of the views' root mean
+    squares, so that one mirror that moved shows in its own view alone.
+
+    Parameters
+    ----------
+    shown_px
+        Pixels (n, 2) at which A shows the points.
+    view
+        The view (n,) of each point.
+    points_in_a
+        Points (n, 3), mm.
+    project_in_b
+        B's projection of points in its own rig, each by its view; NaN where B does not show one.
+    start
+        Motion (4, 4) to start from.
+    scaled
+        Whether B has no scale of its own: then the motion is a similarity.
+    """
+    b_from_a, weights = start, np.ones(len(shown_px))
+    lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())
+    for _ in range(MOST_STEPS):
+        moved = transform(b_from_a, points_in_a)
+        pixels, by_point = project_in_b(moved)
+        off = pixels - shown_px
+        kept = np.isfinite(off).all(axis=1) & np.isfinite(by_point).all(axis=(1, 2))
+        off[~kept], by_point[~kept] = 0.0, 0.0  # some may be behind a mirror on the way
+        weights = view_weights(off, view)
+        root = np.sqrt(weights)[:, None]
+        columns = by_motion(by_point, moved, lever_mm, scaled=scaled)
+        system = (root[:, :, None] * columns).reshape(-1, columns.shape[2])
+        step = np.linalg.lstsq(system, -(root * off).ravel(), rcond=None)[0]
+        turn, middle = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
+        if scaled:
+            turn *= np.exp(step[6] / lever_mm)
+        b_from_a = rigid(turn, middle + step[3:6] - turn @ middle) @ b_from_a
+        if np.abs(step).max() < STEADY_MM:
+            break
+    return b_from_a, weights
+
+
+def view_weights(off_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
+    """Weights (n,) of points with differences (n, 2), one for each view."""
+    views, place = np.unique(view, return_inverse=True)
+    rms = np.array([np.sqrt(np.mean(off_px[view == each] ** 2)) for each in views])
+    usual = UNLIKE * max(float(np.median(rms)), ROUNDING_PX)
+    return np.asarray((1.0 / (1.0 + (rms / usual) ** 2) ** 2)[place])
+
+
+def by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
+    """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm; (n, 2, 7) with a scale.
+
+    The first three are of a rotation about the points' middle, in mm at the lever, the next of a shift, the last of a
+    scale about the middle, in mm at the lever.
+    """
+    from_middle = (points - points.mean(axis=0)) / lever_mm
+    by_turn = np.cross(from_middle[:, None, :], by_point)  # J (w x p) = w . (p x J)
+    parts = [by_turn, by_point]
+    if scaled:
+        parts.append(np.einsum("nij,nj->ni", by_point, from_middle)[:, :, None])
+    return np.concatenate(parts, axis=2)
+
+
+def without_motion(by_parameter: FloatArray, columns: FloatArray, weights: FloatArray) -> FloatArray:
+    """Derivatives (n, 2, g) of differences by parameters, where the motion (n, 2, 6 or 7) follows the parameters."""
+    root = np.repeat(np.sqrt(weights), 2)[:, None]
+    flat = by_parameter.reshape(-1, by_parameter.shape[-1])
+    follows = np.linalg.lstsq(root * columns.reshape(-1, columns.shape[-1]), root * flat, rcond=None)[0]
+    return by_parameter - columns @ follows

@@ -8,16 +8,18 @@ from typing import Self
 
 import numpy as np
 
+from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.cross_validation import held_out
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
+from mirrorcam.optics.calibration.diagnostics.model_comparison import held_out
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+from mirrorcam.optics.geometry.mirror import Mirror
 
 HOLD_OUT_EVERY = 5
 
@@ -47,7 +49,7 @@ class Calibration:
     pictures
         Name of the picture of each frame (f).
     residual_scale
-        Standard deviation of residuals in those that the observations state; None where only residuals tell it.
+        Standard deviation of residuals in those that the observations state; None where only residuals give it.
     """
 
     layout: Layout
@@ -214,3 +216,37 @@ def held_out_metrics(
         "held_out_outliers": Metric(value=int((~left.inliers).sum()), unit="1"),
         "held_out_spatial_rms_mm": Metric(value=spatial, unit="mm"),
     }
+
+
+def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
+    """A nominal layout with the camera, planes, plates and curvatures of an estimate, without figures.
+
+    A plate that comes out as none, which raises an alarm, is as thin as a layout can have it.
+    """
+    thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.least)
+    mirrors = tuple(
+        moved_to(mirror, centre).replaced(
+            thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
+        )
+        for mirror, centre, thickness, curvature in zip(
+            layout.mirrors,
+            estimate.virtual_centres_in_rig_mm,
+            thickness_mm.tolist(),
+            estimate.curvature_per_m,
+            strict=True,
+        )
+    )
+    return layout.replaced(kind="calibrated", camera=estimate.camera, mirrors=mirrors, metrics={}, verdict={})
+
+
+def moved_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
+    """The mirror as a rigid body, moved the shortest way (tilt, then shift along the normal) to a measured plane."""
+    normal = -virtual_centre / np.linalg.norm(virtual_centre)
+    axis = np.cross(mirror.normal_in_rig, normal)
+    cosine = float(mirror.normal_in_rig @ normal)
+    # Rodrigues' formula with sine and axis in one vector; the planes are never opposite.
+    skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    rotation = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    middle = mirror.outline_in_rig_mm.mean(axis=0)
+    distance = float(np.linalg.norm(virtual_centre)) / 2.0
+    return mirror.moved(rotation, (-distance - normal @ middle) * normal)

@@ -7,19 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty, depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
-from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty, mirror_uncertainty
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
+    MirrorUncertainty,
+    WeakDirection,
+    mirror_uncertainty,
+    weak_directions,
+)
 from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, OtherSurface
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    DepthUncertainty,
     ProjectionMap,
+    depth_uncertainty,
+    median_distance_mm,
     projection_map,
     uncertainty_of,
-    working_range_mm,
 )
 from mirrorcam.optics.calibration.diagnostics.split_half import Split, splits
-from mirrorcam.optics.calibration.diagnostics.weak_directions import WeakDirection, weak_directions
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import points_at_camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -142,7 +147,7 @@ def diagnose(
     solution = selection.solution
     mirrored = observations.view != DIRECT
     _, in_rig, _ = points_at_camera(solution.estimate, observations, selection.model.board)
-    range_mm = working_range_mm(layout, in_rig[mirrored], observations.view[mirrored])
+    range_mm = median_distance_mm(layout, in_rig[mirrored], observations.view[mirrored])
     reference = reference_of(observations, layout)
     middle = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})

@@ -1,14 +1,28 @@
-"""Uncertainty of the mirrors' planes: of each alone, of all together, and of each relative to the others."""
+"""Uncertainty of the mirrors' planes, alone, together and relative, and the least determined directions by name."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
+    grid_px,
+    points_at_pixels,
+    project_points,
+    uncertainty_of,
+    worst_sigmas,
+)
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
+
+MOTIONS_NAMED = 3
+SUFFICIENT_SHARE = 0.9
+"""Motions are added to a description until they make up this share of the direction."""
+MIN_SHARE = 0.02
+"""A further motion is added only if it makes up this much more."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +51,7 @@ class MirrorUncertainty:
     relative_distance_mm: FloatArray
 
 
-def rigid_motions(layout: Layout) -> FloatArray:
+def rigid_motion_derivatives(layout: Layout) -> FloatArray:
     """Derivatives (3 m, 6) of the virtual centres by a motion of all mirrors as one body, mm per rad and mm per mm.
 
     The rotation (columns 0 to 2) is about the rig's axes through the middle of the mirrors, the shift (3 to 5) along
@@ -90,7 +104,9 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
         weights[rows, rows] = lever_mm * (np.eye(3) - along) / (2.0 * mirror.distance_mm) + along / 2.0
     # In units of mm at the lever the six columns are of one size, so that the cut-off of pinv means something.
     scale = np.array([lever_mm] * 3 + [1.0] * 3)
-    return np.asarray(np.linalg.pinv(weights @ rigid_motions(layout) / scale, rcond=1e-6) @ weights / scale[:, None])
+    return np.asarray(
+        np.linalg.pinv(weights @ rigid_motion_derivatives(layout) / scale, rcond=1e-6) @ weights / scale[:, None]
+    )
 
 
 def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
@@ -100,7 +116,7 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
     normal, distance = normal_and_distance_sigmas(centres, covariance)
     common = common_motion(layout, lever_mm=lever_mm)
     of_common = np.sqrt(np.maximum(np.diag(common @ covariance @ common.T), 0.0))
-    rest = np.eye(len(covariance)) - rigid_motions(layout) @ common
+    rest = np.eye(len(covariance)) - rigid_motion_derivatives(layout) @ common
     relative_normal, relative_distance = normal_and_distance_sigmas(centres, rest @ covariance @ rest.T)
     return MirrorUncertainty(
         normal_deg=np.degrees(normal),
@@ -110,3 +126,176 @@ def mirror_uncertainty(layout: Layout, *, lever_mm: float) -> MirrorUncertainty:
         relative_normal_deg=np.degrees(relative_normal),
         relative_distance_mm=relative_distance,
     )
+
+
+@dataclass(frozen=True)
+class NamedMotion:
+    """A change of parameters that has a name: `name` in words, `change` (g,) of the parameters by one `unit`."""
+
+    name: str
+    unit: str
+    change: FloatArray
+
+
+@dataclass(frozen=True)
+class WeakDirection:
+    """One principal direction of the covariance.
+
+    Attributes
+    ----------
+    words
+        Its description.
+    sigmas
+        Its standard deviation in each motion of the description, as (name, value, unit).
+    share
+        Fraction of the direction (0 to 1) that these motions make up.
+    apart_px
+        Root mean square shift of the pixels of all views by one standard deviation, if each parameter acted alone.
+    together_px
+        The actual shift: the smaller it is relative to `apart_px`, the more the parameters compensate each other.
+    """
+
+    words: str
+    sigmas: tuple[tuple[str, float, str], ...]
+    share: float
+    apart_px: float
+    together_px: float
+
+
+def motions_of(layout: Layout) -> list[NamedMotion]:
+    """The motions with a name that the layout's parameters can make, the simplest first."""
+    parameters = _Parameters(uncertainty_of(layout).parameters)
+    has_mirrors = "mirror 0 x_mm" in parameters.names
+    found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
+    found += _camera_motions(layout.camera, parameters)
+    if "sheet_mm" in parameters.names:
+        found.append(NamedMotion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
+    for m in range(len(layout.mirrors) if has_mirrors else 0):
+        found += _mirror_motions(layout, m, parameters)
+    return found
+
+
+@dataclass(frozen=True)
+class _Parameters:
+    """Parameters by name, and changes (g,) of them."""
+
+    names: tuple[str, ...]
+
+    def change(self, parts: dict[str, float]) -> FloatArray:
+        vector = np.zeros(len(self.names))
+        for name, value in parts.items():
+            vector[self.names.index(name)] = value
+        return vector
+
+    def centres(self, moved: FloatArray) -> FloatArray:
+        """The change by which all virtual centres move by (3 m,) mm."""
+        rows = enumerate(moved.reshape(-1, 3))
+        return self.change({f"mirror {m} {axis}_mm": row[k] for m, row in rows for k, axis in enumerate("xyz")})
+
+
+def _common_motions(layout: Layout, parameters: _Parameters) -> list[NamedMotion]:
+    """Motions of all mirrors as one body, and away from the camera."""
+    body = rigid_motion_derivatives(layout)
+    turns = [
+        NamedMotion(f"all mirrors together about {axis}", "deg", parameters.centres(np.radians(1.0) * body[:, k]))
+        for k, axis in enumerate("xyz")
+    ]
+    shifts = [
+        NamedMotion(f"all mirrors together along {axis}", "mm", parameters.centres(body[:, 3 + k]))
+        for k, axis in enumerate("xyz")
+    ]
+    away = np.concatenate([-2.0 * mirror.normal_in_rig for mirror in layout.mirrors])
+    return [*turns, *shifts, NamedMotion("all mirrors away from the camera", "mm", parameters.centres(away))]
+
+
+def _camera_motions(camera: Camera, parameters: _Parameters) -> list[NamedMotion]:
+    numbers = sorted(name for name in camera.lens.names if not name.startswith("field "))
+    named = [
+        ("focal length", "px", {"fx_px": 1.0, "fy_px": 1.0}),
+        ("shape of a pixel", "px", {"fx_px": 0.5, "fy_px": -0.5}),
+        ("principal point in x", "px", {"cx_px": 1.0}),
+        ("principal point in y", "px", {"cy_px": 1.0}),
+        *((f"lens distortion {name}", "", {name: 1.0}) for name in numbers),
+    ]
+    free = set(parameters.names)
+    return [NamedMotion(words, unit, parameters.change(parts)) for words, unit, parts in named if parts.keys() <= free]
+
+
+def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[NamedMotion]:
+    """Rotations of one mirror about the middle of its outline, its shift along the normal, and its bends."""
+    mirror, name, found = layout.mirrors[m], layout.mirror_names[m], []
+    x, y, n = mirror.rig_from_plane[:3, :3].T
+    for axis, words in ((x, "about its x"), (y, "about its y")):
+        moved = np.zeros(3 * len(layout.mirrors))
+        # With o the middle of the outline: dd = w.(o x n), dn = w x n, c = -2 d n.
+        o = mirror.outline_in_rig_mm.mean(axis=0)
+        turn = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
+        moved[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * turn
+        found.append(NamedMotion(f"mirror {name} {words}", "deg", parameters.centres(moved)))
+    moved = np.zeros(3 * len(layout.mirrors))
+    moved[3 * m : 3 * m + 3] = -2.0 * n
+    found.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(moved)))
+    for axes, words in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
+        if (parameter := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
+            found.append(NamedMotion(f"bend of mirror {name} {words}", "1/m", parameters.change({parameter: 1.0})))
+    return found
+
+
+def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple[WeakDirection, ...]:
+    """The `count` least determined directions of a calibrated layout, weakest first.
+
+    Principal axes of the covariance in pixels: each parameter is scaled by the root mean square shift that it alone
+    causes, over all views and points `range_mm` from them. A direction is described by orthogonal matching pursuit over
+    `motions_of`.
+    """
+    derivatives = np.concatenate(
+        [
+            project_points(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).by_parameter
+            for view in range(len(layout.mirrors))
+        ]
+    )
+    derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
+    scale = np.linalg.norm(derivatives, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)  # nothing that is shown depends on some numbers of a field
+    covariance = uncertainty_of(layout).covariance * np.outer(scale, scale)
+    variances, axes = np.linalg.eigh(covariance)
+    motions = motions_of(layout)
+    directions = []
+    for k in range(len(variances) - 1, max(len(variances) - 1 - count, -1), -1):
+        sigma = float(np.sqrt(max(variances[k], 0.0)))
+        together = float(np.linalg.norm(derivatives @ (sigma * axes[:, k] / scale)))
+        chosen, amounts, share = _named(axes[:, k], [motion.change * scale for motion in motions])
+        parts = tuple(
+            (motions[i].name, sigma * abs(float(amount)), motions[i].unit)
+            for i, amount in zip(chosen, amounts, strict=True)
+        )
+        directions.append(WeakDirection(_words([name for name, _, _ in parts]), parts, share, sigma, together))
+    return tuple(directions)
+
+
+def _named(axis: FloatArray, dictionary: Sequence[FloatArray]) -> tuple[list[int], FloatArray, float]:
+    """Entries of a dictionary that approximate a unit vector, their amounts, and the share of it they make up."""
+    lengths = np.array([np.linalg.norm(entry) for entry in dictionary])
+    units = np.array(dictionary) / lengths[:, None]
+    chosen: list[int] = []
+    amounts, share = np.zeros(0), 0.0
+    while len(chosen) < MOTIONS_NAMED and share < SUFFICIENT_SHARE:
+        best, best_amounts, best_share = -1, amounts, share
+        for i in range(len(units)):
+            if i in chosen:
+                continue
+            columns = units[[*chosen, i]].T
+            fitted, *_ = np.linalg.lstsq(columns, axis, rcond=1e-6)
+            explained = 1.0 - float(np.sum((axis - columns @ fitted) ** 2))
+            # A later, more special motion must be better by more than rounding.
+            if explained > best_share + 1e-9:
+                best, best_amounts, best_share = i, fitted, explained
+        if best < 0 or (chosen and best_share - share < MIN_SHARE):
+            break
+        chosen.append(best)
+        amounts, share = best_amounts, best_share
+    return chosen, amounts / lengths[chosen], share
+
+
+def _words(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{names[0]} against {' and '.join(names[1:])}"

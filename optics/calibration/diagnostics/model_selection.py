@@ -6,24 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.error_correlation import correlated_errors
+from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
-from mirrorcam.optics.calibration.diagnostics.lens_additions import LENS_ADDITIONS, further_lenses
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     SUPPORTED_CHANCE,
     ModelComparison,
     compare,
     compare_likelihood,
     cross_validated,
-    smallest,
+    smallest_model,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
+    LENS_ADDITIONS,
     PLATE_INDEX,
     Fitted,
     fit_as,
     fit_with,
     foreseen_gain,
+    further_lenses,
     joint_model,
     paper_model,
     plate_thickness,
@@ -151,7 +152,7 @@ def select_model(
         Where plates are requested that the layout does not have.
     """
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
-    comparisons = [smallest(paper)]
+    comparisons = [smallest_model(paper)]
     try:
         start = paper.solution.estimate
         current = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm, prior))

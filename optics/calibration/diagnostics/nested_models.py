@@ -4,32 +4,30 @@
 `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of the
 board. `bow`: a board that bows otherwise in each frame. `turn`: a camera that yields between frames. `board`: free
 corners of the board. `turn` and `board` need a board that is seen directly and in mirrors at once. `rational`, `prism`:
-further numbers of the lens; `spline`: a field over the view; `fisheye`: another lens (`lens_additions`).
+further numbers of the lens; `spline`: a field over the view; `fisheye`: another lens (`LENS_ADDITIONS`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from scipy.stats import chi2
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.lens_additions import (
-    LENS_ADDITIONS,
-    free_intrinsics,
-    further_lenses,
-    with_addition,
-)
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations, residuals_of
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.lenses.families import LensName
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens
 from mirrorcam.optics.geometry.plate import rise_mm
 
-ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
 PRIOR_ROUNDS = 3
 """Fits after which the width of a prior, which follows the fit, changes no more."""
 TURN_PX = 0.5
@@ -46,6 +44,20 @@ PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """The plate to start from where the layout has first-surface mirrors; its index is that of acrylic."""
 THIN, GLASS_INDEX = 0.01, 1.52
 """Thickness relative to the mirrors' mean distance, and index of soda-lime glass, where there is no layout."""
+LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
+    {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
+)
+"""Additions by the lens model that has their numbers. A fisheye is no larger lens but another one."""
+ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
+_FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
+    {
+        "brown_conrady": ("rational", "prism", "fisheye", "spline"),
+        "rational": ("prism",),
+        "thin_prism": (),
+        "fisheye": (),
+        "spline": (),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -224,3 +236,24 @@ def plate_thickness(fitted: Fitted) -> tuple[float, float]:
     thickness = fitted.solution.estimate.thickness_mm
     sigma = float(np.sqrt(fitted.solution.covariance[place, place]))
     return float(thickness[thickness > 0.0].min()), sigma
+
+
+def further_lenses(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
+    """The additions to the lens of a camera that a model with some additions leaves."""
+    if camera.lens_model == "thin_prism" and "prism" in additions and "rational" not in additions:
+        return ("rational",)
+    return tuple(name for name in _FURTHER[camera.lens_model] if name not in additions)
+
+
+def with_addition(camera: Camera, addition: str) -> Camera:
+    """The camera in the lens model of an addition: the same one, except for a fisheye, which is the nearest."""
+    model = LENS_ADDITIONS[addition]
+    if model == "fisheye":
+        return nearest_lens(camera, model, whole_picture(camera))[0]
+    return camera if addition == "rational" and camera.lens_model == "thin_prism" else with_lens(camera, model)
+
+
+def free_intrinsics(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
+    """Names of the intrinsics that a model with some additions frees: all, or those without a quotient's divisor."""
+    without_divisor = "prism" in additions and "rational" not in additions
+    return tuple(name for name in camera.intrinsic_names if not (without_divisor and name in {"k4", "k5", "k6"}))

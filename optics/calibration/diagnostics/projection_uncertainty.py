@@ -1,4 +1,4 @@
-"""Projection uncertainty: the covariance of a calibration, propagated to the pixels of each view.
+"""The covariance of a calibration, propagated to the pixels of each view and to triangulated depth.
 
 After the projection uncertainty of mrcal (Kogan). The frame is the rig, which is the camera's own: pinhole, optical
 axis and pixel axes define it, and the board's poses, free in the fit, are marginalised. The rig's own pose is therefore
@@ -28,7 +28,7 @@ GRID = 9
 
 
 @dataclass(frozen=True)
-class Projection:
+class ProjectedPoints:
     """Projections of points by one view, with derivatives.
 
     Attributes
@@ -93,7 +93,7 @@ def uncertainty_of(layout: Layout) -> Uncertainty:
     return layout.uncertainty
 
 
-def project(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> Projection:
+def project_points(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> ProjectedPoints:
     """Project points (n, 3) mm in rig by a view (a mirror, or DIRECT) or one view (n,) each.
 
     The model is the one that the solver fits. A layout without covariance has no parameters.
@@ -106,7 +106,7 @@ def project(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatA
     pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
     names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     place = {name: k for k, name in enumerate(names)}
-    return Projection(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
+    return ProjectedPoints(pixels, by_global[:, :, [place[name] for name in known]], by_frame[:, :, 3:6])
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:
@@ -148,7 +148,7 @@ def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArra
 
     Their pixels in the reference view and their distance from its virtual centre are held.
     """
-    seen = project(layout, reference, points_in_rig)
+    seen = project_points(layout, reference, points_in_rig)
     along = points_in_rig - virtual_centre(layout, reference)
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     by_centre = centre_derivatives(layout, reference)
@@ -177,7 +177,7 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
     at = grid_px(layout, view)
     points = points_at_pixels(layout, view, at, range_mm)
     covariance = uncertainty_of(layout).covariance
-    shown = project(layout, view, points)
+    shown = project_points(layout, view, points)
     relative = shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
     return ProjectionMap(
         view=view,
@@ -193,7 +193,93 @@ def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 
 
-def working_range_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
+def median_distance_mm(layout: Layout, points_in_rig: FloatArray, views: NDArray[np.int64]) -> float:
     """Median distance of observed points (n, 3) mm from the virtual centre of the view (n,) that shows each."""
     centres = np.array([virtual_centre(layout, view) for view in (*range(len(layout.mirrors)), DIRECT)])
     return float(np.median(np.linalg.norm(points_in_rig - centres[views], axis=1)))
+
+
+@dataclass(frozen=True)
+class DepthUncertainty:
+    """Standard deviations of the distance of a triangulated point from the reference view.
+
+    Attributes
+    ----------
+    range_mm
+        Distances (k,) of the point.
+    matching_mm
+        Standard deviations (k,) by matching noise; NaN where fewer than two views show the point.
+    calibration_mm
+        Standard deviations (k,) by the calibration; NaN likewise.
+    views
+        Number of views (k,) that show the point.
+    at_px
+        Pixel (2,) of the reference view at which the point appears.
+    matching_px
+        Standard deviation of the matching noise, per axis and view.
+    """
+
+    range_mm: FloatArray
+    matching_mm: FloatArray
+    calibration_mm: FloatArray
+    views: NDArray[np.int64]
+    at_px: FloatArray
+    matching_px: float
+
+    @property
+    def total_mm(self) -> FloatArray:
+        """Both together (k,), as the two are independent."""
+        return np.hypot(self.matching_mm, self.calibration_mm)
+
+
+def depth_uncertainty(
+    layout: Layout, ranges_mm: FloatArray, *, reference: int, at_px: FloatArray, matching_px: float
+) -> DepthUncertainty:
+    """Propagate matching noise and a calibration's covariance to triangulated distances.
+
+    Least squares over the pixels q of all views: dX = -(J^T J)^-1 J^T (noise + G dp) with J = dq/dX and G = dq/dp. The
+    distance is measured from the virtual centre of the reference view, so that a motion of the whole rig changes
+    nothing.
+
+    Parameters
+    ----------
+    layout
+        A calibrated layout, with covariance.
+    ranges_mm
+        Distances (k,).
+    reference
+        The reference view: a mirror's index, or DIRECT.
+    at_px
+        Pixel (2,) of the reference view at which the points appear.
+    matching_px
+        Standard deviation of the matching noise, per axis and view.
+    """
+    which = sorted({reference, *range(len(layout.mirrors))})
+    outlines = [Polygon(outline_px(layout, view)) for view in which]
+    points = np.concatenate([points_at_pixels(layout, reference, at_px[None], float(r)) for r in ranges_mm])
+    shown = [project_points(layout, view, points) for view in which]
+    centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
+    covariance = uncertainty_of(layout).covariance
+    matching, calibration, views = [], [], []
+    for k, point in enumerate(points):
+        seen = [s for s, outline in zip(shown, outlines, strict=True) if contains_xy(outline, *s.pixels[k])]
+        views.append(len(seen))
+        if len(seen) < 2:
+            matching.append(np.nan)
+            calibration.append(np.nan)
+            continue
+        by_point = np.concatenate([s.by_point[k] for s in seen])
+        by_parameter = np.concatenate([s.by_parameter[k] for s in seen])
+        along = (point - centre) / np.linalg.norm(point - centre)
+        by_pixels = along @ np.linalg.pinv(by_point)
+        by_calibration = -by_pixels @ by_parameter - along @ by_centre
+        matching.append(matching_px * float(np.linalg.norm(by_pixels)))
+        calibration.append(float(np.sqrt(by_calibration @ covariance @ by_calibration)))
+    return DepthUncertainty(
+        range_mm=np.array(ranges_mm, dtype=np.float64),
+        matching_mm=np.array(matching),
+        calibration_mm=np.array(calibration),
+        views=np.array(views),
+        at_px=at_px,
+        matching_px=matching_px,
+    )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
 ADDITIONS = ("sheet", "bend", "warp", "bow", "prism")

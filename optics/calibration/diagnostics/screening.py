@@ -13,17 +13,16 @@ import numpy as np
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
-from mirrorcam.optics.calibration.diagnostics.lens_additions import (
+from mirrorcam.optics.calibration.diagnostics.nested_models import (
     free_intrinsics,
     further_lenses,
+    joint_model,
     with_addition,
 )
-from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
-from mirrorcam.optics.calibration.solver.mirror_pair import pair_prior
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
+from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -79,7 +78,7 @@ def screen(
     names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
     frames = [*seen, *base]
     notes = []
-    for again, first in consistency.repeats(frames).items():
+    for again, first in consistency.repeated_frames(frames).items():
         frames[again] = Observations.none()
         notes.append(f"{names[again]}: the same picture as {names[first]}, not used")
 
@@ -118,7 +117,7 @@ def _agreeing(
     estimate, _ = start_robustly(paper, packed, free)
     numbers = np.unique(mirrored.frame)
     left = residuals(estimate, packed, free.board)
-    kept, notes = consistency.agreeing_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
+    kept, notes = consistency.consistent_views(packed, left, [names[n] for n in numbers], layout.mirror_names)
     mirrored = with_noise_of_views(mirrored.where(kept), left[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes

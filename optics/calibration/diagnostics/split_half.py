@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.cross_validation import (
+from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     balanced_folds,
     frames_of,
     is_mirrored,
@@ -20,7 +20,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     derivatives_held_in,
     grid_px,
     points_at_pixels,
-    project,
+    project_points,
     uncertainty_of,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, fit
@@ -175,7 +175,7 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
 def _shown(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
     """Derivatives (n, 2, g) of a view's pixels by the parameters: of points held in rig, and in the reference view."""
     points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
-    shown = project(layout, view, points)
+    shown = project_points(layout, view, points)
     return shown.by_parameter, shown.by_parameter + shown.by_point @ derivatives_held_in(layout, reference, points)
 
 

@@ -58,7 +58,7 @@ class ViewFigures:
         return float((self.cell_counts > 0).mean())
 
 
-def outline_px(layout: Layout, view: int) -> FloatArray:
+def view_outline_px(layout: Layout, view: int) -> FloatArray:
     """A view's sub-image (n, 2) on the sensor; of the view without a mirror all of the sensor."""
     if view != DIRECT:
         return layout.outline_px(view)
@@ -78,7 +78,7 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
     seen, inliers = calibration.observations, calibration.inliers
     of_view = seen.view == view
     used = of_view & inliers
-    outline = outline_px(calibration.layout, view)
+    outline = view_outline_px(calibration.layout, view)
     cells = _cells(outline)
     pixels = seen.pixels[used]
     inside = [((pixels >= cell[:2]) & (pixels < cell[2:])).all(axis=1).sum() for cell in cells]

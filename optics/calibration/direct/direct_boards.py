@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.calibration.detection.charuco import find_boards as find_with_markers
+from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
+from mirrorcam.optics.calibration.detection.detections import SeenGrid
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.detection.seen_grid import SeenGrid
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_estimate
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_direct_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MOST_FLIPPED = 0.003  # of the picture's diagonal, rms of the corners of flipped pictures to their first estimate
 NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances of boards that cameras with mirrors see sharp
-MOST_NUMBERINGS = 8  # of a board of which a part is visible, for it to tell where the mirrors are
+MOST_NUMBERINGS = 8  # of a partly visible board, for it to help locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as those of a selfie camera: switch that off, or flip them all back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as where cols and rows are exchanged in board.toml: its "
@@ -81,7 +81,7 @@ def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mi
 
 
 def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:
-    """ChArUco boards and AprilGrids, whose markers tell whether they are seen in a mirror."""
+    """ChArUco boards and AprilGrids, whose markers show whether they are seen in a mirror."""
     direct, image = (
         [board for board in find_with_markers(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
         for mirrored in (False, True)
@@ -114,7 +114,7 @@ def negative(picture: Grey) -> Grey:
 def start_of(
     boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> tuple[Start, bool]:
-    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry tells.
+    """The first estimate, and whether the print has black and white exchanged, which the mirrors' geometry decides.
 
     Of a board whose numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
     InputError where the boards do not determine the camera, or show fewer mirrors.
@@ -132,7 +132,7 @@ def start_of(
         if not any(found):
             continue
         try:
-            start = first_estimate(
+            start = first_direct_estimate(
                 found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
             )
             starts.append((start, inverted))

@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
-from mirrorcam.optics.calibration.direct.rolling_shutter import Shutter
+from mirrorcam.optics.calibration.direct.motion import Shutter
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate

@@ -14,7 +14,8 @@ from math import comb
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
@@ -83,7 +84,7 @@ class _PosedBoard:
         return (self.direct or self.image)[0].points
 
 
-def first_estimate(
+def first_direct_estimate(
     found: Sequence[Sequence[FoundBoard]],
     corners_in_board_mm: FloatArray,
     *,
@@ -93,7 +94,7 @@ def first_estimate(
 ) -> Start:
     """Camera, planes and poses from the boards detected in each picture.
 
-    Boards that bow, or are all tilted alike, tell a wrong camera or none: several are tried, and that one is used whose
+    Boards that bow, or are all tilted alike, give a wrong camera or none: several are tried, and that one is used whose
     mirrors and boards explain the corners best.
 
     Raises InputError where the boards do not determine the camera, or show fewer mirrors.

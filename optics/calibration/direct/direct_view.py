@@ -14,16 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text, names_together
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_telling
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest_model
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     Fitted,
@@ -31,7 +32,6 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     fit_with,
 )
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
-from mirrorcam.optics.calibration.direct.camera_motion import camera_rotations, stabilised
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
@@ -45,8 +45,14 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     start_of,
 )
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.motion import (
+    at_middle_row,
+    camera_rotations,
+    corner_velocities,
+    rolling_shutter,
+    stabilised,
+)
 from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
-from mirrorcam.optics.calibration.direct.rolling_shutter import at_middle_row, corner_velocities, rolling_shutter
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
@@ -257,7 +263,7 @@ def select_direct_model(
     drawn
         The fit of the same mirrors and camera with the board as drawn, in all frames.
     """
-    comparisons, current = [smallest(flat)], flat
+    comparisons, current = [smallest_model(flat)], flat
     for name in model.additions:
         larger = fit_with("plates" if name == "sheet" else name, current, observations)
         comparisons.append(compare(larger, current, observations))

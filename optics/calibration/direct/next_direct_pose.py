@@ -1,4 +1,4 @@
-"""Next best view where the board is also seen directly: with no layout, pictures so far tell what can be seen.
+"""Next best view where the board is also seen directly: with no layout, the pictures so far show what can be seen.
 
 The poses to choose from are those of pictures so far, tilted, moved, nearer and farther. A mirror is taken to show
 somewhat more than the corners that were seen in it.
@@ -22,9 +22,9 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     NextPose,
     NextPosePlanner,
     Placement,
-    joint_model,
     moved_in_words,
     place_in_words,
+    planning_model,
     shown_in,
     tilt_in_words,
 )
@@ -87,7 +87,7 @@ def next_direct_pose(
         return None
     planner = NextPosePlanner(
         plain,
-        joint_model(intrinsics, target),
+        planning_model(intrinsics, target),
         [*lens, *np.repeat(CENTRE * np.linalg.norm(centres, axis=1), 3)],
         [_name(camera, observations, mirror) for mirror in range(len(centres))],
         placements,
@@ -126,8 +126,8 @@ def _placements(
             seen = _seen(start, pose, regions, target)
             if len(seen):
                 changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), moved_in_words(x, y)]
-                said = ", ".join(change for change in changes if change)
-                words = f"the board as in {pictures[frame]}, {'but ' + said if said else 'once more'}"
+                change_text = ", ".join(change for change in changes if change)
+                words = f"the board as in {pictures[frame]}, {'but ' + change_text if change_text else 'once more'}"
                 yield Placement(pose, depth_mm, tilt, words, seen)
 
 

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera

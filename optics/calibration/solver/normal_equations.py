@@ -17,7 +17,13 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, Linearized, linearized, mirrors_of_views
+from mirrorcam.optics.calibration.solver.residuals import (
+    Board,
+    Estimate,
+    LinearizedResiduals,
+    linearized,
+    mirrors_of_views,
+)
 from mirrorcam.optics.geometry.mirror_imaging import images
 
 ROWS_AT_ONCE = 4096
@@ -273,13 +279,13 @@ def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     return np.repeat(turns[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 
 
-def _by_modes(at: Linearized, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
+def _by_modes(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
     """Derivatives (2, k, n) by the modes (k, n, 3) of the corners."""
     by_board = _by_board(at, estimate, chunk)
     return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
 
 
-def _by_board(at: Linearized, estimate: Estimate, chunk: Chunk) -> FloatArray:
+def _by_board(at: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
     """Derivatives (2, 3, n) by the corners in the frame of the board."""
     by_board = np.empty_like(at.corner)
     for frame, first, last in chunk.runs:

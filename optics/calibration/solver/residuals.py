@@ -257,7 +257,7 @@ def residuals(estimate: Estimate, observations: Observations, board: Board) -> F
 
 
 @dataclass(frozen=True)
-class Linearized:
+class LinearizedResiduals:
     """Predicted pixels (2, n) and their derivatives, component first.
 
     The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
@@ -283,7 +283,7 @@ def linearized(
     *,
     bent: bool,
     camera_from_rig: FloatArray | None = None,
-) -> Linearized:
+) -> LinearizedResiduals:
     """Linearise the projection of corners through mirrors, or directly.
 
     Parameters
@@ -309,7 +309,7 @@ def linearized(
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
     change = ImageDerivatives(rows, none, none, none) if found is None else found.vjp(rows)
-    return Linearized(
+    return LinearizedResiduals(
         pixels.T,
         by_intrinsics.transpose(1, 2, 0),
         change.centre,

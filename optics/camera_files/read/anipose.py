@@ -13,15 +13,15 @@ from typing import Any
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import tables_of
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures, RigCamera, numbers_of, size_of
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip, RigCamera, numbers_of, size_of
 from mirrorcam.optics.camera_files.read.file_text import entry, read_text, table
 from mirrorcam.optics.camera_files.read.opencv import lens_of
 from mirrorcam.optics.camera_files.write.pose_cameras import DIRECT, FFMPEG
 from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT, SUFFIX = "anipose", ".toml"
-FLIPS: dict[str, Pictures] = {"hflip": "left-right", "vflip": "top-bottom"}
+FLIPS: dict[str, PictureFlip] = {"hflip": "left-right", "vflip": "top-bottom"}
 _MADE = re.compile(
     rf"^# pictures of this camera: (?:{re.escape(FFMPEG)}|ffmpeg -i FRAMES) "  # the latter in files of 0.2.0
     r"-vf (?:(hflip|vflip),)?crop=\d+:\d+:(\d{1,5}):(\d{1,5}) "

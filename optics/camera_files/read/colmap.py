@@ -3,26 +3,63 @@
 A model has no scale of its own, and pixel (0, 0) of ours is at (0.5, 0.5) of COLMAP's. Cameras are told apart by the
 folders of their pictures, such as `view_0_1/0000.png`. Poses are those of a rig of several cameras where there is
 one, else of the picture that most cameras have.
+
+Nothing in the files is trusted: counts are checked against the size of the file before anything is read.
 """
 
 from __future__ import annotations
 
+import struct
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.disk.files import is_inside
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Projection, RigCamera, camera_of
-from mirrorcam.optics.camera_files.read.colmap_model import ColmapCamera, ColmapModel, read_model
-from mirrorcam.optics.camera_files.sphere_lens import SphereLens
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL
+from mirrorcam.core.disk.files import is_inside, read_bytes
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.camera_files.camera_rig import UNSIZED_PX, CameraRig, Projection, RigCamera, SphereLens, camera_of
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL
 from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT = "colmap"
+_F, _FXY = (0, 0, 1, 2), (0, 1, 2, 3)
+_NONE = (None,) * 5
+Item = TypeVar("Item")
+MODELS = {
+    0: ("SIMPLE_PINHOLE", 3),
+    1: ("PINHOLE", 4),
+    2: ("SIMPLE_RADIAL", 4),
+    3: ("RADIAL", 5),
+    4: ("OPENCV", 8),
+    5: ("OPENCV_FISHEYE", 8),
+    6: ("FULL_OPENCV", 12),
+    7: ("FOV", 5),
+    8: ("SIMPLE_RADIAL_FISHEYE", 4),
+    9: ("RADIAL_FISHEYE", 5),
+    10: ("THIN_PRISM_FISHEYE", 12),
+    11: ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    12: ("SIMPLE_DIVISION", 4),
+    13: ("DIVISION", 5),
+    14: ("SIMPLE_FISHEYE", 3),
+    15: ("FISHEYE", 4),
+    16: ("EUCM", 6),
+}
+"""Names and numbers of parameters by the numbers of models."""
+COUNTS = dict(MODELS.values())
+CAMERA_SENSOR = 0
+LARGEST_BYTES = 300_000_000
+"""Of `images`, which list the points of every picture."""
+LARGEST_CAMERAS_BYTES = 5_000_000
+"""Of `cameras` and `rigs`: those of a hundred cameras take 0.02 MB."""
+MOST_IMAGES = 100_000
+"""Pictures of a model, and lines of `images` in text are twice as many."""
+LONGEST_NAME = 1000
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -37,8 +74,6 @@ class _Lens:
     distortion: tuple[int | None, ...]
 
 
-_F, _FXY = (0, 0, 1, 2), (0, 1, 2, 3)
-_NONE = (None,) * 5
 LENSES = {
     "SIMPLE_PINHOLE": _Lens("brown_conrady", _F, _NONE),
     "PINHOLE": _Lens("brown_conrady", _FXY, _NONE),
@@ -115,3 +150,193 @@ def _projection(camera: ColmapCamera, where: str) -> Projection:
     distortion = [0.0 if place is None else given[place] for place in known.distortion]
     lens = camera_of(where, core, known.lens_model, distortion, (camera.width_px, camera.height_px))
     return SphereLens("extended_unified", np.array(given[4:6]), lens) if camera.model == "EUCM" else lens
+
+
+@dataclass(frozen=True)
+class ColmapCamera:
+    """A camera: the name of its model, size in px, and parameters."""
+
+    model: str
+    width_px: int
+    height_px: int
+    parameters: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ColmapImage:
+    """A picture: its name, its camera, and camera_from_world as a quaternion w, x, y, z and a translation."""
+
+    name: str
+    camera_id: int
+    pose: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ColmapModel:
+    """Cameras by number, pictures, and of each rig the poses camera_from_rig of its cameras by number."""
+
+    cameras: dict[int, ColmapCamera]
+    images: tuple[ColmapImage, ...]
+    rigs: tuple[dict[int, tuple[float, ...]], ...]
+
+
+def read_model(folder: Path) -> ColmapModel:
+    """Read the model of a folder, binary where there are both; raises InputError in one line for what is no model."""
+    if (folder / "cameras.bin").is_file():
+        rigs = folder / "rigs.bin"
+        model = ColmapModel(
+            dict(_parsed(folder / "cameras.bin", _binary_cameras)),
+            tuple(_parsed(folder / "images.bin", _binary_images, LARGEST_BYTES)),
+            tuple(_parsed(rigs, _binary_rigs) if rigs.is_file() else ()),
+        )
+    else:
+        rigs = folder / "rigs.txt"
+        model = ColmapModel(
+            dict(_parsed(folder / "cameras.txt", _text_cameras)),
+            tuple(_parsed(folder / "images.txt", _text_images, LARGEST_BYTES)),
+            tuple(_parsed(rigs, _text_rigs) if rigs.is_file() else ()),
+        )
+    _check(model, folder)
+    return model
+
+
+def _parsed(path: Path, parse: Callable[[bytes], list[Item]], most: int = LARGEST_CAMERAS_BYTES) -> list[Item]:
+    raw = read_bytes(path, most)
+    try:
+        return parse(raw)
+    except (struct.error, ValueError, IndexError) as error:
+        raise InputError(f"{path}: not what COLMAP writes: {' '.join(str(error).split())[:120]}") from None
+
+
+def _check(model: ColmapModel, folder: Path) -> None:
+    """Raise InputError for sizes, quaternions and numbers that cannot be."""
+    for number, camera in model.cameras.items():
+        if not (1 <= camera.width_px <= UNSIZED_PX and 1 <= camera.height_px <= UNSIZED_PX):
+            raise InputError(f"{folder}: camera {number} is {camera.width_px} x {camera.height_px} px")
+        if camera.model in COUNTS and len(camera.parameters) != COUNTS[camera.model]:
+            count = len(camera.parameters)
+            raise InputError(f"{folder}: camera {number}: {count} parameters, expected {COUNTS[camera.model]}")
+        if not np.isfinite(camera.parameters).all():
+            raise InputError(f"{folder}: camera {number} has parameters that are not finite")
+    poses = [image.pose for image in model.images] + [pose for rig in model.rigs for pose in rig.values()]
+    if any(len(pose) != len(IDENTITY) for pose in poses):
+        raise InputError(f"{folder}: a pose has not {len(IDENTITY)} numbers, expected a quaternion and a translation")
+    # Numbers of a quaternion of length 1 are at most 1; larger ones may be too large for their squares.
+    if not np.isfinite(poses).all() or any(
+        max(map(abs, pose[:4])) > 2.0 or abs(np.linalg.norm(pose[:4]) - 1.0) > 1e-3 for pose in poses
+    ):
+        raise InputError(f"{folder}: a pose is not finite, or its quaternion not of length 1")
+
+
+def _lines(raw: bytes) -> list[str]:
+    return [line for line in raw.decode("utf-8").splitlines() if not line.startswith("#")]
+
+
+def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
+    words = [line.split() for line in _lines(raw) if line.strip()]
+    return [
+        (int(each[0]), ColmapCamera(each[1], int(each[2]), int(each[3]), tuple(map(float, each[4:])))) for each in words
+    ]
+
+
+def _text_images(raw: bytes) -> list[ColmapImage]:
+    """Every other line is of a picture; the lines between them, of points, may be empty."""
+    text = raw.decode("utf-8").lstrip()
+    if text.count("\n") > 2 * MOST_IMAGES:
+        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    lines = [line for line in text.split("\n") if not line.startswith("#")]
+    first = next((number for number, line in enumerate(lines) if line.strip()), 0)
+    words = [line.split(maxsplit=9) for line in lines[first::2] if line.strip()]
+    return [ColmapImage(each[9].strip(), int(each[8]), tuple(map(float, each[1:8]))) for each in words]
+
+
+def _text_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
+    rigs = []
+    for line in _lines(raw):
+        words = line.split()
+        if not words:
+            continue
+        rig: dict[int, tuple[float, ...]] = {}
+        if int(words[1]) > 0 and words[2] == "CAMERA":
+            rig[int(words[3])] = IDENTITY
+        at = 4
+        while at < len(words):
+            kind, number, posed = words[at], int(words[at + 1]), words[at + 2] == "1"
+            if posed and kind == "CAMERA":
+                rig[number] = tuple(map(float, words[at + 3 : at + 10]))
+            at += 10 if posed else 3
+        rigs.append(rig)
+    return rigs
+
+
+class _Reader:
+    """Reads little-endian numbers one after the other."""
+
+    def __init__(self, raw: bytes) -> None:
+        self.raw, self.at = raw, 0
+
+    def take(self, layout: str) -> tuple[float, ...]:
+        """The numbers of a layout of `struct`."""
+        found = struct.unpack_from(f"<{layout}", self.raw, self.at)
+        self.at += struct.calcsize(f"<{layout}")
+        return found
+
+    def count(self, least_bytes: int) -> int:
+        """A number of items of which each takes some bytes; raises ValueError where the file is too short for them."""
+        (number,) = self.take("Q")
+        if number * least_bytes > len(self.raw) - self.at:
+            raise ValueError(f"{number} items in {len(self.raw)} bytes")
+        return int(number)
+
+    def name(self) -> str:
+        """A text up to its zero."""
+        end = self.raw.index(b"\x00", self.at, self.at + LONGEST_NAME)
+        text = self.raw[self.at : end].decode("utf-8")
+        self.at = end + 1
+        return text
+
+
+def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
+    reader, found = _Reader(raw), []
+    for _ in range(reader.count(24)):
+        number, model, width, height = (int(value) for value in reader.take("IiQQ"))
+        if model not in MODELS:
+            raise ValueError(f"camera model {model}, expected one of 0 to {max(MODELS)}")
+        name, count = MODELS[model]
+        found.append((number, ColmapCamera(name, width, height, reader.take(f"{count}d"))))
+    return found
+
+
+def _binary_images(raw: bytes) -> list[ColmapImage]:
+    reader, found = _Reader(raw), []
+    count = reader.count(73)
+    if count > MOST_IMAGES:
+        raise ValueError(f"more than {MOST_IMAGES} pictures")
+    for _ in range(count):
+        reader.take("I")
+        pose = reader.take("7d")
+        (camera_id,) = reader.take("I")
+        name = reader.name()
+        points = reader.count(24)
+        reader.at += 24 * points
+        found.append(ColmapImage(name, int(camera_id), pose))
+    return found
+
+
+def _binary_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
+    reader, rigs = _Reader(raw), []
+    for _ in range(reader.count(8)):
+        _, sensors = (int(value) for value in reader.take("II"))
+        rig: dict[int, tuple[float, ...]] = {}
+        if sensors > 0:
+            kind, number = (int(value) for value in reader.take("iI"))
+            if kind == CAMERA_SENSOR:
+                rig[number] = IDENTITY
+        for _ in range(sensors - 1):
+            kind, number = (int(value) for value in reader.take("iI"))
+            (posed,) = reader.take("B")
+            pose = reader.take("7d") if posed else None
+            if pose is not None and kind == CAMERA_SENSOR:
+                rig[number] = pose
+        rigs.append(rig)
+    return rigs

@@ -1,18 +1,46 @@
-"""Text and YAML files of other tools, of limited size, and what is expected in them."""
+"""Text and YAML files of other tools as plain values, within bounds.
+
+Values are put together from the events of PyYAML's parser, which come one by one: a document that is nested too deep or
+holds too much is refused as soon as that is seen. Plain texts are values as in YAML 1.2: no times, no numbers to the
+base 60.
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from mirrorcam.core.disk.files import read_bytes
+from mirrorcam.core.disk.nested_text import PARSER_ERRORS, integer_of, reason_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.read.yaml_documents import yaml_documents
 
 LARGEST_BYTES = 5_000_000
 """Of a calibration as text; that of a hundred cameras takes 0.1 MB."""
 YAML_SUFFIXES = (".yaml", ".yml")
+DEEPEST = 32
+MOST_VALUES = 300_000
+"""Values of one text; those that an alias stands for count as often as it is there."""
+OPENCV_TAGS = frozenset(f"tag:yaml.org,2002:opencv-{kind}" for kind in ("matrix", "nd-matrix"))
+"""OpenCV's matrices are mappings."""
+# By libyaml where PyYAML was built with it, as its wheels are: much faster.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_OPENCV_HEAD = "%YAML:1.0"
+_TAG_DIRECTIVE = re.compile(r"^%TAG", re.MULTILINE)
+_NAMED: dict[str, Any] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **{f"{sign}.{name}": float(f"{sign}inf") for sign in ("", "+", "-") for name in ("inf", "Inf", "INF")},
+    **dict.fromkeys((".nan", ".Nan", ".NaN", ".NAN"), float("nan")),
+}
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(?:\.[0-9]++|[0-9]++(?:\.[0-9]*+)?)(?:[eE][-+]?[0-9]++)?")
+_NO_KEY = object()
 
 
 def read_yaml(path: Path) -> Any:
@@ -55,3 +83,116 @@ def entry(values: dict[str, Any], key: str, where: str) -> Any:
     if values.get(key) is None:
         raise InputError(f"{where}: {key} is missing")
     return values[key]
+
+
+def yaml_documents(text: str) -> list[Any]:
+    """The values of the documents of a text; raises InputError in one line for anything but plain values."""
+    if text.startswith(_OPENCV_HEAD):  # OpenCV's head, which is none of YAML
+        text = text.partition("\n")[2]
+    if _TAG_DIRECTIVE.search(text):  # of many, each is compared with all
+        raise InputError("not valid YAML: a directive %TAG, expected plain values")
+    composer = _Composer()
+    try:
+        for event in yaml.parse(text, Loader=_LOADER):
+            composer.take(event)
+    except InputError:
+        raise
+    except (yaml.YAMLError, *PARSER_ERRORS) as error:
+        raise InputError(f"not valid YAML: {reason_of(error)}") from None
+    return composer.documents
+
+
+@dataclass
+class _Open:
+    """A list or a mapping that has not ended, and the key whose value is to come."""
+
+    value: dict[str, Any] | list[Any]
+    anchor: str | None
+    begun: int
+    key: Any = _NO_KEY
+
+
+class _Composer:
+    """Puts values together from events."""
+
+    def __init__(self) -> None:
+        self.documents: list[Any] = []
+        self._open: list[_Open] = []
+        self._anchors: dict[str, tuple[Any, int]] = {}
+        self._count = 0
+
+    def take(self, event: yaml.Event) -> None:
+        """Take the next event; raises InputError for one of no plain value."""
+        if isinstance(event, yaml.ScalarEvent):
+            self._counted(1)
+            if event.tag is not None:
+                raise _refusal(f"a tag {event.tag[:60]!r}, expected none", event)
+            self._put(event.value if self._at_key else _scalar(event), event)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            self._counted(1)
+            if len(self._open) >= DEEPEST:
+                raise _refusal(f"nested deeper than {DEEPEST}", event)
+            if event.tag is not None and event.tag not in OPENCV_TAGS:
+                raise _refusal(f"a tag {event.tag[:60]!r}, expected none", event)
+            value: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
+            self._open.append(_Open(value, event.anchor, self._count))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            ended = self._open.pop()
+            self._put(ended.value, event, ended.anchor, self._count - ended.begun + 1)
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor not in self._anchors:
+                raise _refusal(f"an alias {event.anchor[:40]!r} of nothing before it", event)
+            value, size = self._anchors[event.anchor]
+            self._counted(size)
+            self._put(value, event)
+        elif isinstance(event, yaml.DocumentStartEvent):
+            self._counted(1)
+            self._anchors = {}
+
+    @property
+    def _at_key(self) -> bool:
+        """Whether a key comes next; it is a text, however it looks: integers could all have one hash."""
+        return bool(self._open) and isinstance(self._open[-1].value, dict) and self._open[-1].key is _NO_KEY
+
+    def _counted(self, size: int) -> None:
+        self._count += size
+        if self._count > MOST_VALUES:
+            raise InputError(f"not valid YAML: more than {MOST_VALUES} values")
+
+    def _put(self, value: Any, event: yaml.Event, anchor: str | None = None, size: int = 1) -> None:
+        """Put a value into what is open; without anything open, it is a document."""
+        anchor = event.anchor if isinstance(event, yaml.ScalarEvent) else anchor
+        if anchor is not None:
+            self._anchors[anchor] = value, size
+        if not self._open:
+            self.documents.append(value)
+            return
+        into = self._open[-1]
+        if isinstance(into.value, list):
+            into.value.append(value)
+        elif into.key is not _NO_KEY:
+            into.value[into.key], into.key = value, _NO_KEY
+        elif not isinstance(value, str):
+            raise _refusal("a key that is no text, expected a name", event)
+        elif value in into.value:
+            raise _refusal(f"the key {value[:40]!r} appears twice", event)
+        elif value == "<<":
+            raise _refusal("a merge key <<, expected plain names", event)
+        else:
+            into.key = value
+
+
+def _scalar(event: yaml.ScalarEvent) -> Any:
+    """The value of a scalar: a text where it is quoted."""
+    text: str = event.value
+    if not event.implicit[0]:
+        return text
+    if text in _NAMED:
+        return _NAMED[text]
+    if _INTEGER.fullmatch(text):
+        return integer_of(text)
+    return float(text) if _FLOAT.fullmatch(text) else text
+
+
+def _refusal(what: str, event: yaml.Event) -> InputError:
+    return InputError(f"not valid YAML: line {event.start_mark.line + 1}: {what}")

@@ -11,18 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import (
     CameraRig,
     Projection,
     RigCamera,
+    SphereLens,
+    SphereName,
     camera_of,
     numbers_of,
     orthogonal,
     size_of,
 )
 from mirrorcam.optics.camera_files.read.file_text import entry, read_yaml, table
-from mirrorcam.optics.camera_files.sphere_lens import SphereLens, SphereName
 from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT = "kalibr"

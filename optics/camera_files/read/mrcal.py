@@ -13,11 +13,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import read_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Projection, RigCamera, camera_of, numbers_of, size_of
+from mirrorcam.optics.camera_files.camera_rig import (
+    CameraRig,
+    Projection,
+    RigCamera,
+    SphereLens,
+    camera_of,
+    numbers_of,
+    size_of,
+)
 from mirrorcam.optics.camera_files.read.file_text import entry, table
-from mirrorcam.optics.camera_files.sphere_lens import SphereLens
 from mirrorcam.optics.geometry.transforms import rigid
 
 FORMAT, SUFFIX = "mrcal", ".cameramodel"

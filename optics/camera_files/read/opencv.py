@@ -18,10 +18,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_json
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import (
     CameraRig,
-    Pictures,
+    PictureFlip,
     RigCamera,
     camera_of,
     number_of,
@@ -37,7 +38,7 @@ FORMAT = "opencv"
 LENSES = {4: "brown_conrady", 5: "brown_conrady", 8: "rational", 12: "thin_prism", 14: "thin_prism"}
 FISHEYE = ("fisheye", "equidistant", "kannala_brandt")
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-FLIPS: dict[int, Pictures] = {0: "top-bottom", 1: "left-right"}
+FLIPS: dict[int, PictureFlip] = {0: "top-bottom", 1: "left-right"}
 """Codes of `cv2.flip`."""
 CORE = np.array([[True, False, True], [False, True, True], [False, False, False]])
 """Where a camera matrix has fx, fy, cx and cy."""

@@ -10,10 +10,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from mirrorcam.core.disk.files import is_inside
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.camera_rig import CameraRig
-from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mirrorcam_layout, mrcal, opencv, ros
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, MirrorProjection, RigCamera
+from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mrcal, opencv, ros
 from mirrorcam.optics.camera_files.read.file_text import LARGEST_BYTES, YAML_SUFFIXES, read_yaml
+from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 
 FormatName = Literal["kalibr", "opencv", "ros", "colmap", "mrcal", "anipose", "mirrorcam"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
@@ -38,6 +41,7 @@ UNREAD = {
     ),
 }
 """What `mirrorcam camera export` and other tools write that holds no cameras to score, by the name or the ending."""
+FORMAT = "mirrorcam"
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
     "colmap": lambda paths: colmap.read_colmap(paths[0]),
     "mrcal": mrcal.read_mrcal,
     "anipose": lambda paths: anipose.read_anipose(paths[0]),
-    "mirrorcam": lambda paths: mirrorcam_layout.read_layout(paths[0]),
+    "mirrorcam": lambda paths: read_layout(paths[0]),
 }
 
 
@@ -132,7 +136,7 @@ def _kind(path: Path) -> FormatName | None:
 
 
 def _kind_of(value: Any) -> FormatName | None:
-    if mirrorcam_layout.is_layout(value):
+    if is_layout(value):
         return "mirrorcam"
     if kalibr.is_kalibr(value):
         return "kalibr"
@@ -176,3 +180,27 @@ def _in_folder(folder: Path) -> list[Found]:
 def _extrinsics(names: list[Path]) -> Path | None:
     """The extrinsics of `stereo_calib`, which name no camera."""
     return next((path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES), None)
+
+
+def is_layout(value: Any) -> bool:
+    """Whether the value of a JSON file is a layout."""
+    return isinstance(value, dict) and str(value.get("schema", "")).startswith("mirrorcam.layout/")
+
+
+def read_layout(path: Path) -> CameraRig:
+    """The mirrors of a layout as cameras; raises InputError in one line where it is none."""
+    return rig_of(Layout.load(path))
+
+
+def rig_of(layout: Layout) -> CameraRig:
+    """The mirrors of a layout as cameras whose poses are reflections; its covariance stays that of its parameters."""
+    size = layout.camera.width_px, layout.camera.height_px
+    cameras = []
+    for number, mirror in enumerate(layout.mirrors):
+        apparent = mirror.apparent
+        pose = rigid(apparent.reflection, apparent.virtual_centre_in_rig_mm)
+        name = view_name(*divmod(number, layout.cols))
+        cameras.append(RigCamera(name, MirrorProjection(layout.camera, mirror), pose, size))
+    return CameraRig(
+        FORMAT, tuple(cameras), unit_mm=1.0, pictures="as-is", uncertainty=layout.uncertainty, layout=layout
+    )

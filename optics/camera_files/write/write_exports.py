@@ -9,15 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import write_bytes, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import check_size, read_image, write_image
 from mirrorcam.core.names import word
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.write.colmap_cameras import rig_cameras
-from mirrorcam.optics.camera_files.write.held_lens import FORMATS
-from mirrorcam.optics.camera_files.write.kalibr import camchain_yaml
-from mirrorcam.optics.camera_files.write.nearest_pinhole import fitted_distances_mm
-from mirrorcam.optics.camera_files.write.nerfstudio_views import transforms_json
-from mirrorcam.optics.camera_files.write.opencv import opencv_yaml
+from mirrorcam.optics.camera_files.write.formats import (
+    FORMATS,
+    camchain_yaml,
+    camera_info_yaml,
+    opencv_yaml,
+    rig_cameras,
+    transforms_json,
+    urdf,
+)
 from mirrorcam.optics.camera_files.write.pose_cameras import (
     FFMPEG,
     calibration_toml,
@@ -25,11 +28,14 @@ from mirrorcam.optics.camera_files.write.pose_cameras import (
     pose_cameras,
     stereo_params,
 )
-from mirrorcam.optics.camera_files.write.ros import camera_info_yaml
-from mirrorcam.optics.camera_files.write.urdf import urdf
-from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, view_name, virtual_cameras
-from mirrorcam.optics.geometry.colmap_rig import rig_config, sparse_model
+from mirrorcam.optics.camera_files.write.virtual_cameras import (
+    VirtualCamera,
+    fitted_distances_mm,
+    view_name,
+    virtual_cameras,
+)
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.sfm_rigs import rig_config, sparse_model
 
 PICTURE = "0000.png"
 FILES = (

@@ -14,14 +14,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Devices, Perturbations, perturbed_camera, perturbed_mirrors
 from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outlines
+from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon, unvignetted_outlines
 
 Polygons = NDArray[np.object_]
 Indices = NDArray[np.int64]
@@ -77,7 +77,7 @@ class BuiltViews:
         normals = (self.normals @ self.view_from_camera).reshape(-1, 3)[present]
         distances = np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1).ravel()[present] / 2.0
         whole = np.full(flat.shape, Polygon(), dtype=np.object_)
-        whole[present] = shapely.polygons(whole_pupil_outlines(_corners(flat[present]), normals, distances, pupil))
+        whole[present] = shapely.polygons(unvignetted_outlines(_corners(flat[present]), normals, distances, pupil))
         shown = _whole(whole.reshape(self.shown.shape))
         return replace(self, shown=shown, sub_images=_whole(shapely.intersection(shown, self.sub_images)))
 

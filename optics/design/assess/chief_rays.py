@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.whole_pupil import whole_pupil_outline
+from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 
 TOUCH_MM = 1e-6
 SAMPLES = 24
@@ -89,7 +89,7 @@ def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[F
     They are those of pixels whose whole pupil the mirror serves. `steps` is the number of pixels along an edge of the
     sub-image.
     """
-    chief = sampled(whole_pupil_outline(mirror, pupil), steps)
+    chief = sampled(unvignetted_outline(mirror, pupil), steps)
     if pupil.radius_mm == 0.0:
         return np.zeros((len(chief), 3)), chief
     around = 2.0 * np.pi * np.arange(RIM_POINTS) / RIM_POINTS

@@ -6,9 +6,9 @@ power spectrum S that n px per mm^2 show with the contrast H and noise of the va
 
     I = sum over frequencies k of S(k) sum_i w_i (2 pi k . (m_i - mean of m))^2,    w_i = |H_i(k)|^2 n_i / v_i
 
-with the mean weighted by w as well: what all views share tells the texture, not the depth. It is the bound for an
-unknown, fixed signal (P. Stoica and A. Nehorai, IEEE Trans. ASSP 37(5), 1989), without prior knowledge of the texture.
-Of equal views of a plane square to them it becomes
+with the mean weighted by w as well: the part that all views share determines the texture, not the depth. It is the
+bound for an unknown, fixed signal (P. Stoica and A. Nehorai, IEEE Trans. ASSP 37(5), 1989), without prior knowledge of
+the texture. Of equal views of a plane square to them it becomes
 
     sigma = D^2 / (f sqrt(sum_i |b_i - mean of b|^2)) * noise / (slope sqrt(N))
 
@@ -71,7 +71,7 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
 def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
     """Expected standard deviation of depth, mm, averaged over what all views show; None where that is nothing.
 
-    None as well for a single view, which tells no depth. Infinite where it would exceed the depth: the bound is that of
+    None as well for a single view, which shows no depth. Infinite where it would exceed the depth: the bound is that of
     small errors, and blurred views have contrasts at which it is astronomical.
     """
     places = _places(views, depth_mm)

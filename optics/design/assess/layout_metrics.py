@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 from shapely import Polygon, union_all
 
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
 from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_metrics
 from mirrorcam.optics.design.assess.focus import focus_metrics

@@ -5,20 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import harmonic_mean
 
 import numpy as np
+import shapely
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.design.assess.as_built_metrics import UNITS, design_reference
-from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.design.assess.as_built_views import BuiltViews, Polygons, built_views
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_perturbations, workmanship
+from mirrorcam.optics.geometry.sub_images import fields_of_view
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 DEVICES = 200
 ACCURACIES = (0.25, 0.5, 1.0, 2.0)
 LOW, HIGH = 5.0, 95.0
-
 CAUSES: dict[str, tuple[str, ...]] = {
     "mirror tilt": ("tilt_deg",),
     "mirror offset": ("offset_mm",),
@@ -26,6 +28,20 @@ CAUSES: dict[str, tuple[str, ...]] = {
     "camera offset": ("camera_offset_mm",),
     "camera turn": ("camera_turn_deg",),
     "camera itself": ("focal_percent", "centre_px", "distortion_mean", "distortion_sigma"),
+}
+UNITS = {
+    "grid_error": "grid spacings",
+    "baseline_x_mm": "mm",
+    "baseline_y_mm": "mm",
+    "pixel_efficiency": "of the sensor",
+    "overlap_iou": "of the union",
+    "usable_efficiency": "of the sensor",
+    "fov_x_deg": "deg",
+    "fov_y_deg": "deg",
+    "off_sensor": "of the sub-images",
+    "uncalibrated_error": "px",
+    "misregistration": "px",
+    "usable_window": "of the window",
 }
 
 
@@ -123,3 +139,176 @@ def _shares(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, f
         cause: {name: value / total[name] if total[name] > 0 else 0.0 for name, value in of_cause.items()}
         for cause, of_cause in squares.items()
     }
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Points of the scene at which the projection of a device is compared with that of the design.
+
+    Triangle by triangle of the region that all views of the design share at a depth, the three points and equal
+    weights that integrate squares of affine functions over it exactly (Strang and Fix, degree 2).
+    """
+
+    depth_mm: float
+    points_mm: FloatArray  # (q, 3)
+    weights: FloatArray  # (q,), sum 1
+    pixels: FloatArray  # (m, q, 2), predicted by the design
+    landings_mm: FloatArray  # (m, q, 2), where the design maps those pixels on the plane: the points, rounded
+    px_per_mm: float  # of the median sub-image, on the plane at this depth
+
+
+@dataclass(frozen=True)
+class DesignReference:
+    """A design and the points at which devices are compared with it.
+
+    Attributes
+    ----------
+    design
+        Its views, of one device: n = 1.
+    probes
+        One per working depth.
+    reference_mm
+        Depth of the reference plane of decoding, midway in disparity between the working depths.
+    window
+        The part of it that decoded views show: the bounding box of what is common to all views of the design.
+    """
+
+    design: BuiltViews
+    probes: tuple[Probe, ...]
+    reference_mm: float
+    window: shapely.Polygon
+
+    def figures(self, views: BuiltViews) -> dict[str, FloatArray]:
+        """The figures (n,) of the devices, in the order of a report.
+
+        Grid error, baselines, pixel efficiency, overlap, usable efficiency (not of a pinhole) and field of view (at the
+        farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where the plane at a depth does
+        not move when the camera does. Further:
+
+        - `off_sensor`: fraction of the sub-images that lies outside the sensor.
+        - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, which
+          decoding without calibration uses; rms over the region that all views of the design share, and over views.
+        - `misregistration`: the part of it that differs from view to view, and so blurs a refocused picture and
+          falsifies depth: where the design maps the pixel on the plane, less the mean over views; in px of a decoded
+          view.
+        - `usable_window`: the part of `window` that all views of the device see, after calibration.
+
+        Light that one mirror takes from another is not subtracted.
+        """
+        figures = _grids(views)
+        for depth_mm in (probe.depth_mm for probe in self.probes):
+            regions, footprints = views.common_regions(depth_mm)
+            unions = shapely.area(shapely.union_all(footprints, axis=1))
+            figures[f"pixel_efficiency_{depth_mm:g}mm"] = views.pixel_efficiency(regions, depth_mm)
+            figures[f"overlap_iou_{depth_mm:g}mm"] = shapely.area(regions) / np.where(unions > 0, unions, 1.0)
+            if depth_mm == max(probe.depth_mm for probe in self.probes):
+                fields = _fields_of_view_deg(views, regions, depth_mm)
+        figures |= self._usable(views)
+        figures |= {f"fov_{axis}_deg": field for axis, field in zip("xy", fields.T, strict=True)}
+        shown, pictured = (shapely.area(parts).sum(axis=1) for parts in (views.sub_images, views.shown))
+        figures["off_sensor"] = np.maximum(1.0 - shown / pictured, 0.0)
+        for probe in self.probes:
+            error, misregistration = _decode_errors_px(views, self.design, probe)
+            figures[f"uncalibrated_error_{probe.depth_mm:g}mm"] = error
+            figures[f"misregistration_{probe.depth_mm:g}mm"] = misregistration
+        regions, _ = views.common_regions(self.reference_mm)
+        figures["usable_window"] = shapely.area(shapely.intersection(regions, self.window)) / self.window.area
+        return figures
+
+    def _usable(self, views: BuiltViews) -> dict[str, FloatArray]:
+        """Pixel efficiency (n,) of pixels whose whole pupil is served by one mirror; none for a pinhole."""
+        pupil = views.layout.camera.pupil
+        if pupil.radius_mm == 0.0:
+            return {}
+        whole, depths_mm = views.through(pupil), [probe.depth_mm for probe in self.probes]
+        return {
+            f"usable_efficiency_{depth_mm:g}mm": whole.pixel_efficiency(whole.common_regions(depth_mm)[0], depth_mm)
+            for depth_mm in depths_mm
+        }
+
+
+def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:
+    """The reference of a design at depths, mm. Raises InputError where the views of the design share nothing."""
+    reference_mm = harmonic_mean(depths_mm)
+    for depth_mm in (*depths_mm, reference_mm):
+        if fields_of_view(layout).common_region(depth_mm)[0].is_empty:
+            raise InputError(f"the views share nothing at {depth_mm:g} mm, expected a layout whose views overlap")
+    exact = draw_perturbations(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
+    design = built_views(layout, exact)
+    return DesignReference(
+        design=design,
+        probes=tuple(_probe(design, depth_mm) for depth_mm in depths_mm),
+        reference_mm=reference_mm,
+        window=shapely.envelope(design.common_regions(reference_mm)[0][0]),
+    )
+
+
+def _probe(design: BuiltViews, depth_mm: float) -> Probe:
+    regions, _ = design.common_regions(depth_mm)
+    corners = shapely.get_coordinates(regions[0])[:-1]
+    triangles = np.stack([np.broadcast_to(corners[0], corners[1:-1].shape), corners[1:-1], corners[2:]], axis=1)
+    sides = triangles[:, 1:] - triangles[:, :1]
+    areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2.0
+    inside = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
+    across = (inside @ triangles).reshape(-1, 2)
+    points = np.column_stack([across, np.full(len(across), depth_mm)])
+    mirrors = np.arange(design.sub_images.shape[1])[:, None]
+    pixels = design.pixels(points, np.array(0), mirrors)
+    return Probe(
+        depth_mm=depth_mm,
+        points_mm=points,
+        weights=np.repeat(areas / areas.sum() / 3.0, 3),
+        pixels=pixels,
+        landings_mm=_landings(design, pixels, depth_mm),
+        px_per_mm=float(np.median(np.sqrt(design.seen_px(regions, depth_mm)[0] / areas.sum()))),
+    )
+
+
+def _grids(views: BuiltViews) -> dict[str, FloatArray]:
+    """Grid error and baselines (n,), as `layout_metrics.fitted_grid` has them for one layout."""
+    arrangement = views.layout.arrangement
+    places, spacings = arrangement.fitted(views.centres_mm)
+    used = arrangement.extent > 0
+    errors = np.sqrt(np.mean(np.sum((views.centres_mm - places) ** 2, axis=-1), axis=1))
+    baselines_mm = np.abs(spacings) * arrangement.extent
+    figures = {"grid_error": errors / np.exp(np.mean(np.log(np.abs(spacings[:, used])), axis=1))}
+    return figures | {f"baseline_{name}_mm": baselines_mm[:, k] for k, name in enumerate("xy") if used[k]}
+
+
+def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
+    """Angles (n, 2) that regions (n,) of the plane at a depth span at the mean virtual centre; 0 of empty ones."""
+    points, of = shapely.get_coordinates(regions, return_index=True)
+    middles = views.centres_mm.mean(axis=1)[of]
+    angles = np.degrees(np.arctan2(points - middles[:, :2], depth_mm - middles[:, 2:]))
+    low, high = (np.full((len(regions), 2), start) for start in (np.inf, -np.inf))
+    np.minimum.at(low, of, angles)
+    np.maximum.at(high, of, angles)
+    return np.maximum(high - low, 0.0)
+
+
+def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tuple[FloatArray, FloatArray]:
+    """`uncalibrated_error` and `misregistration` (n,) at one depth, without points that a lens model cannot see."""
+    devices, mirrors = np.arange(len(views.pupils_mm))[:, None, None], np.arange(views.centres_mm.shape[1])[:, None]
+    pixels = views.pixels(probe.points_mm, devices, mirrors)
+    error = _rms(pixels - probe.pixels, probe.weights)
+    taken = _landings(design, pixels, probe.depth_mm) - probe.landings_mm
+    return error, probe.px_per_mm * _rms(taken - _mean_over_views(taken), probe.weights)
+
+
+def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
+    """Points (..., m, q, 2), mm, of the plane at a depth that pixels of the design's sub-images see."""
+    normalized = design.cameras[0].normalized_from_pixels(pixels)
+    return design.landing(normalized, np.array(0), np.arange(design.centres_mm.shape[1])[:, None], depth_mm)
+
+
+def _rms(errors: FloatArray, weights: FloatArray) -> FloatArray:
+    """Root mean square length (n,) of errors (n, m, q, 2) at weights (q,), of those that are numbers."""
+    squares = np.sum(errors**2, axis=-1)
+    known = weights * np.isfinite(squares)
+    return np.sqrt(np.sum(known * np.nan_to_num(squares), axis=(1, 2)) / np.sum(known, axis=(1, 2)))
+
+
+def _mean_over_views(errors: FloatArray) -> FloatArray:
+    """Mean (n, 1, q, 2) of errors (n, m, q, 2), of those that are numbers; 0 where none is."""
+    known = np.isfinite(errors)
+    return np.where(known, errors, 0.0).sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)

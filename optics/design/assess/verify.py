@@ -19,7 +19,7 @@ AXES_TOLERANCE = 1e-9
 LEAST_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
-    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those asked for"),
+    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors are not those requested"),
     "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
     "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
@@ -35,19 +35,19 @@ FINDINGS = {
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
-    """Return whether a mirror has more corners than asked for, another reflecting surface or other glass."""
-    asked = (spec.surface, spec.thickness_mm, spec.refractive_index)
+    """Return whether a mirror has more corners than requested, another reflecting surface or other glass."""
+    requested = (spec.surface, spec.thickness_mm, spec.refractive_index)
     found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
-    return found != asked or len(mirror.outline_in_rig_mm) > spec.sides
+    return found != requested or len(mirror.outline_in_rig_mm) > spec.sides
 
 
 def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
-    asked = spec.arrangement
+    requested = spec.arrangement
     wholes = (
         (layout.camera, spec.camera),
-        (layout.rows, asked.rows),
-        (layout.cols, asked.cols),
-        (layout.pattern, asked.pattern),
+        (layout.rows, requested.rows),
+        (layout.cols, requested.cols),
+        (layout.pattern, requested.pattern),
     )
     turned = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
     return (
@@ -74,7 +74,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     Parameters
     ----------
     layout : the answer to the spec.
-    spec : what was asked for.
+    spec : the requested design.
 
     Returns
     -------
@@ -93,8 +93,8 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         seen_mm = smallest_seen_gap(mirrors) * spec.scale_mm
         least["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
         least["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
-    for name, (value, asked, tolerance, unit) in least.items():
-        limit = max(asked - tolerance, 0.0)
+    for name, (value, requested, tolerance, unit) in least.items():
+        limit = max(requested - tolerance, 0.0)
         verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)
     views = fields_of_view(layout)
     beyond_mm = max(views.reach_mm - min(spec.depths_mm), 0.0)

@@ -1,8 +1,13 @@
-"""The design of a spec as a nonlinear program: unknown mirrors, constraints on them and the objective."""
+"""The design of a spec as a nonlinear program: unknown mirrors, constraints on them and the objective.
+
+A relaxed program finds the smallest change of one parameter of a spec with which all constraints are met: its numbers
+run linearly from those of one spec to those of another, and how far they go, the change, is an unknown.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import casadi as ca
@@ -10,30 +15,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.design.program import constraints, depth_terms, robustness
-from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft
-from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Solver
+from mirrorcam.optics.design.program import constraints
+from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft, tilts
+from mirrorcam.optics.design.program.nonlinear_program import MOST_ITERATIONS, Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed
-from mirrorcam.optics.design.program.separated_pairs import PairConstraint, add_body, add_pairs
-from mirrorcam.optics.design.program.terms import Indices
+from mirrorcam.optics.design.program.separation import PairConstraint, add_body, add_pairs
+from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.pupil import SHARP_VARIANCE_PX2
 
 REFERENCE_GRID_ERROR = 0.25
 """A grid error that weighs as much as a sensor without any overlap; about that of the faceted parabola."""
-
 LEAST_EFFICIENCY = 0.02
 """A layout whose views share less of the sensor than this, at any depth, is refused."""
-
 PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
 """Weights (5, 8) of a region's corners at its middle and towards every other corner: where a design for depth looks."""
-
 LEAST_TRADEOFF = 1e-3
 """A trade-off below which the grid of a design for depth is as good as free."""
-
 LEAST_OF_OVERLAP = 0.99
 """Part of the field of view, and of the pixels of each view, that a design for depth keeps of that for overlap."""
-
 SLACK_WEIGHTS = {
     "spacing": 1.0,
     "seen gap": 1.0,
@@ -44,6 +44,8 @@ SLACK_WEIGHTS = {
     "size": 1.0,
 }
 """Cost, in a search for feasibility, of missing a limit by one scale (overlap: by a whole sub-image)."""
+CHANGE_COST = 0.01
+"""Weight of the squared change: little beside any violation."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class Problem:
         """Field of view (depths, 2) of the regions, see `depth_terms.field_of_view`."""
         centres = [ca.SX(centre) for centre in values[self.centres]]
         sizes = [
-            depth_terms.field_of_view(ca.SX(values[region]), centres, depth_mm / spec.scale_mm)
+            constraints.field_of_view(ca.SX(values[region]), centres, depth_mm / spec.scale_mm)
             for region, depth_mm in zip(self.regions, spec.depths_mm, strict=True)
         ]
         return np.array([ca.evalf(size) for size in sizes]).reshape(-1, 2)
@@ -122,7 +124,7 @@ def overlap_problem(
 
     Parameters
     ----------
-    spec : what is asked for.
+    spec : the requested design.
     seed : mirrors to start from.
     pairs : constraints on pairs of mirrors. Their unknowns follow all others of the design, so that a solution still
         fits when more are appended.
@@ -139,7 +141,7 @@ def overlap_draft(
     draft = _draft_in_place(spec, seed)
     grid = constraints.grid_term(spec.arrangement)
     draft.program.add(grid, draft.centres, [spec.tradeoff / REFERENCE_GRID_ERROR**2])
-    built = robustness.tilts(spec, devices)
+    built = tilts(spec, devices)
     weight = (1.0 - spec.tradeoff + TIE_BREAK) / len(built)
     regions = _add_regions(draft, built[:1], weight, _least_shares(spec))
     add_body(draft)
@@ -157,8 +159,8 @@ def depth_problem(spec: DesignSpec, seed: Seed, pairs: tuple[PairConstraint, ...
     """
     draft = _draft_in_place(spec, seed)
     most = max(largest_grid_error(spec.tradeoff), 1.01 * overlap.grid_error)
-    draft.program.add(depth_terms.grid_limit_term(spec.arrangement), draft.centres, [most])
-    none = robustness.tilts(spec, 0)
+    draft.program.add(constraints.grid_limit_term(spec.arrangement), draft.centres, [most])
+    none = tilts(spec, 0)
     shares = np.maximum(_least_shares(spec), LEAST_OF_OVERLAP * overlap.shares)
     regions = _add_regions(draft, none, TIE_BREAK, shares)
     _add_depth_sigma(draft, regions, overlap)
@@ -183,7 +185,7 @@ def _problem(draft: Draft, regions: list[Indices], most_iterations: int = MOST_I
 
 
 def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
-    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the height asked for.
+    """Mirrors whose innermost, on average, turn the optical axis to the view axis at the requested height.
 
     Nothing else fixes the size of the whole or its direction.
     """
@@ -206,12 +208,12 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
     device, all depths together; `least` (depths, n) are the least shares of the sensor.
     """
     depths_mm, half_size, regions = draft.spec.depths_mm, 0.6 * draft.seed.half_tile, []
-    for tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
+    for device_tilts, (depth_mm, shares) in product(devices, zip(depths_mm, least, strict=True)):
         middle = draft.program.unknown([0.0, 0.0])
         region = draft.program.unknown((constraints.region_directions() * half_size).ravel())
         draft.program.add(constraints.region_term(), [middle, region], [half_size])
         depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
-        for mirror, tilt, share in zip(draft.mirrors, tilts, shares, strict=True):
+        for mirror, tilt, share in zip(draft.mirrors, device_tilts, shares, strict=True):
             given: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
             draft.add(constraints.view_term(draft.kind), [*mirror, region], given)
         regions.append(region)
@@ -221,8 +223,8 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
 def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesign) -> None:
     """The objective of a design for depth, the mean over places of the common region, and its field of view."""
     spec, camera = draft.spec, draft.spec.camera
-    sigma = depth_terms.depth_sigma_term(len(draft.mirrors), spec.arrangement.central_index)
-    field = depth_terms.field_of_view_term(len(draft.mirrors))
+    sigma = constraints.depth_sigma_term(len(draft.mirrors), spec.arrangement.central_index)
+    field = constraints.field_of_view_term(len(draft.mirrors))
     blur = camera.fx_px * camera.aperture_mm / spec.scale_mm / 4.0 / float(np.sqrt(SHARP_VARIANCE_PX2))
     unknowns, before = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
     for depth_mm, region, corners, fields in zip(spec.depths_mm, regions, overlap.regions, overlap.fields, strict=True):
@@ -232,3 +234,71 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
         for numbers in given:
             draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
         draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
+
+
+@lru_cache
+def changing(term: Term) -> Term:
+    """The constraints of a term whose parameters change; it has no objective.
+
+    Unknowns: those of the term, the change. Parameters: those of the term without a change, and what a change of 1 adds
+    to them.
+    """
+    builder = TermBuilder()
+    x, change = builder.unknown(term.unknowns), builder.unknown(1)
+    numbers, added = builder.parameter(term.parameters), builder.parameter(term.parameters)
+    _, constraints = term.value(x, numbers + change * added)
+    for row, family in enumerate(term.family.tolist()):
+        builder.require(constraints[row], None if family < 0 else ELASTIC[family])
+    return builder.built(equality=term.equality)
+
+
+@lru_cache
+def distance_term() -> Term:
+    """The weighted squared distance of a number from another one. Parameters: that one, the weight."""
+    builder = TermBuilder()
+    number, other, weight = builder.unknown(1), builder.parameter(), builder.parameter()
+    builder.minimise(weight * (number - other) ** 2)
+    return builder.built()
+
+
+def relaxed_program(program: Program, changed: Program, first: float) -> Program:
+    """A program whose numbers change; its last unknown is the change, from 0 to 1, whose square it minimises.
+
+    Parameters
+    ----------
+    program, changed
+        With a change of 0 and of 1: of the same terms and unknowns, from whose values at a change of 1 it starts.
+    first
+        The change that it starts with.
+    """
+    relaxed = _started_as(changed, *program.bounds)
+    change = relaxed.unknown(first, 0.0, 1.0)
+    for (term, places, numbers), (_, _, others) in zip(program.uses, changed.uses, strict=True):
+        for where, now, then in zip(places, numbers, others, strict=True):
+            relaxed.add(changing(term), [where, change], [now, then - now])
+    relaxed.add(distance_term(), [change], [0.0, CHANGE_COST])
+    return relaxed
+
+
+def relaxed_fold(program: Program, fold: Indices, requested: float, least: float, most: float) -> Program:
+    """A program whose fold, at its place, changes within a range, and comes as near as possible to the requested one.
+
+    Radians; it starts with the fold of the program.
+    """
+    low, high = program.bounds
+    low[fold], high[fold] = least, most
+    relaxed = _started_as(program, low, high)
+    change = relaxed.unknown(0.0, 0.0, 0.0)
+    for term, places, numbers in program.uses:
+        for where, now in zip(places, numbers, strict=True):
+            relaxed.add(changing(term), [where, change], [now, np.zeros_like(now)])
+    relaxed.add(distance_term(), [fold], [requested, CHANGE_COST])
+    return relaxed
+
+
+def _started_as(program: Program, low: FloatArray, high: FloatArray) -> Program:
+    """A program with the unknowns of another, and no terms."""
+    begun = Program()
+    kept = slice(len(ELASTIC), None)
+    begun.unknown(program.start[kept], low[kept], high[kept])
+    return begun

@@ -231,12 +231,12 @@ class Solver:
         first = start.copy()
         low[: len(ELASTIC)] = -margin
         first[: len(ELASTIC)], high[: len(ELASTIC)] = slack
-        with redirect_stderr(StringIO()) as said:
+        with redirect_stderr(StringIO()) as errors_printed:
             result = self._nlp(
                 x0=first, lbx=low, ubx=high, p=searching, lbg=np.zeros_like(self._upper_limits), ubg=self._upper_limits
             )
         interruption.check()  # CasADi ends the solution then, warns of an exception, and returns
-        sys.stderr.write(said.getvalue())
+        sys.stderr.write(errors_printed.getvalue())
         stats = self._nlp.stats()
         return SolverOutcome(
             values=np.array(result["x"]).ravel(),
@@ -258,7 +258,7 @@ class Solver:
         outcome = self._solve(self.program.start if start is None else start, (0.1, LARGEST_SLACK), 1.0)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))
 
-    def mend(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
+    def find_relaxed(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
         """The least objective with the least violation of the elastic families, and the violation of each family.
 
         The violation comes first, where it costs more than the objective gains by it. Where a family is met, it is met

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
@@ -100,7 +101,7 @@ def corner_pattern(sides: int) -> FloatArray:
 def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
     """The first and the last place (n,) that a thing may have of those that the longest chain needs.
 
-    `order[i, j]` says that i comes before j, at least one place; indices come in such an order.
+    `order[i, j]` is whether i comes before j, at least one place; indices come in such an order.
     """
     count = len(order)
     first, after = np.zeros(count), np.zeros(count)
@@ -199,7 +200,7 @@ def ellipsoid_centres(chief: FloatArray, scale: float, target_depth: float, view
 
 
 def seed_of(spec: DesignSpec, target_depth_mm: float) -> Seed:
-    """The faceted ellipsoid whose chief rays meet at a depth; tiles a little farther apart than the spec asks.
+    """The faceted ellipsoid whose chief rays meet at a depth; tiles a little farther apart than the spec requests.
 
     Where that would leave little of the sensor, they are as far apart as half a tile.
     """

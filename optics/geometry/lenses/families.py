@@ -10,9 +10,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
 from mirrorcam.optics.geometry.lenses.lens import Lens
-from mirrorcam.optics.geometry.lenses.rational import Rational
+from mirrorcam.optics.geometry.lenses.rational import Rational, ThinPrism
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
-from mirrorcam.optics.geometry.lenses.thin_prism import ThinPrism
 
 LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye", "spline"]
 

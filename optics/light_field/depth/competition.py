@@ -1,12 +1,16 @@
-"""The competition of views, sector by sector: costs of places by what the views in each direction say of them."""
+"""The competition of views, sector by sector: costs of places by the views in each direction."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+
+Float32 = NDArray[np.float32]
+Int64 = NDArray[np.int64]
 
 UNITS = 64
 """Costs are stored in parts of one, one UNITS-th each."""
@@ -39,7 +43,7 @@ class Work(NamedTuple):
 
 
 @compiled
-def _sorted(costs: Any, count: Any) -> None:
+def _sorted(costs: Float32, count: int) -> None:
     """Sort costs (m, u) along their first axis in place, `count` columns side by side (odd-even transposition)."""
     rows = len(costs)
     for turn in range(rows):
@@ -52,7 +56,7 @@ def _sorted(costs: Any, count: Any) -> None:
 
 
 @compiled
-def _add_better(costs: Any, count: Any, share: Any, weight: Any, work: Any, total: Any) -> None:
+def _add_better(costs: Float32, count: Float32, share: Float32, weight: Float32, work: Work, total: Float32) -> None:
     """Add, times a weight (u,), the mean of the least share (u,) of `count` (u,) sorted costs (m, u)."""
     zero, one, half, fewer = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(FEWER)
     mean, mean_of_less = work.ring[5, : len(total)], work.ring[6, : len(total)]
@@ -71,7 +75,7 @@ def _add_better(costs: Any, count: Any, share: Any, weight: Any, work: Any, tota
 
 
 @compiled
-def decide(rings: Any, known: Any, work: Any, count: Any) -> None:
+def decide(rings: Int64, known: bool, work: Work, count: int) -> None:
     """Costs `decided` of `count` pixels by the sums of the sectors: of all views, and of those that see the place.
 
     `rings` (r + 1,) has the first sector of each ring and the number of sectors; `known`: whether a first depth is.

@@ -1,27 +1,37 @@
-"""Matching cost of planes across all views, with what hides a place reasoned for each view.
+"""Matching cost of planes across all views, with occlusion reasoned for each view.
 
-Colours and slopes of brightness are compared. Before anything is known of what hides what, views at like distance
-from the reference view compete: something near hides a place from the views of some directions only, so the better
-half of the directions decides. Once a first depth is known, the views from which something nearer hides the place
-are left out.
+Colours and slopes of brightness are compared. Before occlusion is known, views at similar distance from the reference
+view compete: a near object hides a place from the views in some directions only, so the better half of the directions
+decides. Once a first depth is known, the views from which a nearer surface hides the place are left out. Loops run over
+runs of pixels in a row that search the same plane.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.depth.cost_kernels import Pictures, average_weak, fill_costs
-from mirrorcam.optics.light_field.depth.sweep import Sweep
-from mirrorcam.optics.light_field.depth.volume import Ranges, Volume, whole_range
+from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
+from mirrorcam.optics.light_field.depth.sweep import (
+    DIRECTIONS,
+    TILE_PX,
+    PlaneMotion,
+    Ranges,
+    Sweep,
+    Volume,
+    whole_range,
+)
+
+UInt8 = NDArray[np.uint8]
+UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
-
 CHANNELS = 5
 COLOUR, SLOPE = 1.0, 2.0
 """Weights of the mean difference of three colours and of the difference of each of the two slopes of brightness."""
@@ -34,6 +44,8 @@ WEAK_PX = 5
 WEAK_GREY = 1.5
 """Slope of brightness, per px, below which costs are averaged over a square of WEAK_PX; at twice that they are not."""
 BAND_ROWS = 16
+LONGEST_PX = 512
+"""Most pixels of a row that are worked on at once, a multiple of the tile's: what they take stays in the cache."""
 
 
 def channels(colours: Float32) -> Float32:
@@ -94,7 +106,7 @@ def matching_costs(
     """
     slope = mean_slope(reference, CONTRAST_PX)
     shape = slope.shape
-    pictures = Pictures(
+    pictures = ComparedViews(
         reference,
         others,
         np.array([COLOUR / 3.0] * 3 + [SLOPE] * 2, np.float32),
@@ -112,3 +124,248 @@ def matching_costs(
     reach = WEAK_PX // 2
     list(run(lambda band: average_weak(*band, weak, reach, volume.ranges, volume.costs, result.costs), bands(shape[0])))
     return result
+
+
+class ComparedViews(NamedTuple):
+    """What is compared.
+
+    Attributes
+    ----------
+    reference, others
+        `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
+    weights
+        (5,) of the channels.
+    contrast
+        Factor (v, u) of the reference view.
+    seen
+        (K, v, u), 1 where a view has samples within the pixel and the next ones, else 0.
+    nearest
+        Plane (K, v, u + 1) of the nearest surface in each view, the last column twice; (0, v, u + 1) where nothing is
+        known of it.
+    hiding
+        Planes by which a surface must be nearer to hide another.
+    """
+
+    reference: Float32
+    others: Float32
+    weights: Float32
+    contrast: Float32
+    seen: NDArray[np.uint8]
+    nearest: Float32
+    hiding: np.float32
+
+
+# Loops over few arrays each, and over slices, whose indices cannot be negative: these run many pixels at a time.
+
+
+@compiled
+def _differences(
+    reference: Float32,
+    y: int,
+    other: Float32,
+    y0: int,
+    share: float,
+    grows: float,
+    start: float,
+    weights: Float32,
+    x: int,
+    shift: int,
+    line: Float32,
+    cost: Float32,
+) -> None:
+    """Weighted absolute differences of a run of pixels of row `y` from `x` on to a view between its rows `y0` and next.
+
+    The view's samples follow each other from column x + `shift` on, with a share that starts and grows.
+    """
+    cost[:] = 0.0
+    between = line[: len(cost) + 1]
+    for channel in range(len(weights)):
+        upper = other[channel, y0, x + shift : x + shift + len(between)]
+        lower = other[channel, y0 + 1, x + shift : x + shift + len(between)]
+        own, weight = reference[channel, y, x : x + len(cost)], weights[channel]
+        for place in range(len(between)):
+            between[place] = upper[place] + share * (lower[place] - upper[place])
+        for place in range(len(cost)):
+            part = grows * np.float32(place) + start
+            shown = between[place] + part * (between[place + 1] - between[place])
+            cost[place] += weight * abs(shown - own[place])
+
+
+@compiled
+def _truncate(cost: Float32, contrast: Float32) -> None:
+    limit = np.float32(TRUNCATION)
+    for x in range(len(cost)):
+        cost[x] = min(cost[x] * contrast[x], limit)
+
+
+@compiled
+def _add(cost: Float32, sight: Float32, total: Float32, part: Float32) -> None:
+    """Add costs (u,) to sums, and to the number of views, where the view sees: sight (u,), 0 or 1."""
+    for x in range(len(cost)):
+        total[x] += sight[x] * cost[x]
+    for x in range(len(cost)):
+        part[x] += sight[x]
+
+
+@compiled
+def _uncover(sight: Float32, seen: UInt8, surface: Float32, behind: float, grows: float, start: float) -> None:
+    """Where (u,) a view sees and nothing nearer than `behind` in the nearest column of `surface` (u + 1,) hides it."""
+    half = np.float32(0.5)
+    for x in range(len(sight)):
+        nearest = surface[x] if grows * np.float32(x) + start < half else surface[x + 1]
+        sight[x] = np.float32(seen[x]) if nearest <= behind else np.float32(0.0)
+
+
+@compiled
+def _compare_row(
+    y: int,
+    plane: int,
+    view: int,
+    first: int,
+    last: int,
+    pictures: ComparedViews,
+    motion: PlaneMotion,
+    line: Float32,
+    cost: Float32,
+    sight: Float32,
+    sees: Float32,
+) -> None:
+    """Costs (u,) of a view for a plane at pixels `first` to `last` of row `y`, and where it has samples and sees it."""
+    height, width = pictures.contrast.shape
+    cost[:], sight[:], sees[:] = 0.0, 0.0, 0.0
+    scale, across = motion.scale[plane, view], motion.across[plane, view]
+    row = scale * np.float32(y) + motion.down[plane, view]
+    if row < 0 or row > height - 1:
+        return
+    # Places scale x + across from 0 to width - 1.
+    trifle = np.float32(1e-4)
+    x = max(first, int(np.ceil(-across / scale - trifle)))
+    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + trifle)) + 1)
+    y0 = int(np.floor(row))
+    near_row = int(row + np.float32(0.5))
+    share, grows = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
+    other = pictures.others[view]
+    while x < x1:
+        # A run within which the view's samples follow each other, too.
+        shift = int(np.floor(grows * np.float32(x) + across + trifle))
+        end = x1
+        if grows > 0:
+            end = min(end, int(np.floor((np.float32(shift + 1) - across) / grows)) + 1)
+        elif grows < 0:
+            end = min(end, int(np.floor((np.float32(shift) - across) / grows)) + 1)
+        end = max(end, x + 1)
+        start = grows * np.float32(x) + across - np.float32(shift)
+        here = cost[x - first : end - first]
+        _differences(pictures.reference, y, other, y0, share, grows, start, pictures.weights, x, shift, line, here)
+        _truncate(here, pictures.contrast[y, x:end])
+        seen, shown = pictures.seen[view, y0, x + shift : end + shift], sight[x - first : end - first]
+        for place in range(len(shown)):
+            shown[place] = np.float32(seen[place])
+        if len(pictures.nearest) > 0:
+            surface = pictures.nearest[view, near_row, x + shift : end + shift + 1]
+            behind = np.float32(plane) + pictures.hiding
+            _uncover(sees[x - first : end - first], seen, surface, behind, grows, start)
+        x = end
+
+
+@compiled
+def _block(
+    top: int, bottom: int, plane: int, first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, work: Work
+) -> None:
+    """Costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row after row."""
+    count, known = last - first, len(pictures.nearest) > 0
+    every = (bottom - top) * count
+    for kind in range(2 if known else 1):
+        for sector in range(motion.rings[-1]):
+            work.sums[kind, sector, :every] = 0.0
+            work.weights[kind, sector, :every] = 0.0
+    cost, sight, sees = work.cost[0, :every], work.cost[1, :every], work.cost[2, :every]
+    for view in range(len(pictures.others)):
+        for y in range(top, bottom):
+            a, b = (y - top) * count, (y - top + 1) * count
+            _compare_row(y, plane, view, first, last, pictures, motion, work.line, cost[a:b], sight[a:b], sees[a:b])
+        sector = motion.sector[view]
+        _add(cost, sight, work.sums[0, sector, :every], work.weights[0, sector, :every])
+        if known:
+            _add(cost, sees, work.sums[1, sector, :every], work.weights[1, sector, :every])
+    decide(motion.rings, known, work, every)
+
+
+@compiled
+def fill_costs(
+    first: int, last: int, pictures: ComparedViews, motion: PlaneMotion, ranges: Ranges, costs: UInt16
+) -> None:
+    """Costs of rows `first` to `last` of the reference view at the planes of their ranges; `first` begins a tile."""
+    width, sectors = pictures.contrast.shape[1], motion.rings[-1]
+    most = TILE_PX * LONGEST_PX
+    work = Work(
+        np.zeros((2, sectors, most), np.float32),
+        np.zeros((2, sectors, most), np.float32),
+        np.empty((DIRECTIONS, most), np.float32),
+        np.empty((8, most), np.float32),
+        np.empty((3, most), np.float32),
+        np.empty(LONGEST_PX + 1, np.float32),
+        np.empty(most, np.float32),
+    )
+    for top in range(first, last, TILE_PX):
+        bottom = min(top + TILE_PX, last)
+        low, count = ranges.low[top], ranges.planes[top]
+        for plane in range(low.min(), (low + count).max()):
+            begin = 0
+            while begin < width:
+                if not low[begin] <= plane < low[begin] + count[begin]:
+                    begin += TILE_PX
+                    continue
+                end = begin
+                while end < min(begin + LONGEST_PX, width) and low[end] <= plane < low[end] + count[end]:
+                    end += TILE_PX
+                end = min(end, width)
+                _block(top, bottom, plane, begin, end, pictures, motion, work)
+                at = 0
+                for y in range(top, bottom):
+                    start = ranges.start[y]
+                    for x in range(begin, end):
+                        value = work.decided[at] * np.float32(UNITS) + np.float32(0.5)
+                        costs[start[x] + plane - low[x]] = np.uint16(value)
+                        at += 1
+                begin = end
+
+
+@compiled
+def average_weak(first: int, last: int, weak: Float32, reach: int, ranges: Ranges, costs: UInt16, out: UInt16) -> None:
+    """Blend costs with their mean over a square, the more the weaker the texture (v, u) is: rows `first` to `last`.
+
+    What a neighbour has no cost of, at the sides of the picture or of its range, counts as the pixel's own.
+    """
+    height, width = weak.shape
+    squares = np.float32((2 * reach + 1) ** 2)
+    sums = np.empty(ranges.planes.max(), np.float32)
+    for y in range(first, last):
+        for x in range(width):
+            low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
+            own, result = costs[start : start + count], out[start : start + count]
+            if not weak[y, x] > 0:
+                result[:] = own
+                continue
+            total = sums[:count]
+            total[:] = 0.0
+            for dy in range(-reach, reach + 1):
+                for dx in range(-reach, reach + 1):
+                    j, i = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
+                    a = max(low, ranges.low[j, i])
+                    b = max(a, min(low + count, ranges.low[j, i] + ranges.planes[j, i]))
+                    theirs = costs[
+                        ranges.start[j, i] + a - ranges.low[j, i] : ranges.start[j, i] + b - ranges.low[j, i]
+                    ]
+                    before, both, after = total[: a - low], total[a - low : b - low], total[b - low :]
+                    mine = own[b - low :]
+                    for place in range(len(before)):
+                        before[place] += np.float32(own[place])
+                    for place in range(len(both)):
+                        both[place] += np.float32(theirs[place])
+                    for place in range(len(after)):
+                        after[place] += np.float32(mine[place])
+            share = weak[y, x]
+            for place in range(count):
+                value = (np.float32(1.0) - share) * np.float32(own[place]) + share * total[place] / squares
+                result[place] = np.uint16(value + np.float32(0.5))

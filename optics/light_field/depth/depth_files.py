@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.array_files import read_npz, refusing
 from mirrorcam.core.disk.files import write_npz
 from mirrorcam.core.disk.fingerprint import digest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.light_field import LightField
 
 WHAT = "a depth map of mirrorcam depth"
-LONGEST_IDENTITY = LONGEST_DIGEST = 64
-CONTENT, SEARCHED = "light_field_sha256", "searched_mm"
+LONGEST_IDENTITY = 64
 
 
 @dataclass(frozen=True)
@@ -56,21 +55,9 @@ def save_depth(path: Path, depth: DepthMap, record: DepthRecord | None = None) -
         "layout_identity": np.array(depth.views.layout_identity),
     }
     if record is not None:
-        arrays[CONTENT] = np.array(record.light_field_sha256)
-        arrays[SEARCHED] = np.array(record.searched_mm, dtype=np.float64)
+        arrays["light_field_sha256"] = np.array(record.light_field_sha256)
+        arrays["searched_mm"] = np.array(record.searched_mm, dtype=np.float64)
     write_npz(path, arrays)
-
-
-def load_record(path: Path) -> DepthRecord | None:
-    """The record that `save_depth` wrote, or None in a file without one; raises InputError for another file."""
-    arrays = read_npz(path, (CONTENT, SEARCHED), WHAT)
-    if CONTENT not in arrays or SEARCHED not in arrays:
-        return None
-    with refusing(path, WHAT):
-        searched = arrays[SEARCHED]
-        if searched.shape != (2,) or searched.dtype.kind != "f":
-            raise ValueError(f"{SEARCHED} is {searched.dtype} of shape {searched.shape}, expected two depths")
-        return DepthRecord(str(arrays[CONTENT])[: LONGEST_DIGEST + 1], (float(searched[0]), float(searched[1])))
 
 
 def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:

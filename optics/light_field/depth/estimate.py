@@ -1,9 +1,9 @@
-"""Depth of the reference view from all views of a light field, with its uncertainty.
+"""Depth of the reference view from all views of a light field, with its uncertainty; also of videos.
 
-Small pictures are searched first, in all planes, larger ones near what is found (`search`): a sweep of planes gives
-each pixel a cost at each depth (`cost`), first with views in competition, then with what hides what known from the
-depth before (`visibility`), and paths along surfaces that lean choose among them (`semiglobal`). Edges follow the
-picture (`edges`); Gauss-Newton steps over smooth surfaces find the rest (`refine`).
+Small pictures are searched first, in all planes, larger ones near the depth found before (`search`): a sweep of planes
+gives each pixel a cost at each depth (`cost`), first with competing views, then with occlusion by the depth found
+before (`sweep`), and paths along slanted surfaces choose among them (`semiglobal`). Edges follow the picture, and
+Gauss-Newton steps over smooth surfaces refine the depth (`refine`).
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import check_type
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.edges import follow_edges
-from mirrorcam.optics.light_field.depth.geometry import MOST_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -28,22 +27,22 @@ from mirrorcam.optics.light_field.depth.photometry import (
     matching_gain,
     patches,
 )
-from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture, follow_edges
 from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
+from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
-from mirrorcam.optics.light_field.depth.volume import range_around
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 Float32 = NDArray[np.float32]
 Quality = Literal["best", "fast"]
-
 NEAR, FAR = 0.6, 2.0
 """Nearest and farthest depth that is searched by default, in reference depths."""
 MOST_CELLS = 2**26
 """Most pixels times planes that are searched without knowing where."""
 MOST_NEAR_CELLS = 2**28
-"""Most pixels times planes near what is known; where depth changes so much, what smaller pictures tell is all."""
+"""Most pixels times planes near what is known; where depth changes so much, the result of smaller pictures stands."""
 SMALLEST_SEARCHED_PX = 48
 """Pictures are not halved to less than that."""
 SMALLEST_PX = 16
@@ -255,9 +254,9 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     if np.isinf(near_mm):
         raise InputError("the reference plane is at infinity, expected --near-mm, the nearest depth to look for")
     if not least < near_mm < far_mm:
-        asked = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
+        limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(
-            f"{asked}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
+            f"{limits}: expected near_mm below far_mm, and both beyond the foremost view, at {least:.0f} mm"
         )
 
 
@@ -283,3 +282,18 @@ def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far
         For a light field or depths that `DepthEstimator` refuses.
     """
     return DepthEstimator(light_field, near_mm=near_mm, far_mm=far_mm).estimate(light_field)
+
+
+class VideoDepth:
+    """Depth of the light fields of one video, filtered in time (`TemporalFilter`), in their order.
+
+    The first is that of `DepthEstimator.estimate`; later ones depend on the frames before, too.
+    """
+
+    def __init__(self, estimator: DepthEstimator) -> None:
+        self._estimator = estimator
+        self._filter = TemporalFilter()
+
+    def estimate(self, light_field: LightField) -> DepthMap:
+        """The depth of the next frame; raises InputError as `DepthEstimator.estimate`."""
+        return self._estimator.estimate(self._filter.filtered(light_field))

@@ -121,7 +121,7 @@ def matching_gain(picture: Float32, across: Float32, down: Float32, reference: F
     """Gain (v, u) that brings a grey view to the brightness of the reference view; ones where too little is shared.
 
     The gain is a plane over the view, g = a + b u + c v, fitted to what both show of the same places; places that
-    differ too much, hidden in one of them, lose their say round after round (Geman-McClure weights).
+    differ too much, hidden in one of them, lose weight round after round (Geman-McClure).
 
     Parameters
     ----------

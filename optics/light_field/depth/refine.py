@@ -1,7 +1,8 @@
-"""Refinement of a depth map to a small part of a pixel: all views together, over surfaces that may bend but not ripple.
+"""Refinement of a depth map to a fraction of a pixel by all views together, and depth edges moved to the picture's.
 
-Slopes of brightness in the views are fitted by Gauss-Newton steps; second differences of the map are held small where
-no depth edge is (robust weights). Both give the information from which the uncertainty follows.
+Slopes of brightness in the views are fitted by Gauss-Newton steps; second differences of the map are kept small where
+there is no depth edge (robust weights), so that surfaces may bend but not ripple. Both give the information from which
+the uncertainty follows. Weighted medians move depth edges to the edges of the picture.
 """
 
 from __future__ import annotations
@@ -15,23 +16,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
-from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import (
     HIDING_PX,
-    Pinhole,
+    SweepPinhole,
     Terms,
     View,
     add_terms,
     applied,
     bends,
 )
-from mirrorcam.optics.light_field.depth.sweep import Sweep
-from mirrorcam.optics.light_field.depth.visibility import nearest_planes
+from mirrorcam.optics.light_field.depth.sweep import Sweep, nearest_planes
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
-
 NOISE_GREY = 0.25
 """Standard deviation, of 255, that a difference of slopes of brightness is taken to have."""
 MISPLACED_PX = 0.1
@@ -50,6 +50,10 @@ LONGEST_PX, LONGEST_AT_EDGE_PX = 1.0, 0.15
 """Largest change of a value, px of the farthest view's motion: away from depth edges, and at them."""
 JUMP_PX = 0.6
 """Difference within 3x3 pixels, px of the farthest view's motion, that is a depth edge."""
+RADIUS_PX = 3
+JUMP_RADIUS_PX = 2
+COLOUR_GREY = 20.0
+"""Sum of the differences of three colours, of 255 each, at which a neighbour's weight falls by a factor of e."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,7 @@ def _solved(
     return x
 
 
-def slopes_of(picture: Float32) -> Float32:
+def brightness_slopes(picture: Float32) -> Float32:
     """The two slopes of brightness (2, v, u) of a grey picture (v, u), per px (Scharr's)."""
     return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
 
@@ -154,12 +158,12 @@ class SlopePicture:
 
     @classmethod
     def of(cls, grey: Float32, seen: NDArray[np.uint8]) -> SlopePicture:
-        return cls(np.ascontiguousarray(np.moveaxis(slopes_of(grey), 0, -1)), seen)
+        return cls(np.ascontiguousarray(np.moveaxis(brightness_slopes(grey), 0, -1)), seen)
 
     @cached_property
     def derivatives(self) -> Float32:
         """Slopes (2, 2, v, u) of each slope, across and down."""
-        return np.stack([slopes_of(self.slopes[..., axis]) for axis in range(2)])
+        return np.stack([brightness_slopes(self.slopes[..., axis]) for axis in range(2)])
 
     @cached_property
     def variance(self) -> Float32:
@@ -173,7 +177,7 @@ class Refiner:
 
     def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: Map = map):
         self.sweep, self.run = sweep, run
-        self.pinholes = [Pinhole.of(view, sweep) for view in parallaxes]
+        self.pinholes = [SweepPinhole.of(view, sweep) for view in parallaxes]
 
     def match(self, planes: Float32, reference: SlopePicture, others: Sequence[SlopePicture]) -> tuple[Match, Float32]:
         """The match at a map (v, u), and the gradient that goes with its information."""
@@ -234,3 +238,49 @@ class Refiner:
             weight[ends] = 0.0
             result.append(weight)
         return result[0], result[1]
+
+
+@compiled
+def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: float, out: Float32) -> None:
+    height, width = planes.shape
+    most = (2 * RADIUS_PX + 1) ** 2
+    values, weights = np.empty(most, np.float32), np.empty(most, np.float32)
+    for y in range(first, last):
+        for x in range(width):
+            low = high = out[y, x] = planes[y, x]
+            for j in range(max(y - JUMP_RADIUS_PX, 0), min(y + JUMP_RADIUS_PX + 1, height)):
+                for i in range(max(x - JUMP_RADIUS_PX, 0), min(x + JUMP_RADIUS_PX + 1, width)):
+                    low, high = min(low, planes[j, i]), max(high, planes[j, i])
+            if high - low < jump:
+                continue
+            count, total = 0, np.float32(0.0)
+            for j in range(max(y - RADIUS_PX, 0), min(y + RADIUS_PX + 1, height)):
+                for i in range(max(x - RADIUS_PX, 0), min(x + RADIUS_PX + 1, width)):
+                    apart = np.float32(0.0)
+                    for colour in range(3):
+                        apart += abs(picture[j, i, colour] - picture[y, x, colour])
+                    away = np.float32((j - y) * (j - y) + (i - x) * (i - x)) / np.float32(RADIUS_PX * RADIUS_PX)
+                    weight = np.exp(-apart / np.float32(COLOUR_GREY) - away)
+                    place = count - 1
+                    while place >= 0 and values[place] > planes[j, i]:
+                        values[place + 1], weights[place + 1] = values[place], weights[place]
+                        place -= 1
+                    values[place + 1], weights[place + 1] = planes[j, i], weight
+                    total += weight
+                    count += 1
+            passed = np.float32(0.0)
+            for number in range(count):
+                passed += weights[number]
+                if passed >= np.float32(0.5) * total:
+                    out[y, x] = values[number]
+                    break
+
+
+def follow_edges(planes: Float32, picture: Float32, jump: float, run: Map = map) -> Float32:
+    """A map (v, u) whose values beside jumps are those of neighbours of like colour (Ma et al., ICCV 2013).
+
+    `picture` has colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` nearby.
+    """
+    out = np.empty_like(planes)
+    list(run(lambda band: _medians(*band, planes, picture, np.float32(jump), out), bands(planes.shape[0])))
+    return out

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.optics.light_field.depth.geometry import Parallax
+from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.sweep import Sweep
 
 Float32 = NDArray[np.float32]
@@ -19,7 +19,7 @@ HIDING_PX = 1.0
 """Motion of the farthest view by which a surface must be nearer to hide another."""
 
 
-class Pinhole(NamedTuple):
+class SweepPinhole(NamedTuple):
     """A `Parallax` for planes of a sweep."""
 
     focal: np.float32
@@ -34,7 +34,7 @@ class Pinhole(NamedTuple):
     step: np.float32
 
     @classmethod
-    def of(cls, view: Parallax, sweep: Sweep) -> Pinhole:
+    def of(cls, view: Parallax, sweep: Sweep) -> SweepPinhole:
         x, y, z = view.position_mm
         numbers = (view.focal_px, *view.centre_px, x, y, z, 1.0 - z / view.reference_distance_mm)
         further = (1.0 / view.reference_distance_mm, float(sweep.inverse_distances[0]), sweep.step)
@@ -74,7 +74,7 @@ class Terms(NamedTuple):
 
 
 @compiled
-def _cubic(t: Any, out: Any) -> None:
+def _cubic(t: float, out: Float32) -> None:
     """Weights (4,) of Catmull-Rom interpolation at `t` between the middle two samples."""
     half, one = np.float32(0.5), np.float32(1.0)
     out[0] = ((-half * t + one) * t - half) * t
@@ -84,7 +84,16 @@ def _cubic(t: Any, out: Any) -> None:
 
 
 @compiled
-def _compared(y: Any, planes: Any, own: Any, derivatives: Any, hole: Any, view: Any, hiding: Any, out: Any) -> None:
+def _compared(
+    y: int,
+    planes: Float32,
+    own: Float32,
+    derivatives: Float32,
+    hole: SweepPinhole,
+    view: View,
+    hiding: float,
+    out: Float32,
+) -> None:
     """Residuals of two slopes, their rise with the plane, and sight: rows of `out` (6, u), of row `y`."""
     height, width = planes.shape
     half, one = np.float32(0.5), np.float32(1.0)
@@ -137,18 +146,18 @@ def _compared(y: Any, planes: Any, own: Any, derivatives: Any, hole: Any, view: 
 
 @compiled
 def add_terms(
-    first: Any,
-    last: Any,
-    planes: Any,
-    own: Any,
-    derivatives: Any,
-    variance: Any,
-    hole: Any,
-    view: Any,
-    hiding: Any,
-    terms: Any,
+    first: int,
+    last: int,
+    planes: Float32,
+    own: Float32,
+    derivatives: Float32,
+    variance: Float32,
+    hole: SweepPinhole,
+    view: View,
+    hiding: float,
+    terms: Terms,
 ) -> None:
-    """Add what a view says of rows `first` to `last` of a map of planes (v, u).
+    """Add the terms of a view in rows `first` to `last` of a map of planes (v, u).
 
     `own` (v, u, 2), `derivatives` (2, 2, v, u) and `variance` (v, u) are those of the reference view's slopes.
     """
@@ -178,9 +187,9 @@ def add_terms(
             left, right = x - 1 if x > 0 else 1, x + 1 if x < width - 1 else width - 2
             unlike = one + (mean[left] + mean[x] + mean[right]) * ninth * limit
             weight = row[5, x] / (unlike * unlike)
-            say = weight / variance[y, x]
-            terms.information[y, x] += say * (row[2, x] * row[2, x] + row[3, x] * row[3, x])
-            terms.gradient[y, x] += say * (row[2, x] * row[0, x] + row[3, x] * row[1, x])
+            precision = weight / variance[y, x]
+            terms.information[y, x] += precision * (row[2, x] * row[2, x] + row[3, x] * row[3, x])
+            terms.gradient[y, x] += precision * (row[2, x] * row[0, x] + row[3, x] * row[1, x])
             terms.agreeing[y, x] += weight
             terms.seeing[y, x] += row[4, x]
             terms.squares[y, x] += weight * squares[y - top, x]
@@ -192,7 +201,7 @@ def add_terms(
 
 
 @compiled
-def bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any) -> None:
+def bends(values: Float32, across: Float32, down: Float32, bend_across: Float32, bend_down: Float32) -> None:
     """Weighted second differences of a map (v, u); weights are zero in the first and last column or row."""
     height, width = values.shape
     for y in range(height):
@@ -206,7 +215,7 @@ def bends(values: Any, across: Any, down: Any, bend_across: Any, bend_down: Any)
 
 
 @compiled
-def applied(held: Any, values: Any, bend_across: Any, bend_down: Any, out: Any) -> None:
+def applied(held: Float32, values: Float32, bend_across: Float32, bend_down: Float32, out: Float32) -> None:
     """The normal matrix of values held with weights (v, u) and of weighted second differences, applied."""
     height, width = values.shape
     two = np.float32(2.0)

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.depth.competition import UNITS
 from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
-from mirrorcam.optics.light_field.depth.geometry import MOST_PLANES, halved, plane_inverse_distances
+from mirrorcam.optics.light_field.depth.parallax import MOST_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import WAYS, Cheapest, aggregate, cheapest, leans_of
-from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, nearest_planes, sweep
 from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN
-from mirrorcam.optics.light_field.depth.visibility import nearest_planes
-from mirrorcam.optics.light_field.depth.volume import Ranges
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]

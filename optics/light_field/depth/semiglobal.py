@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
-from mirrorcam.optics.light_field.depth.volume import Volume
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume
 
+UInt16 = NDArray[np.uint16]
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
 
@@ -30,7 +31,7 @@ LEAST_RATIO = 1.5
 SLOPE_REACH_PX, SLOPE_MEDIAN_PX = 3, 21
 SLOPE_MEAN_PX = (145, 49, 17, 9)
 SLOPE_HELD = 0.03
-"""Share of sure places in a square at which what they say counts as much as a larger square."""
+"""Share of sure places in a square at which these count as much as a larger square."""
 SURE = 12.0
 """Margin, in contrasts of eight views, from which on a lean is sure."""
 STEEPEST = 2.0
@@ -38,7 +39,7 @@ STEEPEST = 2.0
 LEVEL = 0.02
 """Leans below that, in planes a pixel, count as none."""
 SAME_PLANES = 2
-"""Planes so near each other are one place, when it is asked whether another is as cheap."""
+"""Planes so near each other are one place, when rivals that are as cheap are counted."""
 PLACE_PLANES = 3
 """Planes that are right together, to half a pixel of the farthest view's motion."""
 LINES = 32
@@ -58,7 +59,9 @@ class _Penalties(NamedTuple):
 
 
 @compiled
-def _step(path: Any, before: Any, offset: Any, least: Any, penalty: Any, next_plane: Any, own: Any, on: Any) -> None:
+def _step(
+    path: UInt16, before: int, offset: int, least: int, penalty: int, next_plane: int, own: UInt16, on: UInt16
+) -> None:
     """Costs `on` of the paths at the planes of a pixel, from those of the pixel before.
 
     Plane i here is plane i + `offset` there, of `before` planes, which lie in `path` from 2 on.
@@ -81,7 +84,16 @@ def _step(path: Any, before: Any, offset: Any, least: Any, penalty: Any, next_pl
 
 @compiled
 def _path(
-    ranges: Any, costs: Any, total: Any, surface: Any, penalties: Any, y: Any, x: Any, dy: Any, dx: Any, work: Any
+    ranges: Ranges,
+    costs: UInt16,
+    total: UInt16,
+    surface: _Surface,
+    penalties: _Penalties,
+    y: int,
+    x: int,
+    dy: int,
+    dx: int,
+    work: UInt16,
 ) -> None:
     """Add to `total` the costs of the cheapest paths along one line from a pixel on; `work` (2, n + 4)."""
     height, width = ranges.low.shape
@@ -122,7 +134,15 @@ def _path(
 
 @compiled
 def _paths(
-    first: Any, last: Any, dy: Any, dx: Any, ranges: Any, costs: Any, total: Any, surface: Any, penalties: Any
+    first: int,
+    last: int,
+    dy: int,
+    dx: int,
+    ranges: Ranges,
+    costs: UInt16,
+    total: UInt16,
+    surface: _Surface,
+    penalties: _Penalties,
 ) -> None:
     """All lines `first` to `last` of one direction: from the first row, then from the first column."""
     height, width = ranges.low.shape
@@ -176,7 +196,7 @@ def aggregate(
 
 
 @compiled
-def _least(first: Any, last: Any, ranges: Any, total: Any, doubtful: Any, found: Any) -> None:
+def _least(first: int, last: int, ranges: Ranges, total: UInt16, doubtful: float, found: Float32) -> None:
     """Fill rows `first` to `last` of `found` (3, v, u): place, margin and rivals."""
     one = np.float32(1.0)
     for y in range(first, last):

@@ -43,7 +43,7 @@ UNRELATED, RELATED = 0.04, 0.16
 """Correlation of slopes up to which views show different things, and from which on they show the same."""
 LEAST_ENERGY = 1e-3
 USUAL_RIVALS = 2.0
-"""Number of rivals that a first search leaves since it does not tell places near each other apart."""
+"""Number of rivals that a first search leaves since it does not separate places near each other."""
 
 
 def _mean(values: Float32) -> Any:
@@ -95,7 +95,7 @@ def probability(
     rivals
         Number (v, u) of other places that are about as cheap, of those searched last.
     everywhere
-        The same of all places, by the first search: many where nothing is told, then one is right of all these.
+        The same of all places, by the first search: many where nothing is determined; one of all these is right then.
     smooth
         Weight (v, u), 0 to 1, of the surface's being smooth.
     halved
@@ -106,7 +106,7 @@ def probability(
     odds += RIVALS * np.log(rivals + FEWEST_RIVALS) + (HALVED_ODDS if halved else 0.0)
     energies = cv2.blur(match.energies, (CORRELATED_PX, CORRELATED_PX))
     correlation = cv2.blur(match.products, (CORRELATED_PX, CORRELATED_PX)) / np.maximum(energies, LEAST_ENERGY)
-    # Where there is no texture at all, rivals tell that.
+    # Where there is no texture at all, rivals show that.
     alike = np.where(energies > LEAST_ENERGY, correlation, 1.0)
     shown = np.clip((alike - UNRELATED) / (RELATED - UNRELATED), 0.0, 1.0)
     shared = 1.0 + np.maximum(everywhere - USUAL_RIVALS, 0.0)

@@ -1,10 +1,11 @@
-"""Sub-pixel alignment of what a keypoint shows in the reference view with what the other views show.
+"""Sub-pixel alignment of a keypoint's patch in the reference view with the other views.
 
 Inverse compositional Gauss-Newton (Baker and Matthews, IJCV 2004) on patches of mean zero and length one, so that views
 need be neither equally bright nor equally rich in contrast. A patch moves by itself in each view; the shape of the
 surface that it lies on, slanted and curved, is estimated from all views together: with the inverse distance
-w + n.o + c(o) at an offset o, linear and quadratic in o, a view at p sees the offset moved by -f p (n.o + c(o)). Left
-out, a shape would move patches by unlike amounts along s and t, as refraction does.
+w + n.o + c(o) at an offset o, where c has powers of two and three, a view at p sees the offset moved by
+-f p (n.o + c(o)). Without a shape, patches would move by unlike amounts along s and t, as by refraction. Residuals that
+move patches as no shape does give the size of the noise.
 """
 
 from __future__ import annotations
@@ -18,22 +19,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features.image_pyramid import Floats, ImagePyramid
-from mirrorcam.optics.light_field.features.patch_shapes import PatchShapes
-from mirrorcam.optics.light_field.features.patches import OFFSETS, SAMPLES, SHAPES, Templates, normalized
+from mirrorcam.optics.light_field.features.patches import (
+    OFFSETS,
+    SAMPLES,
+    SHAPES,
+    Floats,
+    ImagePyramid,
+    Templates,
+    normalized,
+)
 
 # Rounds that move patches only, then rounds that also shape them.
 MOVING_ROUNDS = 2
 SHAPING_ROUNDS = 3
 # A step of more than a pixel of its scale is cut: the patches' gradients are not valid beyond it.
 MOST_STEP_PX = 1.0
-# Views that look less like the reference's patch say nothing of its shape.
+# Views that look less like the reference's patch give no information on its shape.
 LEAST_ALIKE_FOR_SHAPE = 0.7
 KEYPOINTS_AT_ONCE = 128
+# Standard deviations of surfaces before anything is seen of them: tan(slant) (60 degrees), and how much it changes over
+# half the side of the patch.
+USUAL_SHAPE = np.array([1.7] * 2 + [0.7] * 7)
+# Surfaces are no polynomials: what the curvatures, and what their changes, contribute to a slope has an error of this
+# share of it. Measured on rendered scenes of rough surfaces.
+UNSURE_SHARE = 0.4
+ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
+# w, d, e as matrices of slopes.
+SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
+# Matrices of moves that no shape of a surface makes: across the view's position, and unlike ones along s and t.
+NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
+# Of residuals of patches of length one: 8-bit pictures are no better, however alike they seem.
+LEAST_VARIANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Warp:
+class PatchWarp:
     """How views show patches of another light field: turned, grown and sheared, and bent as their surfaces are.
 
     Attributes
@@ -50,11 +70,11 @@ class Warp:
     shapes: FloatArray
 
     @classmethod
-    def none(cls, count: int) -> Warp:
+    def none(cls, count: int) -> PatchWarp:
         return cls(np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2)), np.zeros((count, len(SHAPES))))
 
-    def of(self, index: NDArray[np.int64]) -> Warp:
-        return Warp(self.linear[index], self.bend[index], self.shapes[index])
+    def of(self, index: NDArray[np.int64]) -> PatchWarp:
+        return PatchWarp(self.linear[index], self.bend[index], self.shapes[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +117,7 @@ def align(
     across_mm: FloatArray,
     distance_mm: FloatArray,
     run: Callable[..., Any] = map,
-    warp: Warp | None = None,
+    warp: PatchWarp | None = None,
 ) -> AlignedPatches:
     """Move and shape the patches of keypoints until views look like them.
 
@@ -125,7 +145,7 @@ def align(
     precision, variance, covariance = np.zeros((count, 2, 2)), np.ones(count), np.zeros((count, 3, 3))
     precision[:] = np.eye(2)
     shapes = np.zeros((count, len(SHAPES)))
-    shown = Warp.none(count) if warp is None else warp
+    shown = PatchWarp.none(count) if warp is None else warp
     parts = [part for each in given for part in _parts(each)]
 
     def one(part: Templates) -> None:
@@ -159,7 +179,7 @@ def _align_level(
     start_px: FloatArray,
     across_mm: Floats,
     distance_mm: FloatArray,
-    warp: Warp,
+    warp: PatchWarp,
 ) -> AlignedPatches:
     """Align the keypoints of one level, as `align` does."""
     linear = warp.linear.astype(np.float32)
@@ -200,3 +220,61 @@ def _align_level(
         shape_covariance=solved.covariance() * 4.0**each.level,
         shapes=solved.shape.astype(np.float64),
     )
+
+
+class PatchShapes:
+    """Shapes (n, 9) of the surfaces of patches, from all views together, with a prior: few are seen edge-on."""
+
+    def __init__(self, each: Templates, across_mm: Floats, distance_mm: FloatArray) -> None:
+        self.each, self.across_mm = each, across_mm
+        # tan(slant) and curvature are the shape's coefficients, 1/mm, times the distance.
+        self.prior = (distance_mm[:, None] / USUAL_SHAPE) ** 2
+        count = len(each.index)
+        self.shape = np.zeros((count, len(SHAPES)), np.float32)
+        self.variance = np.ones(count)
+        self.normal = self.prior[:, :, None] * np.eye(len(SHAPES))
+
+    def step(self, difference: Floats, usable: NDArray[np.bool_]) -> Floats:
+        """Correct the shapes by differences (views, n, SAMPLES) in the views that show them (views, n).
+
+        Returns the move (views, n, 2) of the patches' middles for which the correction makes up.
+        """
+        each = self.each
+        weighted = usable.astype(np.float32)[..., None] * self.across_mm[:, None]
+        positions = np.einsum("vni,vj->nij", weighted, self.across_mm).astype(np.float64)
+        slopes = weighted.transpose(1, 2, 0) @ difference.transpose(1, 0, 2)
+        projected = (each.shapes.reshape(len(slopes), -1, SAMPLES) @ slopes.transpose(0, 2, 1)).reshape(
+            -1, len(SHAPES), 2, 2
+        )
+        count, shapes = len(projected), len(SHAPES)
+        prior = self.prior[:, :, None] * np.eye(shapes)
+        information = positions.reshape(count, 1, 4) @ each.products.reshape(count, 4, shapes**2)
+        self.normal = information.reshape(count, shapes, shapes) / self.variance[:, None, None] + prior
+        right = np.einsum("nbkk->nb", projected) / self.variance[:, None] - self.prior * self.shape
+        change = np.linalg.solve(self.normal, right[..., None])
+        explained = (each.products.reshape(count, 4 * shapes, shapes) @ change).reshape(count, 2, 2, shapes)
+        explained = np.einsum("nkjb,nji->nbki", explained, positions)
+        change = change[..., 0]
+        self.variance = self._variance(projected - explained, positions)
+        self.shape += change.astype(np.float32)
+        moved = np.einsum("nkbj,nb->nkj", each.leaning, change.astype(np.float32))
+        return np.asarray(-(moved @ self.across_mm.T).transpose(2, 0, 1))
+
+    def _variance(self, projected: FloatArray, positions: FloatArray) -> FloatArray:
+        """Variance (n,) of residuals by their part (n, 9, 2, 2) that no shape explains: moves across epipolar lines."""
+        squares = np.einsum("skj,nbkj->nsb", NO_SHAPES, projected) ** 2
+        moved = NO_SHAPES @ positions[:, None] @ NO_SHAPES.transpose(0, 2, 1)
+        usual = np.einsum("nskm,nkmbb->nsb", moved, self.each.products)
+        share = squares / np.maximum(usual, 1e-12)
+        # Views in one line determine the first alone.
+        values = np.linalg.eigvalsh(positions)
+        flat = values[:, 0] < 1e-6 * values[:, 1]
+        return np.maximum(np.where(flat, share[:, 0].mean(axis=1), share.mean(axis=(1, 2))), LEAST_VARIANCE)
+
+    def covariance(self) -> FloatArray:
+        """Covariance (n, 3, 3) of w, d, e by the uncertainty of the shapes, px of the level per mm."""
+        moved = 0.5 * np.einsum("skj,nkbj->nsb", SLOPES, self.each.leaning.astype(np.float64))
+        bent = np.einsum("nsb,nb,bo->nso", moved, self.shape, ORDERS) * UNSURE_SHARE
+        return np.asarray(
+            moved @ np.linalg.inv(self.normal) @ moved.transpose(0, 2, 1) + bent @ bent.transpose(0, 2, 1)
+        )

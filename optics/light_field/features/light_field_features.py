@@ -1,6 +1,6 @@
 """Features of a light field: 2-D keypoints of the reference view that all views agree on, with slope and place.
 
-As in the paper (Light Field Features): one match of a keypoint in another view tells a slope, and with it where the
+As in the paper (Light Field Features): one match of a keypoint in another view gives a slope, and with it where the
 feature is to be in all views; what is found farther from there than a maximum distance is not of it; at least N_MIN
 views must find it; all that do, consolidate its slope. Keypoints are detected and described in the reference view and
 at the ends of its row and column; from the slope on which these agree, its patch is aligned in every view.
@@ -15,11 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.feature_set import Features
-from mirrorcam.optics.light_field.features.focal_stack import stack_keypoints
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
     Keypoints,
@@ -27,15 +26,16 @@ from mirrorcam.optics.light_field.features.keypoints import (
     detector,
     grey_views,
     inner_masks,
+    stack_keypoints,
 )
 from mirrorcam.optics.light_field.features.match import candidates, vote
-from mirrorcam.optics.light_field.features.patches import templates
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import (
     Geometry,
     SlopeFit,
     TwoSlopes,
     agreeing_views,
-    fit,
+    fit_slope,
     fit_two_slopes,
     moderated_variance,
 )
@@ -148,7 +148,7 @@ class FeatureFinder:
         tolerance = MATCH_PX * at.scale_px
         found = candidates(self.geometry, at, others, name, self.inverse_range_mm, tolerance, run)
         agreed, competing = vote(found, tolerance)
-        # Where two slopes compete, what all views show decides; where it shows both, the keypoint tells neither.
+        # Where two slopes compete, what all views show decides; where it shows both, the keypoint determines neither.
         tried = np.concatenate([np.flatnonzero(np.isfinite(each)) for each in (agreed, competing)])
         return at, tried, np.concatenate([each[np.isfinite(each)] for each in (agreed, competing)])
 
@@ -198,7 +198,7 @@ class FeatureFinder:
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
         precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
         used = agreeing_views(self.geometry, seen_px, inverse_mm, precision, self.max_distance_px)
-        solved = fit(self.geometry, seen_px, used, inverse_mm, precision)
+        solved = fit_slope(self.geometry, seen_px, used, inverse_mm, precision)
         reference = self.geometry.reference
         near, far = max(self.inverse_range_mm), min(self.inverse_range_mm)
         keep = used[reference] & (used.sum(axis=0) - 1 >= self.min_views)
@@ -213,7 +213,7 @@ class FeatureFinder:
         # In the order of keypoints, whichever of their slopes it is.
         keep = np.flatnonzero(keep)[np.argsort(tried[keep], kind="stable")]
         kept = (self.geometry, seen_px[:, keep], used[:, keep], inverse_mm[keep], precision[keep])
-        solved, apart = fit(*kept), fit_two_slopes(*kept)
+        solved, apart = fit_slope(*kept), fit_two_slopes(*kept)
         covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
         return self._features(
             at, tried[keep], seen_px[:, keep], used[:, keep], solved, apart, variance[keep], covariance
@@ -298,7 +298,7 @@ def _one_of_each(
 ) -> NDArray[np.bool_]:
     """Keep one keypoint at most of those (n, 2) at the same place (two slopes tried, or two orientations of SIFT).
 
-    The one that most views see; none where the moves that their slopes tell (n,) differ by more than `most_px`.
+    The one that most views see; none where the moves by their slopes (n,) differ by more than `most_px`.
     """
     chosen = np.zeros(len(pixels), dtype=bool)
     if len(pixels) == 0:

@@ -95,7 +95,7 @@ class SlopeFit:
     freedom: NDArray[np.int64]
 
 
-def fit(
+def fit_slope(
     geometry: Geometry,
     seen_px: FloatArray,
     used: NDArray[np.bool_],
@@ -104,8 +104,8 @@ def fit(
 ) -> SlopeFit:
     """The consolidated slope of points seen at (views, n, 2) in the views `used` (views, n).
 
-    `about_inverse_mm` (n,) tells the units of the equations well enough: (1 - z_i w) hardly differs from one.
-    `precision` (n, 2, 2) tells how well each point is located along u and v, of mean one.
+    `about_inverse_mm` (n,) gives the units of the equations well enough: (1 - z_i w) hardly differs from one.
+    `precision` (n, 2, 2) is how well each point is located along u and v, of mean one.
     A point that is used in no view but the reference has information 0 and slope NaN.
     """
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
@@ -148,7 +148,7 @@ def agreeing_views(
     shown = np.isfinite(seen_px[..., 0])
     used = shown.copy()
     for factor in (3.0, 1.5, 1.0, 1.0):
-        solved = fit(geometry, seen_px, used, about_inverse_mm, precision)
+        solved = fit_slope(geometry, seen_px, used, about_inverse_mm, precision)
         used = shown & (solved.distances_px <= factor * max_distance_px)
     return used
 
@@ -185,7 +185,7 @@ def fit_two_slopes(
     about_inverse_mm: FloatArray,
     precision: FloatArray,
 ) -> TwoSlopes:
-    """Fit a symmetric matrix in place of the slope, otherwise as `fit`."""
+    """Fit a symmetric matrix in place of the slope, otherwise as `fit_slope`."""
     a_, b, focal = _equations(geometry, seen_px, about_inverse_mm)
     use = used.astype(np.float64)
     # Columns of the unknowns w, d, e in the two rows of each view, less what a, free too, takes up of them.

@@ -16,7 +16,8 @@ from typing import Literal, Self
 import numpy as np
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 SMALL = 1e-4

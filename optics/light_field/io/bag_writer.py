@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from mirrorcam.core.disk.files import TEMPORARY
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
 
 NAMESPACE = "/mirrorcam/"

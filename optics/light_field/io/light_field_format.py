@@ -1,17 +1,20 @@
-"""File formats of light fields: `formats.registry` collects those there are."""
+"""File formats of light fields, which `formats.registry` collects, and sequences of light fields read one by one."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import DepthOrInf, InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import DepthOrInf, Value
 from mirrorcam.optics.light_field.light_field import LightField
 
 Depth = NDArray[np.float32]
@@ -131,3 +134,29 @@ def single(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path, Assum
 def without_depth(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
     """The writer of a format that has no place for a depth."""
     return lambda path, light_field, depth_mm: write(path, light_field)
+
+
+class StoredFrames(Sequence[LightField]):
+    """The light fields at a path; a format says how many there are, and reads one by its number.
+
+    A frame that there is not raises IndexError, as in a list.
+    """
+
+    path: Path
+
+    @overload
+    def __getitem__(self, index: int) -> LightField: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[LightField]: ...
+
+    def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
+        if isinstance(index, slice):
+            return [self._frame(each) for each in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
+        return self._frame(index % len(self))
+
+    @abstractmethod
+    def _frame(self, number: int) -> LightField:
+        """Read the frame of a number from 0; raises InputError in one line where it cannot be read."""

@@ -1,17 +1,56 @@
-"""One picture for all views, as the formats `eslf` and `tiles` have it; weights are opacity, the views in NAME.json."""
+"""One picture for all views, as the formats `eslf` and `tiles` have it; weights are opacity, the views in NAME.json.
+
+Neither the picture nor its name states how many views it shows, nor always whether they lie side by side (tiles) or a
+small picture of the aperture stands in place of every pixel (lenslets, ESLF). The pixels tell: neighbouring tiles are
+alike with a seam between them, and lenslets have edges.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any, Literal
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, views_toml
-from mirrorcam.optics.light_field.io.mosaic_order import AXES, Order, check_division
-from mirrorcam.optics.light_field.io.view_images import light_field_of, read_rgba, rgb, weight_bytes, write_rgba
+from mirrorcam.optics.light_field.io.view_images import Bytes, light_field_of, read_rgba, rgb, weight_bytes, write_rgba
+from mirrorcam.optics.light_field.io.view_motion import texture_repeats
 from mirrorcam.optics.light_field.io.views_file import even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
+
+Order = Literal["eslf", "tiles"]
+Grid = tuple[int, int]
+Grey = NDArray[np.float32]
+AXES: dict[str, tuple[int, int, int, int]] = {"eslf": (2, 0, 3, 1), "tiles": (0, 2, 1, 3)}
+"""Axes t, s, v, u in the order in which a picture has them, from the slowest: rows, then columns."""
+_SIDE_PX = 32
+"""Side of the views as they are compared; the middle half of one is looked for in its neighbour."""
+_PAIRS = 6
+"""Pairs of neighbours along each axis that are compared."""
+_ALIKE, _UNLIKE = 0.85, 0.75
+"""Correlations above which neighbours are views of one scene, and below which they are not."""
+_SEAM, _NO_SEAM = 2.0, 1.5
+"""Contrasts at cuts, relative to elsewhere, above which a picture ends there, and below which it goes on."""
+_WEAKER_SEAM = 0.5
+"""Contrast at cuts that are no seams, relative to those that are, at most."""
+_LENS, _CERTAIN = 1.15, 1.5
+"""Contrasts at edges, relative to inside, above which they are of lenses, and not of JPEG's blocks."""
+_LESS_LENS = 0.9
+"""Contrast of a wrong size of lenses relative to the right one, at most."""
+_NOISE = 0.5
+"""Difference of neighbouring pixels relative to the standard deviation of all, above which a picture is noise."""
+_BLOCK_PX = 8
+_STRUCTURE = 0.7
+"""Correlation of neighbouring pixels of a small view above which it shows more than noise."""
+_MOST_VIEWS, _LEAST_VIEW_PX = 32, 8
+_LIKELY_VIEW_PX = 24
+"""Sides of views of a grid that is suggested, at least: smaller parts alike are of a texture."""
 
 
 def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
@@ -61,3 +100,193 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
     samples = colours.reshape(*parts, 3).transpose(*back, 4)
     channels = 3 if stated is None else stated[1].channels
     return light_field_of(views, np.ascontiguousarray(samples), opacity.reshape(parts).transpose(back), channels)
+
+
+def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
+    """Raise InputError, in one line without a path, where the pixels contradict that a picture is divided so.
+
+    Pictures that do not tell, such as those without texture, pass.
+    """
+    if min(side // count for side, count in zip(colours.shape, grid, strict=False)) < _LEAST_VIEW_PX:
+        return
+    picture = _Picture(np.asarray(cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_RGB2GRAY), np.float32))
+    if order == "eslf":
+        _check_lenses(picture, grid)
+    else:
+        _check_tiles(picture, grid)
+
+
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """A picture (h, w) in grey from 0 to 255."""
+
+    grey: Grey
+
+    @cached_property
+    def contrasts(self) -> tuple[Grey, Grey]:
+        """Mean difference from each row to the next, and from each column to the next."""
+        down, across = (np.abs(np.diff(self.grey, axis=axis)).mean(axis=1 - axis) for axis in (0, 1))
+        return np.asarray(down, np.float32), np.asarray(across, np.float32)
+
+    def divides_into(self, grid: Grid) -> bool:
+        """Whether all views of a grid have one size, and a likely one."""
+        sides = zip(self.grey.shape, grid, strict=True)
+        return all(side % count == 0 and side // count >= _LIKELY_VIEW_PX for side, count in sides)
+
+    def views(self, grid: Grid, order: Order) -> Grey:
+        """The views (t, s, v, u) of the picture where it is divided so."""
+        height, width = (side // count for side, count in zip(self.grey.shape, grid, strict=True))
+        shape, axes = (*grid, height, width), AXES[order]
+        return self.grey.reshape([shape[axis] for axis in axes]).transpose(np.argsort(axes))
+
+    def seams(self, grid: Grid, besides: Grid = (1, 1)) -> float:
+        """Least contrast over the axes at the cuts of a grid, beside those of a coarser one, relative to elsewhere."""
+        found = []
+        for contrast, side, count, coarser in zip(self.contrasts, self.grey.shape, grid, besides, strict=True):
+            cuts = [number * side // count - 1 for number in range(1, count) if (number * coarser) % count]
+            if cuts:
+                found.append(float(np.median(contrast[cuts]) / max(float(np.median(contrast)), 1e-6)))
+        return min(found, default=1.0)
+
+    def lens_contrast(self, count: int, axis: int) -> float:
+        """Contrast between lenses of `count` px along an axis relative to the strongest inside of them."""
+        folded = self._folded(count, axis)
+        return float(folded[-1] / max(float(folded[:-1].max()), 1e-6))
+
+    def holds_lenses(self, count: int, size: int, axis: int) -> bool:
+        """Whether all edges of lenses of `size` px stand out alike in each `count` px along an axis."""
+        folded = self._folded(count, axis)
+        inside = np.arange(1, count + 1) % size > 0
+        edges = folded[~inside]
+        return bool(edges.min() > max(float(folded[inside].max()), _LESS_LENS * float(edges.max())))
+
+    def _folded(self, count: int, axis: int) -> Grey:
+        contrast = self.contrasts[axis]
+        return np.asarray(np.median(contrast[: len(contrast) // count * count].reshape(-1, count), axis=0))
+
+    @cached_property
+    def is_noisy(self) -> bool:
+        """Whether neighbouring pixels differ about as much as any: noise hides seams."""
+        return bool(min(float(np.median(each)) for each in self.contrasts) > _NOISE * float(self.grey.std()))
+
+    def repeats(self, grid: Grid, order: Order) -> bool:
+        """Whether the texture of one view of a grid repeats, so that parts of it look like views."""
+        rows, cols = grid
+        grey = self.views(grid, order)[rows // 2, cols // 2]
+        return texture_repeats(np.ascontiguousarray(grey))
+
+    def others(self) -> Iterator[Grid]:
+        """Grids that have seams, of at most `_MOST_VIEWS` rows and columns."""
+        for rows in range(1, _MOST_VIEWS + 1):
+            for cols in range(1, _MOST_VIEWS + 1):
+                if rows * cols > 1 and self.divides_into((rows, cols)) and self.seams((rows, cols)) > _SEAM:
+                    yield rows, cols
+
+
+def _check_tiles(picture: _Picture, grid: Grid) -> None:
+    rows, cols = grid
+    views = picture.views(grid, "tiles")
+    alike = _likeness(views)
+    if np.isnan(alike):
+        return
+    has_seams = picture.seams(grid) > _NO_SEAM
+    if alike > _UNLIKE and has_seams:
+        _check_single(picture, grid)
+    unlike = f"tiles of {rows} rows and {cols} columns are not views of one scene"
+    lenses = all(picture.lens_contrast(count, axis) > _LENS for axis, count in enumerate(grid) if count > 1)
+    if alike < _UNLIKE and lenses and _likeness(picture.views(grid, "eslf")) > _ALIKE:
+        raise InputError(f"{unlike}: the picture shows lenslets of {cols}x{rows} px, expected a name with _eslf")
+    if picture.is_noisy:
+        return
+    others = [each for each in picture.others() if _fits_better(picture, each, grid, alike)]
+    # Tiles of several views each are alike, too: the finest grid counts.
+    down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
+    if (down, across) != grid:
+        raise InputError(f"{unlike}: the picture looks like --rows {down} --cols {across}")
+    if alike < _UNLIKE and not has_seams and _structure(views) > _STRUCTURE:
+        raise InputError(f"{unlike}, expected --rows and --cols of the views in the picture")
+
+
+def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bool:
+    """Whether another grid than the given one divides a picture into views that are alike, and the given one does not.
+
+    `alike` is how much the tiles of the given one are. Where it only divides further, or its tiles are alike, too, its
+    cuts must be no seams.
+    """
+    divides_further = not any(count % each for count, each in zip(grid, other, strict=True))
+    if alike > _UNLIKE and divides_further:
+        return False
+    if _likeness(picture.views(other, "tiles")) < _ALIKE or picture.repeats(other, "tiles"):
+        return False
+    no_seam = max(_NO_SEAM, _WEAKER_SEAM * picture.seams(other))
+    return (alike < _UNLIKE and not divides_further) or picture.seams(grid, besides=other) < no_seam
+
+
+def _check_single(picture: _Picture, grid: Grid) -> None:
+    """Raise InputError where each tile shows several views, with seams between them."""
+    rows, cols = grid
+    multiples = [(rows * down, cols * across) for down in range(1, 6) for across in range(1, 6) if down * across > 1]
+    finer = [
+        each
+        for each in multiples
+        if picture.divides_into(each)
+        and picture.seams(each, besides=grid) > _SEAM
+        and _likeness(picture.views(each, "tiles")) > _ALIKE
+        and not picture.repeats(each, "tiles")
+    ]
+    if finer:
+        down, across = max(finer, key=lambda each: each[0] * each[1])
+        raise InputError(
+            f"tiles of {rows} rows and {cols} columns show several views each: the picture looks like --rows {down} "
+            f"--cols {across}"
+        )
+
+
+def _check_lenses(picture: _Picture, grid: Grid) -> None:
+    if picture.seams(grid) > _SEAM and _likeness(picture.views(grid, "tiles")) > _ALIKE:
+        raise InputError("the picture shows views beside each other and no lenslets, expected a name without _eslf")
+    for axis, (count, option) in enumerate(zip(grid, ("--rows", "--cols"), strict=True)):
+        if not 1 < count <= _MOST_VIEWS:
+            continue
+        side = picture.grey.shape[axis]
+        counts = [each for each in range(2, _MOST_VIEWS + 1) if side % each == 0 and side // each >= _LIKELY_VIEW_PX]
+        found = {each: picture.lens_contrast(each, axis) for each in sorted({*counts, count})}
+        most = max(found.values())
+        # Several lenses together have the contrast of one at their edges.
+        size = next(each for each, contrast in found.items() if contrast >= _LESS_LENS * most)
+        is_block = 0 in (size % _BLOCK_PX, _BLOCK_PX % size) and most < _CERTAIN
+        certain = picture.holds_lenses(count, size, axis) if count % size == 0 else not is_block
+        certain = certain and not picture.repeats(grid, "eslf")
+        if size != count and most > _LENS and found[count] < _LESS_LENS * most and certain:
+            raise InputError(f"the picture does not show lenslets with {option} {count}: it looks like {option} {size}")
+
+
+def _small(view: Any) -> Grey:
+    size = (_SIDE_PX, _SIDE_PX)
+    return np.asarray(cv2.resize(np.ascontiguousarray(view), size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _likeness(views: Grey) -> float:
+    """Median correlation of neighbours along the axis where it is least; NaN for views without texture."""
+    rows, cols = views.shape[:2]
+    across = [((t, s), (t, s + 1)) for t in range(rows) for s in range(cols - 1)]
+    down = [((t, s), (t + 1, s)) for t in range(rows - 1) for s in range(cols)]
+    medians = []
+    for neighbours in (across, down):
+        chosen = np.linspace(0, len(neighbours) - 1, min(_PAIRS, len(neighbours))).astype(int)
+        found = []
+        for one, other in (neighbours[each] for each in chosen):
+            edge = _SIDE_PX // 4
+            middle = _small(views[one])[edge:-edge, edge:-edge]
+            if middle.std() >= 1.0:
+                found.append(cv2.matchTemplate(_small(views[other]), middle, cv2.TM_CCOEFF_NORMED).max())
+        if found:
+            medians.append(float(np.median(found)))
+    return min(medians, default=float("nan"))
+
+
+def _structure(views: Grey) -> float:
+    """Median correlation of neighbouring pixels in the first small views: of noise, none."""
+    small = [_small(view) for view in views.reshape(-1, *views.shape[2:])[:_PAIRS]]
+    found = [np.corrcoef(view[:, 1:].ravel(), view[:, :-1].ravel())[0, 1] for view in small if view.std() > 0]
+    return float(np.median(found)) if found else 0.0

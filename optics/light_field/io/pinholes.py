@@ -7,7 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import Views
 
 Item = TypeVar("Item")

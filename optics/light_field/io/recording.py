@@ -22,8 +22,9 @@ from mirrorcam.core.disk.files import (
     write_text,
 )
 from mirrorcam.core.disk.fingerprint import differing
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, InvalidValue, Value
+from mirrorcam.core.values import InvalidValue, Value
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.views_file import fields_of_views
 from mirrorcam.optics.light_field.light_field import LightField, Views

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.io.views_file import SCHEMA, fields_of_views

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.core.disk.array_files import read_npy
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.io.views_file import VIEWS, check_weights, even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField

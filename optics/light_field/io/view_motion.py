@@ -34,7 +34,7 @@ Pairs = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ViewMotion:
     """Displacement of the picture between views, as of a point of the scene's dominant disparity.
 
     Attributes
@@ -79,8 +79,8 @@ def texture_repeats(grey: NDArray[np.float32]) -> bool:
     return bool(alike[moved].max(initial=0.0) > _REPEATED)
 
 
-def measured_motion(light_field: LightField) -> Motion | None:
-    """The motion between neighbouring views of the grid of arrays; None where the pictures do not tell.
+def measured_motion(light_field: LightField) -> ViewMotion | None:
+    """The motion between neighbouring views of the grid of arrays; None where the pictures do not show it.
 
     Each cell of a view has an unknown disparity, and each pair of views a displacement that scales it: the best
     product of the two (a matrix of rank one) through the corners that optical flow follows there and back.
@@ -108,7 +108,7 @@ def measured_motion(light_field: LightField) -> Motion | None:
     few = len(flow) < _FEW_PAIRS
     if length < (_LEAST_PAIR_PX if few else _LEAST_MOTION_PX) or agreement < (_SURE if few else _LEAST_AGREEMENT):
         return None
-    return Motion(pairs[known], displacement)
+    return ViewMotion(pairs[known], displacement)
 
 
 def _flow(views: NDArray[np.uint8], pairs: Pairs) -> FloatArray:

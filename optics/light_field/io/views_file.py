@@ -15,8 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of, write_json
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import FloatArray, InputError, Value
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField, Views
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from mirrorcam.core.disk.array_files import check_bytes
 from mirrorcam.core.disk.zarr_arrays import METADATA, ZarrArray, read_attributes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
+from mirrorcam.optics.light_field.io.light_field_format import StoredFrames
 from mirrorcam.optics.light_field.io.recording import JOURNAL, SCHEMA, Entries, read_journal
-from mirrorcam.optics.light_field.io.stored_frames import StoredFrames
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -1,23 +1,37 @@
-"""The pose of a light field among the landmarks of a key frame, with its covariance.
+"""The pose of a light field among the landmarks of a key frame, with its covariance, from a start in closed form.
 
-A landmark in direction a with inverse distance w is seen, by a light field at frame_from_key = [R | t], at q = R (a, 1)
-+ t w: in direction (q_x, q_y) / q_z with inverse distance w / q_z. Poses are moved by exp(xi) frame_from_key, xi =
-(translation in mm, rotation in radians) in the axes of the frame.
+A landmark is a patch of the key frame's reference view: its direction a = (X / Z, Y / Z) is exact, since the patch
+defines it, and its inverse distance w = 1 / Z has a standard deviation. All views of another light field are aligned
+with the patch, which gives its direction and its inverse distance there: a light field at frame_from_key = [R | t] sees
+it at q = R (a, 1) + t w, in direction (q_x, q_y) / q_z with inverse distance w / q_z. Poses are moved by
+exp(xi) frame_from_key, xi = (translation in mm, rotation in radians) in the axes of the frame.
+
+The start is the rigid motion between two sets of points of which some are wrong, in closed form within RANSAC: Horn,
+"Closed-form solution of absolute orientation using unit quaternions", JOSA A 1987, by the singular value decomposition
+of Umeyama, PAMI 1991; Fischler and Bolles, "Random sample consensus", CACM 1981.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.features.align import Warp
-from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen
+from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.light_field.features.align import PatchWarp, align
+from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
+from mirrorcam.optics.light_field.features.light_field_features import shown_by_views
+from mirrorcam.optics.light_field.features.patches import ImagePyramid, Templates, templates
+from mirrorcam.optics.light_field.features.slope import Geometry, agreeing_views, fit_slope, moderated_variance
+from mirrorcam.optics.light_field.light_field import LightField
 
+LEAST_ALIKE = 0.8
+PRIOR_FREEDOM = 4.0
 ROUNDS = 12
 # Landmarks farther than this off, in standard deviations of what is usual, are not used: squared, of three numbers.
 OUTLIER = 16.0
@@ -25,6 +39,134 @@ MEDIAN_OF_THREE = 2.366
 """Median of the chi-squared distribution of three degrees of freedom."""
 LEAST_LANDMARKS = 8
 CELLS = 7
+TRIALS = 256
+SAMPLE = 3
+LEAST_INLIERS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Grey views of a light field (t * s, v, u) in a pyramid, and masks of what they show."""
+
+    pyramid: ImagePyramid
+    inner: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, light_field: LightField) -> Frame:
+        images = grey_views(light_field)
+        grid = images.reshape(light_field.rows, light_field.cols, *images.shape[1:])
+        return cls(ImagePyramid(grid), inner_masks(light_field))
+
+
+@dataclass(frozen=True, eq=False)
+class Landmarks:
+    """Landmarks (n) of a key frame.
+
+    Attributes
+    ----------
+    directions
+        Directions (n, 2) from the reference view.
+    inverse_mm, sigma_per_mm
+        Inverse distances (n,) and the standard deviations of their noise, 1/mm.
+    shape_sigma_per_mm
+        Standard deviations (n,) of what shapes of surfaces add to that. A patch of which the shape is not quite known
+        has the inverse distance that it seems to have, from wherever it is seen.
+    shapes
+        Shapes (n, 9) of their surfaces, as of `AlignedPatches`.
+    given
+        Their patches.
+    """
+
+    directions: FloatArray
+    inverse_mm: FloatArray
+    sigma_per_mm: FloatArray
+    shape_sigma_per_mm: FloatArray
+    shapes: FloatArray
+    given: list[Templates]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Where a light field sees landmarks (n).
+
+    Attributes
+    ----------
+    valid
+        Whether (n,) it sees them at all; other values mean nothing where it does not.
+    directions, covariance
+        Directions (n, 2) and their covariances (n, 2, 2).
+    inverse_mm, sigma_per_mm, shape_sigma_per_mm, shapes
+        As of `Landmarks`.
+    """
+
+    valid: NDArray[np.bool_]
+    directions: FloatArray
+    covariance: FloatArray
+    inverse_mm: FloatArray
+    sigma_per_mm: FloatArray
+    shape_sigma_per_mm: FloatArray
+    shapes: FloatArray
+
+
+def landmarks_of(
+    geometry: Geometry, frame: Frame, directions: FloatArray, inverse_mm: FloatArray, scale_px: FloatArray, run: Any
+) -> Landmarks:
+    """Landmarks at directions (n, 2) and inverse distances (n,) of a light field that it sees there in most views."""
+    pixels = geometry.focal_px[geometry.reference] * directions + geometry.centre_px[geometry.reference]
+    given = templates(frame.pyramid, geometry.reference, pixels, scale_px)
+    seen = see(geometry, frame, given, directions, inverse_mm, PatchWarp.none(len(directions)), run)
+    kept = np.flatnonzero(seen.valid)
+    return Landmarks(
+        directions=directions[kept],
+        inverse_mm=seen.inverse_mm[kept],
+        sigma_per_mm=seen.sigma_per_mm[kept],
+        shape_sigma_per_mm=seen.shape_sigma_per_mm[kept],
+        shapes=seen.shapes[kept],
+        given=templates(frame.pyramid, geometry.reference, pixels[kept], scale_px[kept]),
+    )
+
+
+def see(
+    geometry: Geometry,
+    frame: Frame,
+    given: list[Templates],
+    directions: FloatArray,
+    inverse_mm: FloatArray,
+    warp: PatchWarp,
+    run: Callable[..., Any],
+    max_distance_px: float = 0.5,
+) -> Seen:
+    """Align the views of a light field with patches expected at directions (n, 2) and inverse distances (n,).
+
+    `warp` is how they are seen there.
+    """
+    views = np.arange(len(geometry.focal_px))
+    start = np.stack([geometry.predict(int(view), directions, inverse_mm) for view in views])
+    start[~shown_by_views(frame.inner, start)] = np.nan
+    distance = 1.0 / np.maximum(inverse_mm, 1e-6)
+    aligned = align(frame.pyramid, given, views, start, geometry.across_mm, distance, run, warp)
+    sure = (aligned.alike >= LEAST_ALIKE) & shown_by_views(frame.inner, aligned.pixels)
+    seen_px = np.where(sure[..., None], aligned.pixels, np.nan)
+    mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
+    precision = aligned.precision / mean[:, None, None]
+    used = agreeing_views(geometry, seen_px, inverse_mm, precision, max_distance_px)
+    solved = fit_slope(geometry, seen_px, used, inverse_mm, precision)
+    usual = moderated_variance(solved.squares_px2, solved.freedom, PRIOR_FREEDOM)
+    noise = np.maximum(usual, aligned.variance / mean)
+    focal = geometry.focal_px[geometry.reference]
+    # The patch's own noise moves all views alike; their own noise is less in their mean.
+    times = 1.0 + 1.0 / np.maximum(used.sum(axis=0), 1)
+    valid = (used.sum(axis=0) > len(views) // 2) & (solved.inverse_mm > 0)
+    unsure = noise / np.where(valid, solved.information, 1.0)
+    return Seen(
+        valid=valid,
+        directions=solved.directions,
+        covariance=(noise * times)[:, None, None] * np.linalg.inv(precision) / focal**2,
+        inverse_mm=solved.inverse_mm,
+        sigma_per_mm=np.sqrt(unsure),
+        shape_sigma_per_mm=np.sqrt(aligned.shape_covariance[:, 0, 0]) / focal,
+        shapes=aligned.shapes,
+    )
 
 
 @dataclass(frozen=True)
@@ -52,7 +194,7 @@ class PoseFit:
     used: NDArray[np.bool_]
 
 
-def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, Warp]:
+def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatArray, FloatArray, PatchWarp]:
     """Directions (n, 2) and inverse distances (n,) in which a frame sees landmarks, and how it shows their patches."""
     turn, shift = frame_from_key[:3, :3], frame_from_key[:3, 3]
     homogeneous = np.concatenate([landmarks.directions, np.ones((len(landmarks.directions), 1))], axis=1)
@@ -63,7 +205,7 @@ def predicted(landmarks: Landmarks, frame_from_key: FloatArray) -> tuple[FloatAr
     linear = (by_direction[:, :2] - directions[:, :, None] * by_direction[:, 2:]) / ahead[:, None, None]
     bent = landmarks.shapes.copy()
     bent[:, :2] = 0.0
-    return directions, landmarks.inverse_mm / ahead, Warp(linear, moved_mm(directions, ahead, shift), bent)
+    return directions, landmarks.inverse_mm / ahead, PatchWarp(linear, moved_mm(directions, ahead, shift), bent)
 
 
 def moved_mm(directions: FloatArray, ahead: FloatArray, shift: FloatArray) -> FloatArray:
@@ -94,18 +236,18 @@ def fit_pose(landmarks: Landmarks, seen: Seen, frame_from_key: FloatArray, sigma
         if np.abs(step).max() < 1e-9:
             break
     # Columns: what remains of each landmark, and an error of one along each axis of its direction.
-    told = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
-    scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ told
+    stacked = np.concatenate([rest[used][:, :, None], np.broadcast_to(np.eye(3)[:, :2], (used.sum(), 3, 2))], axis=2)
+    scores = np.swapaxes(weighted.reshape(-1, 3, 6), 1, 2) @ stacked
     # Weights that depend on residuals make the curvature of what is least smaller than `normal`.
     fall = (2.0 / (OUTLIER * usual)) * scores[..., 0].T @ scores[..., 0]
     covariance = _covariance(normal - fall, scores, landmarks.directions[used], sigmas.neighbours)
-    # What slopes of all landmarks have in common moves the pose, and no residual tells.
+    # An error that the slopes of all landmarks share moves the pose, and no residual shows it.
     alike = np.linalg.solve(normal, weighted.T @ by_w[used].ravel())
     return PoseFit(pose, covariance + sigmas.common_per_mm**2 * np.outer(alike, alike), used)
 
 
 def _covariance(normal: FloatArray, scores: FloatArray, directions: FloatArray, shared: float) -> FloatArray:
-    """Covariance (6, 6) of a pose from what each landmark says against it (n, 6, 3), neighbours being wrong alike.
+    """Covariance (6, 6) of a pose from the scores of each landmark (n, 6, 3), with correlated errors of neighbours.
 
     Landmarks in one cell of CELLS x CELLS count as one, whose sum is as wrong as it is seen to be: the sandwich
     estimator of White, Econometrica 1980, for clusters; and `shared` is an error of their directions besides.
@@ -152,3 +294,47 @@ def _equations(
     good = seen.valid & np.isfinite(covariance).all(axis=(1, 2))
     covariance[~good] = np.eye(3)
     return rest, by_q @ by_pose, by_w, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+
+
+def rigid_motions(src: FloatArray, dst: FloatArray, weights: FloatArray) -> FloatArray:
+    """Transforms dst_from_src (..., 4, 4) of points (..., n, 3) with the least weighted squared distances."""
+    share = weights / weights.sum(axis=-1, keepdims=True)
+    centres = [(share[..., None] * points).sum(axis=-2) for points in (src, dst)]
+    away = [points - centre[..., None, :] for points, centre in zip((src, dst), centres, strict=True)]
+    u, _, vt = np.linalg.svd(np.swapaxes(share[..., None] * away[1], -1, -2) @ away[0])
+    # No reflection: the direction that the points determine least turns over.
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    turn = u @ vt
+    return rigid(turn, centres[1] - (turn @ centres[0][..., None])[..., 0])
+
+
+def robust_motion(
+    src: FloatArray, dst: FloatArray, sigmas: FloatArray, seed: int = 0
+) -> tuple[FloatArray, NDArray[np.bool_]] | None:
+    """Transform dst_from_src (4, 4) of matched points (n, 3), and which of them are inliers; None where too few agree.
+
+    Parameters
+    ----------
+    src, dst
+        Points (n, 3) of either set, the same numbers matched.
+    sigmas
+        Standard deviations (n, 3) of the differences along the axes of dst.
+    seed
+        Seed of the samples that are tried.
+    """
+    if len(src) < LEAST_INLIERS:
+        return None
+    random = np.random.default_rng(seed)
+    chosen = np.stack([random.choice(len(src), SAMPLE, replace=False) for _ in range(TRIALS)])
+    weights = 1.0 / (sigmas**2).mean(axis=1)
+    tried = rigid_motions(src[chosen], dst[chosen], weights[chosen])
+    moved = src @ np.swapaxes(tried[:, :3, :3], -1, -2) + tried[:, None, :3, 3]
+    near = (((moved - dst) / sigmas) ** 2).sum(axis=2) < 9.0 * SAMPLE
+    inliers = near[near.sum(axis=1).argmax()]
+    motion = None
+    for _ in range(3):
+        if inliers.sum() < LEAST_INLIERS:
+            return None
+        motion = rigid_motions(src[inliers], dst[inliers], weights[inliers])
+        inliers = (((transform(motion, src) - dst) / sigmas) ** 2).sum(axis=1) < 9.0 * SAMPLE
+    return None if motion is None or inliers.sum() < LEAST_INLIERS else (motion, inliers)

@@ -1,27 +1,41 @@
-"""The motion of the camera from a sequence of light fields of a scene that does not move.
+"""The motion of the camera from a sequence of light fields of a static scene, and its files.
 
 Each light field's features are matched with those of a key frame, the motion between these points in closed form is the
-start, and the landmarks of the key frame, aligned in all views, tell the pose and its covariance. Poses do not add up
-their errors from frame to frame but from key frame to key frame: a new one is taken where little is left of the last.
+start, and the landmarks of the key frame, aligned in all views, give the pose and its covariance. Errors of poses add
+up not from frame to frame but from key frame to key frame: a new one is taken where little is left of the last.
 """
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.motion.closed_form import robust_motion
-from mirrorcam.optics.light_field.motion.landmarks import Frame, Landmarks, landmarks_of, see
-from mirrorcam.optics.light_field.motion.pose_fit import PoseFit, SharedErrors, fit_pose, predicted
+from mirrorcam.optics.light_field.motion.pose_fit import (
+    Frame,
+    Landmarks,
+    PoseFit,
+    SharedErrors,
+    fit_pose,
+    landmarks_of,
+    predicted,
+    robust_motion,
+    see,
+)
 
 # A new key frame is taken where less than this share of the landmarks is seen.
 LEAST_SHARE = 0.6
@@ -36,6 +50,7 @@ REPEATED_PX = 1.0
 COMMON_PX = 0.002
 # And of one that patches near each other share, where pictures sample them differently.
 NEIGHBOURS_PX = 0.005
+SCHEMA = "mirrorcam.trajectory/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +65,7 @@ class TrackedPose:
         Covariance (6, 6) of xi = (translation in mm, rotation in radians) in world_from_view exp(xi), in the axes of
         the view. NaN where lost.
     landmarks
-        Number of landmarks that tell it; 0 where lost.
+        Number of landmarks that determine it; 0 where lost.
     is_key
         Whether later poses are measured from this one.
     """
@@ -103,7 +118,7 @@ class LightFieldTracker:
         self.finder = FeatureFinder(views, name, keypoints=keypoints, nearest_mm=nearest_mm, farthest_mm=farthest_mm)
         self._pool = ThreadPoolExecutor(min(4, os.cpu_count() or 1))
         self._key: _KeyFrame | None = None
-        # The last pose, how many landmarks told it, and the last motion, which the next one is expected to be like.
+        # The last pose, its number of landmarks, and the last motion, which predicts the next one.
         self._frame_from_key, self._count, self._speed = np.eye(4), 0, np.eye(4)
         farthest_mm = np.hypot(*self.finder.geometry.across_mm.T).max()
         self._shared = SharedErrors(NEIGHBOURS_PX / views.focal_px, COMMON_PX / (views.focal_px * farthest_mm))
@@ -139,7 +154,7 @@ class LightFieldTracker:
         return TrackedPose(world_from_view, covariance, self._count, False)
 
     def _refined(self, frame: Frame, frame_from_key: FloatArray) -> PoseFit | None:
-        """The pose that landmarks tell, aligned from where another one expects them; None where too few agree."""
+        """The pose by landmarks, aligned from where another pose expects them; None where too few agree."""
         assert self._key is not None
         landmarks, found = self._key.landmarks, None
         for _ in range(MOST_ALIGNMENTS):
@@ -196,3 +211,34 @@ def adjoint(dst_from_src: FloatArray) -> FloatArray:
     turn, (x, y, z) = dst_from_src[:3, :3], dst_from_src[:3, 3]
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.block([[turn, cross @ turn], [np.zeros((3, 3)), turn]])
+
+
+def save_tum(path: Path, times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
+    """Write `time tx ty tz qx qy qz qw` a line, atomically: metres, world_from_view; lost frames are left out.
+
+    Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012.
+    """
+    lines = ["# time_s tx ty tz qx qy qz qw (metres; pose of the reference view in the first one's frame)"]
+    for time_s, pose in zip(times_s, poses, strict=True):
+        if not pose.is_lost:
+            turn = Rotation.from_matrix(pose.world_from_view[:3, :3]).as_quat(canonical=True)
+            numbers = [*(pose.world_from_view[:3, 3] / 1000.0), *turn]
+            lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def save_json(path: Path, names: Sequence[str], times_s: Sequence[float], poses: Sequence[TrackedPose]) -> None:
+    """Write names, times, poses (4, 4) in mm and covariances (6, 6), atomically; null where a frame is lost."""
+    frames = [
+        {
+            "name": name,
+            "time_s": time_s,
+            "world_from_view": None if pose.is_lost else pose.world_from_view.tolist(),
+            "covariance": None if pose.is_lost else pose.covariance.tolist(),
+            "landmarks": pose.landmarks,
+            "is_key": pose.is_key,
+        }
+        for name, time_s, pose in zip(names, times_s, poses, strict=True)
+    ]
+    document = {"schema": SCHEMA, "covariance_order": "x_mm y_mm z_mm turn_x turn_y turn_z", "frames": frames}
+    write_text(path, json.dumps(document, indent=1) + "\n")

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 from mirrorcam.optics.light_field.render.refocusing import Float32, FocalPlane, homography, premultiplied
 

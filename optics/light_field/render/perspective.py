@@ -1,19 +1,24 @@
-"""Pictures with everything sharp: from the reference view, or from any place between the views.
+"""Pictures by depth: everything sharp, from the reference view or from any place between the views.
 
-Where each pixel's thing is comes from all views' depths, the nearest hiding the rest; its colour from the views that
-see it there, by how near they stand (depth-based rendering; Buehler et al., Unstructured Lumigraph, SIGGRAPH 2001).
+The depths of all views give the surface at each pixel, the nearest hiding the rest; its colour comes from the views
+that see it, weighted by their distance (depth-based rendering; Buehler et al., Unstructured Lumigraph, SIGGRAPH 2001).
+
+Few views sample the aperture at few places: beyond a pixel of parallax from one to the next, a blur is a row of ghosts
+(Chai et al., Plenoptic sampling, SIGGRAPH 2000). Views in between, interpolated by depth, close the steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.refocusing import Float32, RenderedPicture, premultiplied
 from mirrorcam.optics.light_field.render.view_depths import (
@@ -34,6 +39,8 @@ ALIKE = 0.03
 ALIKE_PX = 3
 STAND_IN = 0.1
 """A view this part of the views' distance away counts as one at the place itself."""
+MOST_PIXELS = 200_000_000
+"""Pixels of all views together, in 16 bytes each at most."""
 
 
 def all_in_focus(light_field: LightField, depths: ViewDepths) -> RenderedPicture:
@@ -111,3 +118,53 @@ def _alike(shown: Float32, guide: Float32) -> Float32:
     apart = shown[..., :-1] / np.maximum(weight, 0.5) - guide[..., :-1] / np.maximum(guiding, 0.5)
     likely = np.maximum(np.exp(-np.square(apart).mean(axis=-1) / (2.0 * ALIKE**2)), OTHER)
     return np.where(both, likely, np.float32(1.0)).astype(np.float32)
+
+
+def with_views_between(light_field: LightField, depths: ViewDepths, count: int) -> LightField:
+    """The light field with `count` views more between neighbours, along rows and columns; its own stay as they are.
+
+    Each is rendered from the views around it, at their mean position. Where they show nothing, weights are zero.
+
+    Raises InputError where the views are no grid, and for more than `MOST_PIXELS` in all.
+    """
+    light_field.require_grid("interpolation between the views")
+    step = count + 1
+    shape = (light_field.rows - 1) * step + 1, (light_field.cols - 1) * step + 1
+    if shape[0] * shape[1] * light_field.height_px * light_field.width_px > MOST_PIXELS:
+        raise InputError(
+            f"{count} views between neighbours make {shape[1]}x{shape[0]} views of "
+            f"{light_field.width_px}x{light_field.height_px} px, expected {MOST_PIXELS / 1e6:.0f} million px at most"
+        )
+    positions = np.empty((*shape, 3))
+    samples = np.empty((*shape, *light_field.samples.shape[2:]), light_field.samples.dtype)
+    weights = np.empty((*shape, *light_field.weights.shape[2:]), np.float32)
+    for row, col in np.ndindex(*shape):
+        t, s = row // step, col // step
+        if row % step == 0 and col % step == 0:
+            positions[row, col] = light_field.positions_mm[t, s]
+            samples[row, col], weights[row, col] = light_field.samples[t, s], light_field.weights[t, s]
+            continue
+        (rows, down), (cols, right) = _around(row, step), _around(col, step)
+        place = np.einsum("t,s,tsk->k", down, right, light_field.positions_mm[rows, cols])
+        around = part_of(light_field, rows, cols)
+        picture = seen_from(around, ViewDepths(depths.nearness[rows, cols], depths.sure[rows, cols]), place)
+        positions[row, col] = place
+        shown: Any = picture.image * picture.valid[..., None]
+        whole = light_field.samples.dtype == np.uint8
+        samples[row, col] = np.rint(np.clip(shown, 0.0, 1.0) * np.float32(255.0)) if whole else shown
+        weights[row, col] = picture.valid
+    geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
+    return LightField(**(geometry | {"positions_mm": positions}), samples=samples, weights=weights)
+
+
+def _around(number: int, step: int) -> tuple[slice, FloatArray]:
+    """The one or two real views about a number, and how much each counts."""
+    first, part = divmod(number, step)
+    return slice(first, first + 1 + (part > 0)), np.array([1.0 - part / step, part / step])[: 1 + (part > 0)]
+
+
+def part_of(light_field: LightField, rows: slice, cols: slice) -> LightField:
+    """Some of the views, in the same frame, whether or not the reference view is among them."""
+    geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
+    geometry["positions_mm"] = light_field.positions_mm[rows, cols]
+    return LightField(**geometry, samples=light_field.samples[rows, cols], weights=light_field.weights[rows, cols])

@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
 from mirrorcam.optics.light_field.render.super_resolution import super_resolved

@@ -1,15 +1,15 @@
 """Super-resolution: the picture in finer pixels that explains best what shifted views show of one plane.
 
-A pixel of a view is the light of the plane over its area, that is a weighted sum of finer pixels. Of all pictures, the
-one is sought with the least sum of squared differences from all samples, in units of their noise, and of squared
-slopes, in units of those of usual scenes (Elad and Feuer, Restoration of a single superresolution image from several
-blurred, noisy, and undersampled measured images, IEEE Transactions on Image Processing 6(12), 1997), by conjugate
-gradients. Noise is measured: it is what a first picture, hardly smoothed, leaves over. Least absolute differences in
-place of squares leave out what few views show (Farsiu, Robinson, Elad and Milanfar, Fast and robust multiframe super
-resolution, IEEE Transactions on Image Processing 13(10), 2004).
+A pixel of a view is the light of the plane over its area, that is a weighted sum of finer pixels. The result minimises
+the squared differences from all samples, in units of their noise, plus squared slopes, in units of those of usual
+scenes (Elad and Feuer, Restoration of a single superresolution image from several blurred, noisy, and undersampled
+measured images, IEEE Transactions on Image Processing 6(12), 1997), by conjugate gradients. Noise is measured: it is
+the residual of a first picture, hardly smoothed. Least absolute differences in place of squares leave out objects that
+few views show (Farsiu, Robinson, Elad and Milanfar, Fast and robust multiframe super resolution, IEEE Transactions on
+Image Processing 13(10), 2004).
 
 A finer pixel, too, is the light over its area: the picture is that of a camera with smaller pixels, no sharper. Where
-views leave more over than noise, they do not show the plane, and the picture stays what it was at the start.
+the residuals of views exceed noise, the views do not show the plane, and the picture stays as it was at the start.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import functools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.compiled import compiled
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.render.fine_pixels import back_project, pixel_taps, project
 from mirrorcam.optics.light_field.render.linear_light import light_per_level
 
 Float32 = NDArray[np.float32]
-
 FIRST_STEPS, STEPS, ROUNDS = 6, 8, 2
 """Of conjugate gradients, for the picture that noise is measured with and in each round of the picture itself."""
 SLOPE = 0.05
@@ -48,11 +48,14 @@ UNEXPLAINED = 6.0
 """Variance over that of noise from which on samples do not show the plane."""
 SOME = 1e-6
 FEWEST_FREE = 0.25
-"""Share of samples, at least, that tells noise, not the picture."""
+"""Share of samples, at least, that determine noise, not the picture."""
 AROUND_PX = 2.5
 """Pixels of a view around one, over which what is left over is averaged."""
 GROUPS = 4
 """Sums of views that are made side by side: as many on every machine, for the same rounding."""
+AROUND, KAISER = 4, 4.0
+"""Finer pixels that count around one of a view, and the parameter of their window."""
+PHASES = 256
 
 
 def super_resolved(
@@ -155,7 +158,7 @@ class _Fit:
         return float(np.sqrt(np.quantile(every, IN_FOCUS) / self._free(picture)))
 
     def _free(self, picture: Float32) -> float:
-        """Share of the samples that tell noise: as many unknowns as finer pixels take part of it away."""
+        """Share of the samples that determine noise: the finer pixels, as unknowns, absorb the rest."""
         samples = sum(float(weight.sum()) for weight in self.weights)
         return max(1.0 - picture[0].size / max(samples, 1.0), FEWEST_FREE)
 
@@ -240,3 +243,75 @@ def steps_count(picture: Float32, small: np.float32) -> tuple[Float32, Float32]:
     if np.isinf(small):
         return np.ones_like(down), np.ones_like(right)
     return small / np.maximum(down, np.float32(small)), small / np.maximum(right, np.float32(small))
+
+
+@cache
+def pixel_taps(scale: float) -> Float32:
+    """Weights (phases + 1, taps) of finer pixels in one of a view, along one axis.
+
+    Row k is for a pixel of the view at k / phases between the finer pixels `taps` // 2 - 1 and `taps` // 2. Means over
+    `scale` and over one finer pixel are sinc of the frequency: the ratio of the two, under Kaiser's window.
+    """
+    frequency = (np.arange(512) + 0.5) / 1024.0
+    response = np.sinc(scale * frequency) / np.sinc(frequency)
+    taps = 2 * int(np.ceil(scale)) + AROUND
+    away = np.arange(taps) - (taps // 2 - 1) - (np.arange(PHASES + 1) / PHASES)[:, None]
+    window = np.i0(KAISER * np.sqrt(1.0 - np.square(2.0 * away / taps)))
+    weights = (np.cos(2.0 * np.pi * frequency * away[..., None]) * response).mean(axis=-1) * window
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True), dtype=np.float32)
+
+
+@compiled
+def _first_tap(u: int, v: int, matrix: FloatArray, taps: int, height: int, width: int) -> tuple[int, int, int, int]:
+    """Column and row of the first tap of what a view's pixel shows, and the phases there; -1 where it looks beyond."""
+    w = matrix[2, 0] * u + matrix[2, 1] * v + matrix[2, 2]
+    x = (matrix[0, 0] * u + matrix[0, 1] * v + matrix[0, 2]) / w - (taps // 2 - 1)
+    y = (matrix[1, 0] * u + matrix[1, 1] * v + matrix[1, 2]) / w - (taps // 2 - 1)
+    if not (w > 0.0 and 0.0 <= x < width - taps and 0.0 <= y < height - taps):
+        return -1, -1, 0, 0
+    left, top = int(x), int(y)
+    return left, top, int((x - left) * PHASES + 0.5), int((y - top) * PHASES + 0.5)
+
+
+@compiled
+def project(picture: Float32, matrix: FloatArray, table: Float32, shown: Float32) -> None:
+    """Write what a view shows of a picture (c, h, w) to (c, v, u); where it looks beyond it, nothing is written."""
+    channels, height, width = picture.shape
+    taps = table.shape[1]
+    row = np.zeros(taps, np.float32)
+    for v in range(shown.shape[1]):
+        for u in range(shown.shape[2]):
+            left, top, phase_across, phase_down = _first_tap(u, v, matrix, taps, height, width)
+            if left < 0:
+                continue
+            across, down = table[phase_across], table[phase_down]
+            for c in range(channels):
+                row[:] = 0.0
+                for j in range(taps):
+                    line = picture[c, top + j, left : left + taps]
+                    for i in range(taps):
+                        row[i] += down[j] * line[i]
+                value = np.float32(0.0)
+                for i in range(taps):
+                    value += across[i] * row[i]
+                shown[c, v, u] = value
+
+
+@compiled
+def back_project(shown: Float32, matrix: FloatArray, table: Float32, added: Float32) -> None:
+    """Add to a picture (c, h, w) the transpose of `project` of what a view shows (c, v, u)."""
+    channels, height, width = added.shape
+    taps = table.shape[1]
+    for v in range(shown.shape[1]):
+        for u in range(shown.shape[2]):
+            left, top, phase_across, phase_down = _first_tap(u, v, matrix, taps, height, width)
+            if left < 0:
+                continue
+            across, down = table[phase_across], table[phase_down]
+            for c in range(channels):
+                value = shown[c, v, u]
+                for j in range(taps):
+                    line = added[c, top + j, left : left + taps]
+                    part = value * down[j]
+                    for i in range(taps):
+                        line[i] += part * across[i]

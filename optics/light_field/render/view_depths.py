@@ -1,4 +1,7 @@
-"""Depth maps of all views, for rendering other views and deciding occlusion."""
+"""Depth maps of all views, for rendering other views and deciding occlusion.
+
+Holes in maps of nearness that were carried from one view to another are filled from the background.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth import estimate_depth
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.render.hole_filling import filled
 
 Float32 = NDArray[np.float32]
-
 AGREE_PX = 1.0
-"""Depths agree where the farthest view tells them apart by no more than that."""
+"""Depths agree where the farthest view shows them at places apart by no more than that."""
 EDGE_PX = 2
 """How far around what is left out samples may still show some of it: they blend two pixels of the frame, softened."""
 
@@ -82,7 +83,7 @@ class ViewDepths:
     def measured(
         cls, light_field: LightField, *, near_mm: float | None = None, far_mm: float | None = None
     ) -> ViewDepths:
-        """Measure by `DepthEstimator` in the reference view, and carry it to the others as `of_reference` says.
+        """Measure by `DepthEstimator` in the reference view, and carry it to the others by `of_reference`.
 
         Raises InputError where no depth can be measured, as `DepthEstimator`.
         """
@@ -206,3 +207,60 @@ def at(values: Float32, u: Float32, v: Float32) -> Float32:
     inside = (columns >= 0) & (rows >= 0) & (columns < values.shape[1]) & (rows < values.shape[0])
     picked = values[np.where(inside, rows, 0).astype(np.intp), np.where(inside, columns, 0).astype(np.intp)]
     return np.where(inside, picked, np.float32(np.nan))
+
+
+def filled(nearness: Float32, alike: float) -> Float32:
+    """A map (v, u) of 1 / Z whose holes, NaN, hold what lies behind.
+
+    A hole opens where something nearer has moved away from what it hid. So of the nearest pixels to its left, right,
+    top and bottom, the farthest counts, and those that differ from it by less than `alike`, by how close they are.
+    Towards a border of the picture, where one of two ends is missing, the nearest pixel goes on. A crack between pixels
+    that have moved apart belongs to the farther. Raises ValueError for a map of nothing but holes.
+    """
+    if np.isnan(nearness).all():
+        raise ValueError("a map of holes, expected some pixel to fill them from")
+    nearness = _without_cracks(nearness)
+    while (holes := np.isnan(nearness)).any():
+        found = [_beside(nearness, axis, forward=way) for axis in (0, 1) for way in (True, False)]
+        values = np.stack([value[holes] for value, _ in found])
+        away = np.stack([distance[holes] for _, distance in found])
+        there = ~np.isnan(values)
+        lines = there.reshape(2, 2, -1)
+        # An end that is missing is the picture's border.
+        closed = (lines[:, 0] == lines[:, 1]).all(axis=0)
+        farthest = np.where(there, values, np.inf).min(axis=0)
+        nearest = np.where(there, away, np.inf).min(axis=0)
+        chosen = there & np.where(closed, values <= farthest + alike, away <= nearest)
+        counts = np.where(chosen, 1.0 / away, 0.0)
+        total = counts.sum(axis=0)
+        mean = np.divide((np.where(there, values, 0.0) * counts).sum(axis=0), total, where=total > 0, out=total.copy())
+        nearness = nearness.copy()
+        nearness[holes] = np.where(total > 0, mean, np.nan)
+    return nearness
+
+
+def _without_cracks(nearness: Float32) -> Float32:
+    """The map with single pixels between two known ones filled by the farther."""
+    for axis in (0, 1):
+        length = nearness.shape[axis]
+        if length < 3:
+            continue
+        before, here, after = (np.take(nearness, np.arange(k, length - 2 + k), axis=axis) for k in (0, 1, 2))
+        nearness = nearness.copy()
+        inner = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
+        nearness[inner] = np.where(np.isnan(here), np.minimum(before, after), here)
+    return nearness
+
+
+def _beside(nearness: Float32, axis: int, *, forward: bool) -> tuple[Float32, Float32]:
+    """The last known value before each pixel along an axis, or the first after it, and how far it is; NaN without."""
+    lines = np.moveaxis(nearness, axis, 1)
+    lines = lines if forward else lines[:, ::-1]
+    columns = np.arange(lines.shape[1])
+    last = np.maximum.accumulate(np.where(np.isnan(lines), -1, columns), axis=1)
+    value = np.take_along_axis(lines, np.maximum(last, 0), axis=1)
+    value = np.where(last >= 0, value, np.float32(np.nan))
+    distance = (columns - last).astype(np.float32)
+    if not forward:
+        value, distance = value[:, ::-1], distance[:, ::-1]
+    return np.moveaxis(value, 1, axis), np.moveaxis(distance, 1, axis)

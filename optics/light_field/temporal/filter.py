@@ -1,10 +1,12 @@
-"""A motion-adaptive recursive filter in time for light fields: what stays as it is is averaged, what changes is not.
+"""A motion-adaptive recursive filter in time for light fields: static samples are averaged, changing ones are not.
 
 Each sample is the mean of those before, up to MEMORY frames, as long as the new one differs by no more than noise
 explains. Two tests decide, both over a small square of the view: of the difference itself, and of its running mean,
-which tells of a drift too slow for the first. A third one finds the lag that slow changes of depth leave in an area of
-all views. What moves, and what it uncovers, is the new sample alone. Where views share most of what changes, everything
-moves, and nothing is averaged.
+which detects a drift too slow for the first. A third one finds the lag that slow changes of depth leave in an area of
+all views. A moving object, and the background that it uncovers, is the new sample alone. Where views share most of the
+change, everything moves, and nothing is averaged: all views show the same motion, at one disparity, but noise of one
+view is independent of the others'. So a scene that moves all over, with a texture as fine as noise, is not taken for
+noise.
 """
 
 from __future__ import annotations
@@ -18,15 +20,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.temporal.blocks import SMALL_STRIDE_PX, Blocks, full_brightness, lighting, row_gains
-from mirrorcam.optics.light_field.temporal.noise import LEAST, ROUNDING, Noise, chi_square, measured_noise
+from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
+from mirrorcam.optics.light_field.temporal.noise import (
+    LEAST,
+    ROUNDING,
+    SMALL_STRIDE_PX,
+    Blocks,
+    Noise,
+    chi_square,
+    full_brightness,
+    lighting,
+    measured_noise,
+    row_gains,
+)
 from mirrorcam.optics.light_field.temporal.recursive_mean import AREA_PX, INFORMATION, LAG_SUMS, MEMORY, filter_view
-from mirrorcam.optics.light_field.temporal.shared_changes import own_share
+
+Int64 = NDArray[np.int64]
 
 Float32 = NDArray[np.float32]
 Map = Callable[..., Any]
-
 LIKE, UNLIKE = 2.0, 4.0
 """Standard deviations of chance by which a square may differ before memory shrinks, and before none is left."""
 LAG_LIKE, LAG_UNLIKE = 3.0, 6.0
@@ -36,6 +49,13 @@ SOME_LAG_PX, MOST_LAG_PX = 0.25, 0.5
 MOVING, RESTING = 0.82, 0.95
 """Share of changes that are each view's own, up to which noise cannot be told from motion, and from which it can."""
 MOST_SAMPLES = 2**26
+SIDE_PX = 10
+BLOCKS = 64
+"""Number of blocks of the reference view that are compared, about."""
+NEIGHBOURS = 4
+MOST_DISPARITY_PX = 24
+"""Largest disparity that is tried, of the nearest neighbour."""
+LOW_QUANTILE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +208,7 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     """Frames (i, j) that areas average at most after some before, of sums (k, i, j, LAG_SUMS) of the views.
 
     Drift that follows from the slopes of the mean is lag. Where the views' lags differ, by their chi-squared, depth is
-    changing, which no single square may tell. A lag that all share moves a surface by as much in all views, so that its
+    changing, which no single square may show. A lag that all share moves a surface by as much in all views, so that its
     depth is right; it may be a part of a pixel. Means are left out, as they are of lighting.
     """
     # Each area with those around it.
@@ -202,17 +222,107 @@ def _most_frames(before: Float32, sums: Float32, noise: Noise) -> Float32:
     values = 2 * len(sums)
     like, unlike = (chi_square(values - 2, deviations) * noise.joined for deviations in (LAG_LIKE, LAG_UNLIKE))
     kept = np.clip((unlike - squares.sum(axis=0) + shared) / (unlike - like), 0.0, 1.0)
-    told = shared > chi_square(2, LAG_LIKE) * noise.joined
+    lagging = shared > chi_square(2, LAG_LIKE) * noise.joined
     # Of samples beyond all bounds, nothing is known.
-    kept = np.where(told, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
+    kept = np.where(lagging, np.minimum(kept, np.clip((MOST_LAG_PX - lag_px) / SOME_LAG_PX, 0.0, 1.0)), kept)
     return np.clip((before + 1.0) * np.nan_to_num(kept), 1.0, MEMORY).astype(np.float32)
 
 
 def _lag(parts: Any) -> tuple[Any, Any]:
-    """Chi-squared (...) of the lag that weighted sums (5, ...) tell, and its length in px."""
+    """Chi-squared (...) of the lag by weighted sums (5, ...), and its length in px."""
     xx, xy, yy, xe, ye = parts
     least = 1e-6 * (xx + yy) + 1e-20
     xx, yy = xx + least, yy + least
     across, down = yy * xe - xy * ye, xx * ye - xy * xe
     scale = xx * yy - xy * xy
     return (across * xe + down * ye) / scale, np.hypot(across, down) / scale
+
+
+def neighbours(views: Views) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
+    """The reference view, its nearest neighbours (n,) and the shifts (d, n, 2) of disparities in them, right and down.
+
+    Views are numbered row by row; a disparity moves the nearest neighbour by as many pixels.
+    """
+    places = views.positions_mm.reshape(-1, 3)[:, :2]
+    distance = np.linalg.norm(places, axis=1)
+    order = np.argsort(distance, kind="stable")
+    near = order[1 : NEIGHBOURS + 1]
+    near = near[distance[near] > 0]
+    if not len(near):
+        return int(order[0]), near, np.zeros((0, 0, 2), np.int64)
+    steps = places[near] / distance[near].min()
+    most = min(MOST_DISPARITY_PX, min(views.width_px, views.height_px) // 4)
+    disparities = np.arange(-most, most + 1)
+    return int(order[0]), near, np.rint(disparities[:, None, None] * steps).astype(np.int64)
+
+
+@compiled
+def _changes(now: Samples, before: Samples, gain: Float32, channel: int, out: Float32) -> None:
+    """Change (v, u) of one channel of a view (v, u, c), with what was before in the light of now by gains (v, c)."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = np.float32(now[y, x, channel]) - gain[y, channel] * np.float32(before[y, x, channel])
+
+
+@compiled
+def _compare(own: Float32, others: Float32, shifts: Int64, stride: int, out: Float32) -> int:
+    """Fill energies (2, b) of blocks' changes, all and each view's own, and return their number."""
+    height, width = own.shape
+    found = 0
+    for top in range((stride - SIDE_PX) // 2, height - SIDE_PX + 1, stride):
+        for left in range((stride - SIDE_PX) // 2, width - SIDE_PX + 1, stride):
+            energy = np.float32(0.0)
+            for y in range(top, top + SIDE_PX):
+                for x in range(left, left + SIDE_PX):
+                    energy += own[y, x] * own[y, x]
+            most, least, tried = np.float32(-1.0), np.float32(1.0), 0
+            for number in range(len(shifts)):
+                product, scale = np.float32(0.0), np.float32(0.0)
+                for k in range(len(others)):
+                    across, down = shifts[number, k, 0], shifts[number, k, 1]
+                    inside = left + across >= 0 and left + across + SIDE_PX <= width
+                    if not inside or top + down < 0 or top + down + SIDE_PX > height:
+                        continue
+                    part, other = np.float32(0.0), np.float32(0.0)
+                    for y in range(top, top + SIDE_PX):
+                        ours = own[y, left : left + SIDE_PX]
+                        theirs = others[k, y + down, left + across : left + across + SIDE_PX]
+                        for x in range(SIDE_PX):
+                            part += ours[x] * theirs[x]
+                            other += theirs[x] * theirs[x]
+                    product += part
+                    scale += np.sqrt(energy * other)
+                if scale > 0:
+                    most, least = max(most, product / scale), min(least, product / scale)
+                    tried += 1
+            # By chance, the most and the least are as far from zero.
+            shared = max(most + min(least, np.float32(0.0)), np.float32(0.0)) if tried > 0 else np.float32(0.0)
+            out[0, found], out[1, found] = energy, energy * (np.float32(1.0) - min(shared, np.float32(1.0)))
+            found += 1
+    return found
+
+
+def own_share(now: LightField, before: LightField, gains: Float32) -> float:
+    """Share, 0 to 1, of the change between two frames that neighbouring views do not share, where little changes.
+
+    Parameters
+    ----------
+    now, before
+        Consecutive frames of the same views.
+    gains
+        Gains (k, v, c) of rows that bring what was before to the brightness of now.
+    """
+    reference, near, shifts = neighbours(now)
+    height, width = now.height_px, now.width_px
+    if not len(near) or min(height, width) < 2 * SIDE_PX:
+        return 1.0
+    new, old = (each.samples.reshape(-1, *each.samples.shape[2:]) for each in (now, before))
+    channel = new.shape[-1] // 2
+    changes = np.empty((1 + len(near), height, width), np.float32)
+    for number, view in enumerate([reference, *near]):
+        _changes(new[view], old[view], gains[view], channel, changes[number])
+    stride = max(SIDE_PX, int(np.sqrt(height * width / BLOCKS)))
+    energies: Any = np.empty((2, (height // SIDE_PX + 1) * (width // SIDE_PX + 1)), np.float32)
+    count = _compare(changes[0], changes[1:], shifts, stride, energies)
+    everything, own = np.quantile(energies[:, :count], LOW_QUANTILE, axis=1)
+    return float(own / everything) if everything > 0 else 1.0

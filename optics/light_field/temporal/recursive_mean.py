@@ -1,13 +1,12 @@
-"""The recursive mean of a video, row by row: what changed is told from noise, and what did not is averaged."""
+"""The recursive mean of a video, row by row: changes are told from noise, and static samples are averaged."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.light_field import Samples
 
 Float32 = NDArray[np.float32]
 
@@ -41,7 +40,7 @@ INFORMATION = _information()
 
 
 @compiled
-def _differences(new: Any, scale: Any, mean: Any, gain: Any, difference: Any, level: Any) -> None:
+def _differences(new: Samples, scale: float, mean: Float32, gain: Float32, difference: Float32, level: Float32) -> None:
     """Differences (u, c) of a row to its mean in the light of now, and the brightness (u,) of that mean."""
     width, channels = new.shape
     if channels == 3:
@@ -59,15 +58,15 @@ def _differences(new: Any, scale: Any, mean: Any, gain: Any, difference: Any, le
 
 @compiled
 def _tested(
-    difference: Any,
-    level: Any,
-    count: Any,
-    drift: Any,
-    tables: Any,
-    by_count: Any,
-    drifted: Any,
-    information: Any,
-    out: Any,
+    difference: Float32,
+    level: Float32,
+    count: Float32,
+    drift: Float32,
+    tables: Float32,
+    by_count: Float32,
+    drifted: Float32,
+    information: Float32,
+    out: Float32,
 ) -> None:
     """Squares (2, u) of the difference and of its running mean, in those of noise.
 
@@ -92,7 +91,9 @@ def _tested(
 
 
 @compiled
-def _add_lag(above: Any, level: Any, below: Any, drift: Any, information: Any, out: Any) -> None:
+def _add_lag(
+    above: Float32, level: Float32, below: Float32, drift: Float32, information: Float32, out: Float32
+) -> None:
     """Add a row to the weighted sums (j, LAG_SUMS) of areas, of drift and the slopes of the mean and their products."""
     width = len(level)
     half = np.float32(0.5)
@@ -124,7 +125,7 @@ def _add_lag(above: Any, level: Any, below: Any, drift: Any, information: Any, o
 
 
 @compiled
-def _kept(sums: Any, inverse: Any, limits: Any, out: Any) -> None:
+def _kept(sums: Float32, inverse: Float32, limits: Float32, out: Float32) -> None:
     """Share (u,) of memory that is kept, of sums (2, u) over the rows of the square, padded at both sides.
 
     `limits` (2, 2) are those from which less is kept and nothing, of the difference and of its running mean.
@@ -144,7 +145,7 @@ def _kept(sums: Any, inverse: Any, limits: Any, out: Any) -> None:
 
 
 @compiled
-def _blended(new: Any, full: Any, mean: Any, gain: Any, part: Any, out: Any) -> None:
+def _blended(new: Samples, full: float, mean: Float32, gain: Float32, part: Float32, out: Float32) -> None:
     """A row (u, c) of new samples and their mean in the light of now, by the share (u,) of the new ones."""
     one = np.float32(1.0)
     for x in range(len(part)):
@@ -155,20 +156,20 @@ def _blended(new: Any, full: Any, mean: Any, gain: Any, part: Any, out: Any) -> 
 
 @compiled
 def filter_view(
-    new: Any,
-    full: Any,
-    mean: Any,
-    count: Any,
-    drift: Any,
-    gain: Any,
-    tables: Any,
-    by_count: Any,
-    limits: Any,
-    most_frames: Any,
-    out: Any,
-    out_count: Any,
-    out_drift: Any,
-    out_lag: Any,
+    new: Samples,
+    full: float,
+    mean: Float32,
+    count: Float32,
+    drift: Float32,
+    gain: Float32,
+    tables: Float32,
+    by_count: Float32,
+    limits: Float32,
+    most_frames: Float32,
+    out: Float32,
+    out_count: Float32,
+    out_drift: Float32,
+    out_lag: Float32,
 ) -> None:
     """Filter one view: `new` (v, u, c) of `full` brightness, `mean` (v, u, c), `count` and `drift` (v, u).
 

@@ -31,11 +31,12 @@ from mirrorcam.bench.scoring import score_set
 from mirrorcam.bench.suite_folder import FinishedSuite, SuiteSet
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.disk.work_folder import remove_stale, work_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 RESULTS = "results"
 READING_S = 10.0

@@ -26,11 +26,11 @@ from mirrorcam.bench.scores.leaderboard import (
 from mirrorcam.bench.scores.report_texts import value_text
 from mirrorcam.calibration.inline_svg import Scale, coordinate, drawing, line, text
 from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.html.templates import Table, Tile, render
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import LONGEST
-from mirrorcam.core.values import InputError
 
 FILES = ("leaderboard.html", "leaderboard.md", "leaderboard.json")
 """Names of the files of a leaderboard."""

@@ -17,19 +17,18 @@ from mirrorcam.bench.scores.matched_views import ViewsFile
 from mirrorcam.bench.scores.report_texts import junit, markdown
 from mirrorcam.bench.scores.score_report import NO_LIMITS, Limits, ScoredSet, ScoreReport, report_of, scored_set
 from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import LONGEST
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import read_rig
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
 """A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
-OTHERS: tuple[Pictures, ...] = ("left-right", "top-bottom", "as-is")
+OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 
 def score(sets: Sequence[Path], request: ScoreRequest, reading: Reading) -> ScoreReport:
@@ -99,9 +98,9 @@ def _score(
     nominal: Layout,
     distance_mm: float,
     views: ViewsFile | None,
-    flip: Pictures | None,
+    flip: PictureFlip | None,
 ) -> CalibrationScore:
-    def scored(pictures: Pictures | None) -> CalibrationScore:
+    def scored(pictures: PictureFlip | None) -> CalibrationScore:
         return score_calibration(rig, truth, nominal, distance_mm, views=views, pictures=pictures)
 
     try:
@@ -112,7 +111,9 @@ def _score(
     return replace(found, notes=(*found.notes, *_better_pictures(rig, scored, rms_px)))
 
 
-def _better_pictures(rig: CameraRig, scored: Callable[[Pictures], CalibrationScore], rms_px: float) -> tuple[str, ...]:
+def _better_pictures(
+    rig: CameraRig, scored: Callable[[PictureFlip], CalibrationScore], rms_px: float
+) -> tuple[str, ...]:
     """A line where pictures that were flipped otherwise make a bad score a good one; the file itself may say how."""
     if rig.pictures is not None or rms_px < SUSPECT_PX:
         return ()

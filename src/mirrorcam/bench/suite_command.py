@@ -12,10 +12,11 @@ from cyclopts import Parameter
 from mirrorcam.core.bounds import PICTURES
 from mirrorcam.core.console.options import Scheduler, Workers, bounded
 from mirrorcam.core.console.progress import long_work, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.progress import no_progress
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.values import InvalidValue
 
 if TYPE_CHECKING:
     from mirrorcam.bench.suite_run import Plan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,8 +13,10 @@ from pydantic import Field
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, TEMPORARY, inside, model_of, read_model, write_files
 from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.written_files import discard, move_files
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Line
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, Dataset
 from mirrorcam.render_scenes.suites.recipe import Slug
 from mirrorcam.render_scenes.suites.suite import VERSION
@@ -46,7 +47,7 @@ class SuiteManifest(Value):
     renderer : str
         Variant of Mitsuba, which the bytes depend on.
     made_with : dict of str to str
-        Digests of the sources and versions of the distributions that made the sets.
+        Digest of the code, and versions of the libraries, that made the sets.
     sets : tuple of SuiteSet
         Those that are finished.
     missing : tuple of str
@@ -130,7 +131,7 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
         raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a whole set")
 
     staged = folder.with_name(f"{TEMPORARY}{folder.name}")
-    _discard(staged)  # of a run that was killed
+    discard(staged)  # of a run that was killed
     staged.mkdir(parents=True)
     try:
         write(staged)
@@ -138,22 +139,9 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
         if wrong:
             raise InputError(f"{folder.name}: {wrong[0]} is not as its checksum says, expected it as it was rendered")
         begun = dataset.replaced(files={}).continued(folder, dataset.planned_names)
-        begun.added(folder, lambda place: _move(dataset, staged, place))
+        begun.added(folder, lambda place: move_files(staged, place, dataset.files))
     finally:
-        _discard(staged)
-
-
-def _move(dataset: Dataset, staged: Path, place: Path) -> None:
-    for name in dataset.files:
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
-        (staged / name).replace(place / name)
-
-
-def _discard(staged: Path) -> None:
-    if staged.is_symlink():
-        staged.unlink()
-    elif staged.exists():
-        shutil.rmtree(staged)
+        discard(staged)
 
 
 def put_files(folder: Path, files: dict[str, bytes]) -> None:

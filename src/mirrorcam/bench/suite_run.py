@@ -24,22 +24,23 @@ from mirrorcam.bench.suite_store import Store, fetch_set, is_stored
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.fingerprint import differing, file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.design_sweep import Results, Runner, sweep
+from mirrorcam.designs.design_sweep import Runner, layout_name, sweep
 from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
+    CODE,
     SetAnswer,
     SetTask,
     folder_name,
-    made_with,
     render_in_turn,
     render_on_one_core,
 )
@@ -155,7 +156,7 @@ def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_pr
         if outcome.status != "solved":
             name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
             raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
-    return {spec: Layout.load(folder / DESIGNS / Results.layout_name(spec)) for spec in specs}
+    return {spec: Layout.load(folder / DESIGNS / layout_name(spec)) for spec in specs}
 
 
 def render_suite(
@@ -242,7 +243,7 @@ def _rendered(
 
 def _kept(each: PlannedSet, got: SetAnswer) -> str:
     """Put the files of an answer in their places; why that is not possible, or nothing."""
-    if other := differing(got.made_with, made_with()):
+    if other := differing(got.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker is not that of this machine, expected the same in all of them"
     try:
         if got.files:
@@ -259,7 +260,7 @@ def _manifest(plan: Plan, failures: dict[str, str]) -> SuiteManifest:
         version=suite.version,
         description=suite.description,
         renderer=plan.variant,
-        made_with=made_with(),
+        made_with=program_of(*CODE),
         sets=tuple(
             SuiteSet(
                 name=each.recipe.name,

@@ -40,7 +40,7 @@ def calibrate(
     """Calibrate a device from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
-    residuals.png and corners.csv (the corners used). Detected corners are kept in detections/, so that no picture is
+    residuals.png and corners.csv (the corners used). Detected corners are kept, so that no picture is
     searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
 
     Examples:
@@ -49,7 +49,7 @@ def calibrate(
         mirrorcam calibrate clip.mp4 --board board.toml --direct-view 2
     """
     from mirrorcam.calibration.calibration_files import FILES, calibrate_files, write_calibration
-    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.core.disk.output_folder import output_folder, results_folder
 
     def on_hint(picture: str, hint: NextPose) -> None:
         say("calibrate", f"{picture}: {hint.sentence}")
@@ -60,7 +60,7 @@ def calibrate(
             calibration = calibrate_files(
                 pictures,
                 request,
-                detections=out / "detections",
+                detections=results_folder(out),
                 progress=advance,
                 on_hint=on_hint if live_hint else None,
                 on_note=lambda sentence: say("calibrate", sentence),

@@ -17,14 +17,15 @@ from matplotlib.figure import Figure
 from mirrorcam.calibration.calibration_page import write_report
 from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.core.disk.files import atomic, write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import check_size, is_picture, pictures_in, read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import MISSING, Video
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_files import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
@@ -33,7 +34,6 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
-from mirrorcam.optics.calibration.mrcal_corners import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout

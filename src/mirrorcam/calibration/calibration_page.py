@@ -37,7 +37,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.drift.drift import tells_drift
+from mirrorcam.optics.drift.drift import shows_drift
 
 TEMPLATES = Path(__file__).parent
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
@@ -157,7 +157,7 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
             "chance": chance_words(free.chance),
         },
         "splits": split_table(diagnostics) if diagnostics.splits else None,
-        "drift": tells_drift(calibration.layout),
+        "drift": shows_drift(calibration.layout),
         "printed": calibration.layout.spec is not None,
     }
 

@@ -66,7 +66,7 @@ def compare(
 
 def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
     """Whether the difference is more than noise, by its worst view."""
-    from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_name
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_label
 
     if difference.figures(difference.views)["max_px"].value == 0.0:
         return "the calibrations do not differ"
@@ -75,15 +75,15 @@ def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
     view, ratio = difference.worst
     verdict = "more than noise:" if ratio > NOISE_RATIO else "within noise: at most"
     times = f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:.0f}"
-    place = f"in {view_name(layout, view.view)} (limit {NOISE_RATIO:g})"
+    place = f"in {view_label(layout, view.view)} (limit {NOISE_RATIO:g})"
     return f"the difference is {verdict} {times} times the predicted {SIGMA}, {place}"
 
 
 def _print(difference: CalibrationDifference, layout: Layout) -> None:
     """Print a row of figures for each view, one for all, and the motion."""
-    from mirrorcam.optics.calibration.diagnostics.calibration_difference import view_name
+    from mirrorcam.optics.calibration.diagnostics.calibration_difference import view_label
 
-    rows = {view_name(layout, view.view): difference.figures([view]) for view in difference.views}
+    rows = {view_label(layout, view.view): difference.figures([view]) for view in difference.views}
     rows["all views"] = difference.figures(difference.views)
     names = [name for name in COLUMNS if name in rows["all views"]]
     columns = [figures_alike([figures[name].value for figures in rows.values()], digits=3) for name in names]

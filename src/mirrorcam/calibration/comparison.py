@@ -12,19 +12,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from mirrorcam.core.disk.files import atomic, write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import SIGMA
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,
     ViewDifference,
     calibration_difference,
-    view_name,
+    view_label,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.camera_files.read.registry import formats_in, unread
-from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.working_distance import working_distance_mm
+from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
 KINDS = ("difference", "sigma")
@@ -165,7 +165,7 @@ def draw_map(
         rms = float(np.sqrt(np.mean(value**2)))
         x, y = _label_place(outline)
         axes.annotate(
-            f"{view_name(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
+            f"{view_label(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
             (x, y),
             (0, -3),
             textcoords="offset points",

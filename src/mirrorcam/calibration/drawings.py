@@ -12,8 +12,7 @@ from mirrorcam.calibration.inline_svg import Scale, axes, coordinate, drawing, l
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import DepthUncertainty
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import ProjectionMap
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import DepthUncertainty, ProjectionMap
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     ARROWS_ACROSS,
     ViewFigures,

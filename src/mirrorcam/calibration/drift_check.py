@@ -13,14 +13,14 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_json, write_metrics
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image
-from mirrorcam.core.values import InputError, Metric
-from mirrorcam.core.video.spread_frames import SpreadFrames, WatchedSource
+from mirrorcam.core.values import Metric
+from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, tells_drift
+from mirrorcam.optics.drift.drift import LEAST_MIRRORS, WANTED_DEG, Drift, find_drift, resolved_layout, shows_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
-from mirrorcam.optics.drift.resolved_layout import resolved_layout
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.frame_checks import check_frames
 
@@ -72,7 +72,7 @@ def drift_check(
     layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
 ) -> DriftReporter | None:
     """The check of recordings for mirrors that moved; None where the layout does not allow one."""
-    if tells_drift(layout):
+    if shows_drift(layout):
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
@@ -186,7 +186,7 @@ def find_drift_files(
     video, and of pictures of 16 bits. Raises InputError for a layout that states no measured mirrors, and for files
     that cannot be read, are damaged or are not of its camera.
     """
-    if not tells_drift(layout):
+    if not shows_drift(layout):
         nominal = layout.kind == "nominal"
         what = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
         raise InputError(f"{layout_path}: {what}, expected a calibrated one of {LEAST_MIRRORS} mirrors or more")

@@ -15,14 +15,15 @@ import numpy as np
 from mirrorcam.calibration.calibration_files import write_calibration
 from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import FloatArray, InputError, Matrix4, Metric, Value
+from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.solver.mirror_pair import turned_like
+from mirrorcam.optics.calibration.solver.parameterisation import turned_like
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 from mirrorcam.optics.geometry.transforms import transform

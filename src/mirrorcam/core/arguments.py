@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias, cast
 from pydantic import BeforeValidator
 
 from mirrorcam.core.bounds import Bounds
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 AnyPath: TypeAlias = str | os.PathLike[str]
 """A path as callers give it: a text, or anything with `__fspath__`."""

@@ -25,7 +25,7 @@ from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
 from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM
-from mirrorcam.core.errors import InputError as InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
 FloatArray = NDArray[np.float64]

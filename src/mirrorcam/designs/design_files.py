@@ -9,8 +9,12 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_turn
-from mirrorcam.core.values import InputError, with_tuples
+from mirrorcam.core.values import with_tuples
+from mirrorcam.designs.design_figure import before_after, focus_figure
+from mirrorcam.optics.design import optimise
+from mirrorcam.optics.design.optimise import assessed_parabola
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -105,8 +109,6 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
 
     Raises InfeasibleDesign where no layout meets the spec.
     """
-    from mirrorcam.optics.design import optimise
-    from mirrorcam.optics.design.parabola import assessed_parabola
 
     optimised = optimise.design(spec, calls)
     try:
@@ -121,7 +123,6 @@ def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> Desi
     Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` are those of `design`.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
-    from mirrorcam.designs.design_figure import before_after, focus_figure
 
     found = compare_designs(spec, calls)
     found.optimised.save(folder / "layout.json")

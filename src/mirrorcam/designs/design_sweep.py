@@ -8,84 +8,38 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirrorcam.core.disk.files import atomic, write_json, write_text
+from mirrorcam.core.disk.files import atomic, read_record, write_json, write_text
 from mirrorcam.core.disk.fingerprint import differing, value_digest
 from mirrorcam.core.disk.output_folder import OutputFolder
-from mirrorcam.core.disk.resumable import intact, read_record
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import spreadsheet_text
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
-from mirrorcam.designs.sweep_work import Answer, Record, made_with, record_text
+from mirrorcam.designs.sweep_work import CODE, Answer, file_text
 from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
 
 if TYPE_CHECKING:
     import pyarrow
 
 Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
+_OUTCOME, _LAYOUT = "outcome.json", "layout.json"
 
 
-class Results:
-    """Finished designs in a folder: results/KEY.json holds the outcome of a spec, layouts/KEY.json its layout."""
-
-    def __init__(self, output: OutputFolder) -> None:
-        self._output = output
-
-    @staticmethod
-    def names(spec: DesignSpec) -> tuple[str, str]:
-        """Paths in the folder of the record of a spec and of its layout."""
-        return f"results/{_key(spec)}.json", f"layouts/{_key(spec)}.json"
-
-    @staticmethod
-    def layout_name(spec: DesignSpec) -> str:
-        """Path in the folder of the layout of a spec."""
-        return Results.names(spec)[1]
-
-    def finished(self, spec: DesignSpec) -> Outcome | None:
-        """The outcome of a spec; None where it is missing, a failure, or made by other versions than now.
-
-        Raises InputError, unless files of others may be replaced, where its files are not as they were written.
-        """
-        self._output.grouped(_key(spec)).refuse_others(*self.names(spec))
-        path, layout = (self._output.path / name for name in self.names(spec))
-        record = read_record(Record, path)
-        if record is None or record.outcome.spec != spec:
-            return None
-        outcome, files = record.outcome, {layout.name: record.layout_sha256}
-        whole = bool(intact(layout.parent, files)) if record.layout_sha256 else not layout.exists()
-        current = record.made_with == made_with() and outcome.status != "failed"
-        return outcome if whole and current else None
-
-    def keep(self, spec: DesignSpec, got: Answer | Died) -> Outcome:
-        """Write the outcome of a spec: its record, and the layout whose checksum is in it.
-
-        Raises InputError where a worker runs another version of the sources or distributions that designs depend on.
-        """
-        if isinstance(got, Died):
-            got = Answer(record_text(outcome_of(spec, got)))
-        record = Record.model_validate_json(got.record)
-        other = differing(record.made_with, made_with())
-        if other:
-            raise InputError(
-                f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them"
-            )
-        name, layout = self.names(spec)
-        with self._output.grouped(_key(spec)).staged() as folder:
-            write_text(folder / name, got.record)
-            if got.layout:
-                write_text(folder / layout, got.layout)
-        return record.outcome
+def layout_name(spec: DesignSpec) -> str:
+    """Path in the folder of a sweep of the layout of a spec."""
+    return f"layouts/{_key(spec)}.json"
 
 
 def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
     """The solved designs in the folder of a sweep, each with its layout's file; raises InputError where none is."""
     found = []
-    for path in sorted((folder / "results").glob("*.json")):
-        record = read_record(Record, path)
-        layout = folder / "layouts" / path.name
-        if record is not None and record.outcome.status == "solved" and layout.is_file():
-            found.append((record.outcome, layout))
+    for path in sorted((folder / "layouts").glob("*.json")):
+        layout = read_record(Layout, path)
+        if layout is not None and layout.spec is not None:
+            found.append((Outcome(spec=layout.spec, status="solved", metrics=layout.metrics), path))
     if not found:
         raise InputError(f"{folder}: holds no solved design, expected the folder of a `mirrorcam sweep`")
     return found
@@ -95,7 +49,7 @@ def outcome_of(spec: DesignSpec, got: Answer | Died) -> Outcome:
     """The outcome of a spec, from the answer of a worker or the death of all that tried it."""
     if isinstance(got, Died):
         return Outcome(spec=spec, status="failed", finding=got.reason)
-    return Record.model_validate_json(got.record).outcome
+    return Outcome.model_validate_json(got.outcome)
 
 
 def _key(spec: DesignSpec) -> str:
@@ -105,25 +59,59 @@ def _key(spec: DesignSpec) -> str:
 def sweep(
     specs: Sequence[DesignSpec], output: OutputFolder, run: Runner, progress: Progress = no_progress
 ) -> list[Outcome]:
-    """Return the outcome of each spec, in their order: those in the folder are read, the others run.
+    """Return the outcome of each spec, in their order: those in the store of the folder are read, the others run.
 
-    Every design is stored as soon as it is finished, so that an interrupted sweep loses none.
+    Every design is stored, and its layout written, as soon as it is finished: an interrupted sweep loses none. Raises
+    InputError, unless files of others may be replaced, where a layout is not as a sweep wrote it; and where a worker
+    runs another version of the code or the libraries that designs depend on.
     """
-    results = Results(output)
-    outcomes = {number: found for number, spec in enumerate(specs) if (found := results.finished(spec)) is not None}
+    outcomes = {number: found for number, spec in enumerate(specs) if (found := _finished(spec, output)) is not None}
     missing = [number for number in range(len(specs)) if number not in outcomes]
     progress(len(outcomes), len(specs))
     if missing:
         for place, got in run([specs[number] for number in missing]):
-            outcomes[missing[place]] = results.keep(specs[missing[place]], got)
+            outcomes[missing[place]] = _keep(specs[missing[place]], got, output)
             progress(len(outcomes), len(specs))
     return [outcomes[number] for number in range(len(specs))]
+
+
+def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
+    """The outcome of a spec that the store of a folder holds, and its layout in its place; None where there is none."""
+    output.grouped(_key(spec)).refuse_others(layout_name(spec))
+    kept = output.results.get(f"design-{_key(spec)}", program_of(CODE))
+    if kept is None:
+        return None
+    outcome = Outcome.model_validate_json(kept[_OUTCOME])
+    if kept[_LAYOUT] and not (output.path / layout_name(spec)).exists():
+        _write_layout(spec, kept[_LAYOUT].decode(), output)
+    return outcome
+
+
+def _keep(spec: DesignSpec, got: Answer | Died, output: OutputFolder) -> Outcome:
+    """Write the layout of an answer, and store the answer: a failure is tried again the next time."""
+    outcome = outcome_of(spec, got)
+    if isinstance(got, Died):
+        got = Answer(file_text(outcome))
+    if other := differing(got.made_with, program_of(CODE)):
+        raise InputError(f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them")
+    _write_layout(spec, got.layout, output)
+    if outcome.status != "failed":
+        contents = {_OUTCOME: got.outcome.encode(), _LAYOUT: got.layout.encode()}
+        output.results.put(f"design-{_key(spec)}", program_of(CODE), contents)
+    return outcome
+
+
+def _write_layout(spec: DesignSpec, layout: str, output: OutputFolder) -> None:
+    """Write the layout of a spec; where it has none, an earlier one is deleted."""
+    with output.grouped(_key(spec)).staged() as folder:
+        if layout:
+            write_text(folder / layout_name(spec), layout)
 
 
 def table_of(outcomes: Sequence[Outcome]) -> list[dict[str, Cell]]:
     """A row for each outcome, with the place of its layout in the folder of the sweep."""
     return [
-        row | {"layout": Results.layout_name(outcome.spec) if outcome.status == "solved" else None}
+        row | {"layout": layout_name(outcome.spec) if outcome.status == "solved" else None}
         for outcome, row in zip(outcomes, rows_of(outcomes), strict=True)
     ]
 

@@ -36,7 +36,7 @@ def sweep(
 ) -> int:
     """Optimise layouts for all combinations of counts, depths, scales and trade-offs.
 
-    Writes the table sweep.csv, pareto.png (trade-offs), results/ and, for each solved design, layouts/NAME.json. Exit
+    Writes the table sweep.csv, pareto.png (trade-offs) and, for each solved design, layouts/NAME.json. Exit
     code 1: a design failed, or none was solved.
 
     Examples:

@@ -11,7 +11,8 @@ from mirrorcam.cad.holder.carriers import tilt_and_shift, travel_turns, turns_to
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.core.disk.files import read_model, write_json
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 FILES = ("turns.json", "turns.png")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.device.board_print import FORMATS, page_for, write_board
 from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
 

@@ -11,9 +11,9 @@ from cyclopts import App, Parameter
 
 from mirrorcam.core.console.options import Force, Workers
 from mirrorcam.core.console.progress import long_work, print_metrics, print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
-from mirrorcam.core.values import InputError
 from mirrorcam.device.hardware_choice import HardwareChoice
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ def cad(
         mirrorcam cad layout.json --body d435 --adapter tripod --mounting screws
         mirrorcam cad picture layout.json output/cad
     """
-    from mirrorcam.cad.build import build_parts
     from mirrorcam.cad.plan.hardware import field_of_view
+    from mirrorcam.core.disk.output_folder import results_folder
     from mirrorcam.core.processes.worker_pool import cores
     from mirrorcam.device.device_folder import device_folder
     from mirrorcam.optics.geometry.layout import Layout
@@ -67,6 +67,8 @@ def cad(
         body, seen = hardware.camera.name, field_of_view(device.camera)
         say("cad", f"camera body {body} states no field_of_view_deg: not compared with that of the layout, {seen}")
     require("cad", *(("fe",) if elastic else ()))
+    from mirrorcam.cad.build import build_parts
+
     doing = f"a device of {count_text(len(device.mirrors), 'mirror')}"
     with (
         long_work("cad", doing, "steps") as advance,
@@ -76,7 +78,7 @@ def cad(
             device,
             folder,
             hardware,
-            previous=out,
+            results=results_folder(out),
             workers=workers or cores(),
             progress=advance,
             elastic=elastic,

@@ -10,8 +10,8 @@ from cyclopts import App, Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import print_table, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera_library import AGREE, CameraProfile, library, read_profile
 
 app = App(name="camera")

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 from pydantic import TypeAdapter, ValidationError
 
 from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
-from mirrorcam.core.values import InputError, InvalidValue, Value
+from mirrorcam.core.values import InvalidValue, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import CameraProfile

@@ -15,13 +15,12 @@ import numpy as np
 from mirrorcam.core.console.reporter import SILENT, Reporter
 from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.camera_addresses import camera, shown
-from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.spread_frames import MOST
+from mirrorcam.core.video.frames import MOST, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
 from mirrorcam.lightfield.epipolar_images import write_epi
@@ -30,14 +29,13 @@ from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, refuse_s
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
-from mirrorcam.optics.light_field.equalisation import Equalisation, measure
+from mirrorcam.optics.light_field.equalisation import LINEAR, Equalisation, measure
 from mirrorcam.optics.light_field.frame_checks import check_frames
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.stream import RecordingCheck
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.response import LINEAR
 from mirrorcam.robot.bag_recording import BagRecorder, refuse_bag
 from mirrorcam.robot.rerun_viewer import RerunViewer
 
@@ -255,7 +253,7 @@ def decode_picture(path: Path, decoder: Decoder, folder: Path, *, epi: bool = Fa
     """
     light_field = decoder.decode(read_image(path))
     save_npz(folder / f"{path.stem}.npz", light_field)
-    write_image(folder / f"{path.stem}_views.png", tiles(light_field))
+    write_image(folder / f"{path.stem}_views.png", tiled_views(light_field))
     if epi:
         write_epi(folder, path.stem, light_field)
     return light_field

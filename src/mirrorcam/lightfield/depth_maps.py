@@ -10,25 +10,24 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder, results_folder
+from mirrorcam.core.disk.program import program_of
+from mirrorcam.core.disk.results import Results
 from mirrorcam.core.images.pfm import write_pfm
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, RecordingFilter
 from mirrorcam.lightfield.requests import DepthRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, Quality
-from mirrorcam.optics.light_field.depth.depth_files import (
-    DepthRecord,
-    content_digest,
-    load_depth,
-    load_record,
-    save_depth,
-)
+from mirrorcam.optics.light_field.depth.depth_files import DepthRecord, content_digest, load_depth, save_depth
 from mirrorcam.optics.light_field.light_field import LightField
 
 SURE = 0.5
 """Confidence above which a depth counts as known."""
 ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
+CODE = "mirrorcam.optics.light_field.depth.estimate"
+"""Module that measures depth."""
+_SHA256, _SEARCHED = "sha256", "searched_mm"
 WIDTH_IN, TITLE_IN = 15.0, 0.5
 TICKS = 7
 
@@ -68,10 +67,12 @@ def write_depths(
                 quality: Quality = "fast" if request.fast else "best"
                 estimator = DepthEstimator(each.light_field, near_mm=near, far_mm=far, quality=quality)
             depth = estimator.estimate(each.light_field if request.frames_apart else recording.filtered(each))
+            searched_mm = estimator.near_mm, estimator.far_mm
             with output.staged(complete=False, result=f"{each.name}_depth.pfm") as staged:
-                keep_depth(staged / f"{each.name}_depth.npz", depth, each.light_field, estimator)
+                write_depth(staged, each.name, depth, each.light_field, searched_mm)
                 write_pfm(staged / f"{each.name}_depth.pfm", depth.depth_mm)
                 draw_depth(staged / f"{each.name}_depth.png", each.light_field, depth)
+            keep_depth(output, each.name, each.light_field, searched_mm)
             sure = depth.valid & (depth.confidence > SURE)
             median = float(np.median(depth.depth_mm[sure])) if sure.any() else np.nan
             summaries.append(DepthSummary(each.name, float(depth.valid.mean()), float(sure.mean()), median))
@@ -87,31 +88,39 @@ class KeptDepth:
     searched_mm: tuple[float, float]
 
 
-def keep_depth(path: Path, depth: DepthMap, light_field: LightField, estimator: DepthEstimator) -> None:
-    """Write a depth map with the digest of its light field and the range of depths searched."""
-    save_depth(path, depth, DepthRecord(content_digest(light_field), (estimator.near_mm, estimator.far_mm)))
+def write_depth(
+    folder: Path, name: str, depth: DepthMap, light_field: LightField, searched_mm: tuple[float, float]
+) -> None:
+    """Write a depth map as NAME_depth.npz, with the digest of its light field and the range of depths searched."""
+    save_depth(folder / f"{name}_depth.npz", depth, DepthRecord(content_digest(light_field), searched_mm))
+
+
+def keep_depth(output: OutputFolder, name: str, light_field: LightField, searched_mm: tuple[float, float]) -> None:
+    """Note in the store of a folder that its NAME_depth.npz was measured in a light field, between these depths."""
+    contents = {_SHA256: file_digest(output.path / f"{name}_depth.npz"), _SEARCHED: " ".join(map(str, searched_mm))}
+    output.results.put(f"depth-{name}", _made_of(light_field), {key: text.encode() for key, text in contents.items()})
 
 
 def kept_depth(
     folder: Path, name: str, light_field: LightField, near_mm: float | None, far_mm: float | None
 ) -> KeptDepth | None:
-    """NAME_depth.npz of a folder, where it was measured in this light field; else None.
+    """NAME_depth.npz of a folder, where this program measured it in this light field; else None.
 
     Where a nearest or farthest depth is given, it must have been searched between just those.
     """
-    path = folder / f"{name}_depth.npz"
-    if not path.is_file():
+    contents = Results(results_folder(folder)).get(f"depth-{name}", _made_of(light_field))
+    if contents is None:
         return None
-    try:
-        record = load_record(path)
-    except InputError:
-        return None  # a file of the user's with this name
-    if record is None or record.light_field_sha256 != content_digest(light_field):
-        return None  # of another light field, or of a version that did not note which
-    searched_mm = record.searched_mm
-    if any(wanted not in (None, known) for wanted, known in zip((near_mm, far_mm), searched_mm, strict=True)):
+    path, (near, far) = folder / f"{name}_depth.npz", map(float, contents[_SEARCHED].split())
+    if near_mm not in (None, near) or far_mm not in (None, far):
         return None
-    return KeptDepth(path, load_depth(path, light_field), searched_mm)
+    if not path.is_file() or file_digest(path) != contents[_SHA256].decode():
+        return None
+    return KeptDepth(path, load_depth(path, light_field), (near, far))
+
+
+def _made_of(light_field: LightField) -> dict[str, str]:
+    return {"light_field": content_digest(light_field)} | program_of(CODE)
 
 
 def draw_depth(path: Path, light_field: LightField, depth: DepthMap) -> None:

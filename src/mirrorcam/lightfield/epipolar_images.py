@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from mirrorcam.core.disk.files import atomic, write_npz
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.light_field import Axis, LightField
 from mirrorcam.optics.light_field.render.epipolar_images import Epi, epi
 from mirrorcam.optics.light_field.render.refocusing import RenderedPicture, to_bytes

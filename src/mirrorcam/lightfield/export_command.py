@@ -14,7 +14,8 @@ from pydantic import Field
 from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import say
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.light_field.io.formats.registry import NAMES
 
 if TYPE_CHECKING:

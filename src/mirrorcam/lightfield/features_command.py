@@ -86,7 +86,7 @@ def write_features(
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.features import FeatureFinder
-    from mirrorcam.optics.light_field.features.feature_files import save_csv, save_npz
+    from mirrorcam.optics.light_field.features.feature_set import save_csv, save_features
 
     finder: FeatureFinder | None = None
     depth_range_mm: tuple[float, float] | None = None
@@ -106,7 +106,7 @@ def write_features(
                 )
             found = finder.find(each.light_field)
             with output.staged(complete=False, result=f"{each.name}_features.csv") as staged:
-                save_npz(staged / f"{each.name}_features.npz", found)
+                save_features(staged / f"{each.name}_features.npz", found)
                 save_csv(staged / f"{each.name}_features.csv", found)
                 draw_features(staged / f"{each.name}_features.png", each.light_field, found)
             sigma = float(np.median(found.depth_sigma_mm)) if len(found) else np.nan

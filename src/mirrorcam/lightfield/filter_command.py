@@ -78,7 +78,7 @@ def write_filtered(
     from mirrorcam.core.images.pictures import write_image
     from mirrorcam.optics.light_field.filters import Passband, filter_light_field
     from mirrorcam.optics.light_field.io.formats.npz import save_npz
-    from mirrorcam.optics.light_field.io.views_picture import tiles
+    from mirrorcam.optics.light_field.io.view_images import tiled_views
 
     summaries = []
     with output_folder(folder, "filter", force=force) as output:
@@ -88,6 +88,6 @@ def write_filtered(
             filtered = filter_light_field(each.light_field, passband, leave_out=request.leave_out)
             with output.staged(complete=False) as staged:
                 save_npz(staged / f"{each.name}_filtered.npz", filtered.light_field)
-                write_image(staged / f"{each.name}_filtered_views.png", tiles(filtered.light_field))
+                write_image(staged / f"{each.name}_filtered_views.png", tiled_views(filtered.light_field))
             summaries.append(FilterSummary(each.name, filtered.outside, filtered.left_out))
     return summaries

@@ -11,10 +11,10 @@ import numpy as np
 
 from mirrorcam.core.console.reporter import SILENT, Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, line_on_bits
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, matched, unequal

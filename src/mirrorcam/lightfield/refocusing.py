@@ -15,13 +15,12 @@ from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.video.animation import write_loop
-from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth
+from mirrorcam.lightfield.depth_maps import keep_depth, kept_depth, write_depth
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs, NamedLightField, RecordingFilter
 from mirrorcam.lightfield.requests import RefocusRequest
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.light_field import LightField
-from mirrorcam.optics.light_field.render.between_views import with_views_between
-from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from
+from mirrorcam.optics.light_field.render.perspective import all_in_focus, orbit, seen_from, with_views_between
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, RenderedPicture, aperture, refocus, to_bytes
 from mirrorcam.optics.light_field.render.view_depths import ViewDepths, without_nearer
 
@@ -94,6 +93,8 @@ def write_refocused(
                     depth, depths = _depths(each, recording.filtered(each), output, staged, request)
                     used.append(depth)
                 grey += _write(each, depths, staged, request)
+            if depths is not None and used[-1].measured:
+                keep_depth(output, each.name, each.light_field, used[-1].searched_mm)
     return Refocused(tuple(grey), tuple(used))
 
 
@@ -111,8 +112,8 @@ def _depths(
         return used, ViewDepths.of_reference(light_field, kept.depth_mm)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far)
     depth = estimator.estimate(filtered)
-    keep_depth(staged / name, depth, light_field, estimator)
     searched = (estimator.near_mm, estimator.far_mm)
+    write_depth(staged, each.name, depth, light_field, searched)
     used = UsedDepth(each.name, output.path / name, searched, measured=True)
     return used, ViewDepths.of_reference(light_field, depth.depth_mm)
 

@@ -9,19 +9,18 @@ from typing import Any, Literal
 
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.frames import Lost
+from mirrorcam.core.video.frames import Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.spread_frames import WatchedSource
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.hci import write_hci
 from mirrorcam.optics.light_field.io.formats.stanford import write_stanford
 from mirrorcam.optics.light_field.io.recording import Folders, Recording, Sink, about
 from mirrorcam.optics.light_field.io.stream import Decoded, RecordingCheck, record
-from mirrorcam.optics.light_field.io.views_picture import tiles
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -112,7 +111,7 @@ class StreamRecorder:
                 nonlocal shown
                 if not isinstance(item, Lost) and not shown:
                     with self.output.staged(complete=False) as folder:
-                        write_image(folder / picture, tiles(item[1]))
+                        write_image(folder / picture, tiled_views(item[1]))
                     shown = True
                 if not isinstance(item, Lost) and show is not None:
                     show(item[0].time_s, item[1])

@@ -12,8 +12,8 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_some
 from mirrorcam.lightfield.requests import TrackRequest
 

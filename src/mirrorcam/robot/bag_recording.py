@@ -10,11 +10,10 @@ from typing import Any
 
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.frames import Frame, Lost
+from mirrorcam.core.video.frames import Frame, Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.spread_frames import WatchedSource
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic
 from mirrorcam.optics.light_field.io.view_images import rgb

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import mirrorcam
 from mirrorcam.cad.write.slicer import PROGRAMS as SLICERS
-from mirrorcam.core.disk.fingerprint import OURS, normalised, required
+from mirrorcam.core.disk.program import OURS, normalised, required
 from mirrorcam.core.extras import MODULES, missing_modules
 from mirrorcam.core.values import Value
 

@@ -10,9 +10,9 @@ from typing import Literal
 from mirrorcam.calibration.validation import validate, write_validation
 from mirrorcam.core.console.reporter import SILENT, Reporter
 from mirrorcam.core.disk.files import write_metrics
-from mirrorcam.core.disk.fingerprint import NOT_INSTALLED
-from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
-from mirrorcam.core.disk.stages import MANIFEST, Stage, perform, staleness
+from mirrorcam.core.disk.output_folder import OutputFolder, output_folder, results_folder
+from mirrorcam.core.disk.program import NOT_INSTALLED
+from mirrorcam.core.disk.stages import Stage, perform, refuse_foreign, staleness
 from mirrorcam.core.extras import require
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress
@@ -81,7 +81,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
         holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
         hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
-        build_parts(Layout.load(nominal), folder, hardware, previous=root / "cad", workers=cores(), progress=progress)
+        kept = results_folder(root)
+        build_parts(Layout.load(nominal), folder, hardware, results=kept, workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import render_set
@@ -110,24 +111,24 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         Stage(
             "design",
             design,
+            "mirrorcam.designs.design_files",
             doing=f"{recipe.spec.arrangement.text} mirrors",
             parameters={"spec": recipe.spec.model_dump(mode="json")},
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.designs"),
         ),
         Stage(
             "cad",
             part,
+            "mirrorcam.cad.build",
             doing="every part, its files and checks",
             unit="steps",
             parameters={"adapter": recipe.adapter, "mirrors": recipe.mounting},
             reads=(nominal,),
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.cad"),
-            extras=("cad",),
             programs={"slicer": _slicer()},
         ),
         Stage(
             "set",
             render,
+            "mirrorcam.render_scenes.sets.render_set",
             doing=f"{recipe.frames} frames through the mirrors and {recipe.base_frames} without",
             unit="frames",
             parameters={
@@ -138,32 +139,30 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
                 "settings": recipe.settings.model_dump(mode="json"),
             },
             reads=(nominal,),
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.render_scenes"),
-            extras=("render",),
             resumes=True,
         ),
         Stage(
             "validation",
             check,
+            "mirrorcam.calibration.validation",
             doing="blind calibration, comparison with the truth",
             reads=(synthetic,),
             unit="pictures",
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.calibration"),
         ),
         Stage(
             "light_field",
             decode,
+            "mirrorcam.lightfield.decoding",
             doing="views of one frame",
             unit="frames",
             reads=(calibrated, shown),
-            sources=("mirrorcam.core", "mirrorcam.optics", "mirrorcam.lightfield.decoding"),
         ),
         Stage(
             "page",
             pictures,
+            "mirrorcam.run.run_page",
             doing="pictures for the page",
             reads=(shown, root / "light_field" / f"{shown.stem}_views.png"),
-            sources=("mirrorcam.run.run_page",),
         ),
     )
 
@@ -211,11 +210,7 @@ def run_all(
     require("cad", "render")
     with output_folder(root, "run", force=force) as output:
         output.refuse_others("metrics.json", "index.html")
-        for stage in stages(recipe, root):
-            place = output.subfolder(stage.name)
-            place.refuse_unknown()
-            place.refuse_changed()
-            place.refuse_others(MANIFEST)
+        refuse_foreign(stages(recipe, root), output)
         for stage in stages(recipe, root):
             finish(stage, output, reporter)
         figures = _figures(root)

@@ -10,9 +10,9 @@ from cyclopts import App, Parameter
 
 from mirrorcam.core.console.options import Scheduler, Workers
 from mirrorcam.core.console.progress import long_work, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
-from mirrorcam.core.values import InputError
 from mirrorcam.simulation.render_request import RenderRequest
 
 if TYPE_CHECKING:

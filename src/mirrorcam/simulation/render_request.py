@@ -11,7 +11,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SEED
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_model
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue, Shaped, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value
 from mirrorcam.optics.geometry.design_spec import MOST_DEPTHS
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, SENSORS, RendererName, RenderSettings, SensorModel
@@ -36,12 +37,12 @@ def tolerances_of(given: Any) -> Any:
     names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
     for name, _, _ in parts:
         if name not in names:
-            raise InputError(f"no tolerance {name}, expected {', '.join(names)}")
+            raise ValueError(f"no tolerance {name}, expected {', '.join(names)}")
     try:
         return Tolerances().replaced(**{name: value for name, _, value in parts})
     except InvalidValue as error:
         name = str(error.first["loc"][0]) if error.first else ""
-        raise InputError(f"{name}: {error.reason}") from None
+        raise ValueError(f"{name}: {error.reason}") from None
 
 
 def sensor_of(given: Any) -> Any:
@@ -52,7 +53,7 @@ def sensor_of(given: Any) -> Any:
     if given in presets:
         return presets[given]
     if not given.endswith(".toml"):
-        raise InputError(f"expected {', '.join(presets)} or a .toml file")
+        raise ValueError(f"expected {', '.join(presets)} or a .toml file")
     return read_model(SensorModel, Path(given))
 
 
@@ -62,8 +63,8 @@ AsBuilt = Annotated[
     Parameter(metavar="NAME=VALUE,...", accepts_keys=False, show_default=False),
 ]
 AS_BUILT = (
-    "tolerances of the rendered device as in mirrorcam design --help, like tilt_deg=0.3,offset_mm=0.3; or none. "
-    "[default: a hand-assembled device]"
+    "tolerances of the rendered device as in the table [tolerances] of design.toml, like tilt_deg=0.3,offset_mm=0.3; "
+    "or none. [default: a hand-assembled device]"
 )
 Sensor = Annotated[
     SensorModel | None,

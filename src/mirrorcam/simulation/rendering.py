@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.output_folder import output_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import FrameTask, render_frame_in_turn, render_frame_on_one_core
 from mirrorcam.render_scenes.sets.render_set import Run

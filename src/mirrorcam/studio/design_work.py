@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Iterator
 from functools import cache
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, beside, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -56,7 +56,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 def described(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """A layout that was solved before, with its parabola and their drawings."""
-    from mirrorcam.optics.design.parabola import assessed_parabola
+    from mirrorcam.optics.design.optimise import assessed_parabola
     from mirrorcam.studio.drawing import design_drawing
 
     exact = design_drawing(layout, spec, "exact")

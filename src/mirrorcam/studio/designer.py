@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work

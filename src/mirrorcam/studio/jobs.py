@@ -14,8 +14,9 @@ from typing import Literal
 from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_command import ENDING_S, ChildCommand
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import DESIGN_FILE, request_toml
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -23,7 +23,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mirrorcam.core.disk.files import validated
 from mirrorcam.core.disk.nested_text import json_value
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2

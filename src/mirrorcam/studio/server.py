@@ -20,8 +20,9 @@ from starlette.routing import BaseRoute, Mount, Route
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_values import SolvedDesign

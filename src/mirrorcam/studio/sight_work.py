@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.design_work import at_low_priority
 

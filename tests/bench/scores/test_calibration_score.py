@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.bench.scores.calibration_score import NO_POSES, NO_SCALE, ONE_VIEW
 from mirrorcam.bench.scores.gauge import score_points
 from mirrorcam.bench.scores.score_report import FIGURES
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.read.mirrorcam_layout import rig_of
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.camera_files.read.registry import rig_of
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from tests.optics.camera_files.rigs import (
     DISTANCE_MM,

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from mirrorcam.bench.scores.consistency import POSE_NAMES, Nees, pooled
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import CameraRig
-from mirrorcam.optics.camera_files.read.mirrorcam_layout import rig_of
+from mirrorcam.optics.camera_files.read.registry import rig_of
 from mirrorcam.optics.geometry.layout import Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration, true_layout

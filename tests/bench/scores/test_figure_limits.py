@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.bench.scores.score_report import Limits, checks, figure_of
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 
 
 def loaded(folder: Path, text: str) -> Limits:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, score_points
 from mirrorcam.bench.scores.matched_views import matched_views
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.camera_files.rigs import DISTANCE_MM, changed, device, moved, pose_of, true_rig

@@ -6,7 +6,8 @@ import pytest
 
 from mirrorcam.bench.scores.consistency import Nees
 from mirrorcam.bench.scores.leaderboard import Attempt, Leaderboard, leaderboard
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 
 
 def attempt(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.bench.scores.matched_views import Place, ViewsFile, matched_views, view_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, RigCamera
 from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras

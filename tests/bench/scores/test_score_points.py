@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.bench.scores.gauge import score_points, shown_by_all, with_slopes
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.geometry.working_distance import VOLUME
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.layout import VOLUME
 from tests.optics.camera_files.rigs import DISTANCE_MM, device
 
 

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.bench.scores.consistency import by_parameters, checked_root, with_covariance
 from mirrorcam.bench.scores.gauge import project_each, score_points
 from mirrorcam.bench.scores.matched_views import matched_views
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.read.mirrorcam_layout import rig_of
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.camera_files.read.registry import rig_of
 from mirrorcam.optics.geometry.layout import Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.camera_files.rigs import DISTANCE_MM, changed, device, lens_of, pose_of, true_rig

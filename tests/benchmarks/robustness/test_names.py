@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.robustness import names
 from benchmarks.robustness.guard import watched
-from mirrorcam.core.disk import resumable
+from mirrorcam.core.disk import fingerprint
 
 
 def wrong(use: Callable[[Path, np.random.Generator], str], monkeypatch: pytest.MonkeyPatch) -> str:
@@ -24,5 +24,5 @@ def unchecked(folder: Path, name: str) -> Path:
 
 def test_reading_outside_of_a_folder_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "dataset" not in wrong(names.dataset, monkeypatch)
-    monkeypatch.setattr(resumable, "inside", unchecked)
+    monkeypatch.setattr(fingerprint, "inside", unchecked)
     assert "dataset read a file outside of the folder" in wrong(names.dataset, monkeypatch)

@@ -45,7 +45,7 @@ CASES = {
 
 
 @pytest.fixture(scope="module", params=list(CASES.values()), ids=list(CASES))
-def device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
+def each_device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
     hardware: Hardware = request.param
     return plan_device(default_layout, hardware)
 
@@ -59,16 +59,16 @@ def slide_screws(device: Device) -> int:
     return 4 if device.hardware.camera.held_by.kind == "lips" else 2
 
 
-def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> None:
+def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -> None:
     """Along its axis a screw covers an insert by the thread that is needed, or a nut wholly, and ends soon after."""
-    screw = device.hardware.screw
-    items = bought_items(device)
+    screw = each_device.hardware.screw
+    items = bought_items(each_device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
     screws = [item for item in items if item.kind == "screw" and item.size in ("M3", "M3 countersunk")]
     sprung = [item for item in screws if item.joins == ("camera_clip",)]
-    assert len(sprung) == (2 if device.hardware.camera.held_by.kind == "lips" else 0)
-    backs = sum(len(joint.heads) for joint in device.back.joints)
-    assert len(screws) == 4 + slide_screws(device) + 4 + backs + len(sprung)
+    assert len(sprung) == (2 if each_device.hardware.camera.held_by.kind == "lips" else 0)
+    backs = sum(len(joint.heads) for joint in each_device.back.joints)
+    assert len(screws) == 4 + slide_screws(each_device) + 4 + backs + len(sprung)
     for item in screws:
         origin, out = axis_of(item)
         found = []
@@ -90,44 +90,46 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(device: Device) -> Non
         assert item.joins[-1] in {name for other in threads for name in other.joins}
 
 
-def test_what_is_bought_is_counted_by_kind(device: Device) -> None:
-    items = bought_items(device)
-    kind = device.hardware.screw.kind
-    lips = device.hardware.camera.held_by.kind == "lips"
+def test_what_is_bought_is_counted_by_kind(each_device: Device) -> None:
+    items = bought_items(each_device)
+    kind = each_device.hardware.screw.kind
+    lips = each_device.hardware.camera.held_by.kind == "lips"
     sizes = [(item.kind, item.size) for item in items]
-    backs = sum(len(joint.heads) for joint in device.back.joints)
-    assert sizes.count((kind, "M3")) == 8 + slide_screws(device) + backs + (2 if lips else 0)
+    backs = sum(len(joint.heads) for joint in each_device.back.joints)
+    assert sizes.count((kind, "M3")) == 8 + slide_screws(each_device) + backs + (2 if lips else 0)
     assert sizes.count(("screw", "M2 thread-forming")) == (0 if lips else 4)
 
 
-def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(device: Device) -> None:
+def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device: Device) -> None:
     """Screws that form their thread have names of their own, by which the clash check lets them into plastic."""
-    names = item_names(bought_items(device))
-    mirrors = {f"mirror_{name}" for name in device.layout.mirror_names}
-    assert {*names, *mirrors, "camera"} == _names_expected(device, ())
+    names = item_names(bought_items(each_device))
+    mirrors = {f"mirror_{name}" for name in each_device.layout.mirror_names}
+    assert {*names, *mirrors, "camera"} == _names_expected(each_device, ())
     forming = [name for name in names if name.startswith(FORMING)]
-    assert len(forming) == (0 if device.hardware.camera.held_by.kind == "lips" else 4)
+    assert len(forming) == (0 if each_device.hardware.camera.held_by.kind == "lips" else 4)
 
 
-def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(device: Device) -> None:
-    tips = [screw.tip for screw in device.clip.nest.screws] if device.clip.nest else []
-    screws = [item for item in bought_items(device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(each_device: Device) -> None:
+    tips = [screw.tip for screw in each_device.clip.nest.screws] if each_device.clip.nest else []
+    screws = [item for item in bought_items(each_device) if item.kind == "screw" and item.joins == ("camera_clip",)]
     if not tips:
         assert all(item.size.endswith(" thread-forming") for item in screws)
         return
-    for tip, item, sprung in zip(tips, screws, device.clip.nest.screws if device.clip.nest else (), strict=True):
+    for tip, item, sprung in zip(
+        tips, screws, each_device.clip.nest.screws if each_device.clip.nest else (), strict=True
+    ):
         origin, out = axis_of(item)
         np.testing.assert_allclose(origin - item.length_mm * out, tip, atol=1e-9)
         assert item.length_mm - sprung.mouth_mm >= 3.0
 
 
-def test_nuts_lie_in_their_pockets(device: Device) -> None:
+def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
     """No nut stands in plastic, and each is held against turning: turned by 30 deg, it would."""
-    made = {part.name: part.make(part.plan) for part in parts_of(device) if part.name in POCKETS}
-    nuts = [item for item in bought_items(device) if item.kind == "nut" and item.joins[-1] in made]
-    lips = device.hardware.camera.held_by.kind == "lips"
-    m3 = 4 + slide_screws(device) + sum(len(joint.heads) for joint in device.back.joints) + lips * 2
-    assert len(nuts) == m3 * (device.hardware.screw.kind == "nut") + len(device.back.items)
+    made = {part.name: part.make(part.plan) for part in parts_of(each_device) if part.name in POCKETS}
+    nuts = [item for item in bought_items(each_device) if item.kind == "nut" and item.joins[-1] in made]
+    lips = each_device.hardware.camera.held_by.kind == "lips"
+    m3 = 4 + slide_screws(each_device) + sum(len(joint.heads) for joint in each_device.back.joints) + lips * 2
+    assert len(nuts) == m3 * (each_device.hardware.screw.kind == "nut") + len(each_device.back.items)
     for item in nuts:
         placed = Location(Plane(*(tuple(item.rig_from_item[:3, column]) for column in (3, 0, 2))))
         nut = item_solid(item)
@@ -140,8 +142,8 @@ def common_mm3(part: Part, other: Part) -> float:
     return float(sum(solid.volume for solid in part.intersect(other) or []))
 
 
-def test_every_part_stands_on_the_bed_and_has_its_own_number(device: Device) -> None:
-    parts = parts_of(device)
+def test_every_part_stands_on_the_bed_and_has_its_own_number(each_device: Device) -> None:
+    parts = parts_of(each_device)
     assert len({part.number for part in parts}) == len({part.name for part in parts}) == len(parts)
     for part in parts:
         turn = part.print_from_rig[:3, :3]

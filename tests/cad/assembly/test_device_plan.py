@@ -17,7 +17,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout

@@ -23,7 +23,7 @@ from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.robot_link import link_from_rig
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 WRIST = Gen2Back()
 

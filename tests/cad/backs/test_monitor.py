@@ -12,7 +12,7 @@ from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.cad.backs.planned_blocks import blocks_of
 
 

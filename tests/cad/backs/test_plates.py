@@ -22,7 +22,7 @@ from mirrorcam.cad.backs.plates import BEFORE_MM, back_of_plate, foot_plate, pla
 from mirrorcam.cad.checks.load_checks import tips_at_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.fasteners import Countersink, thread_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.cad.backs.planned_blocks import blocks_of
 
 

@@ -27,7 +27,7 @@ from mirrorcam.cad.guide.drawing_sheet import (
     ratio,
     text_width_mm,
 )
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def test_width_grows_with_height_and_length_and_bold() -> None:

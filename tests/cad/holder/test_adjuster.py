@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_wide_mm, least_plate_mm, plan_adjuster, travel_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, CompressionSpring
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from tests.cad.holder.screwed import with_screws
 
 

@@ -22,7 +22,8 @@ from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import mirror_prism, seat_distance_mm
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform

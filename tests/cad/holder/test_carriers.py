@@ -28,7 +28,7 @@ from mirrorcam.cad.holder.carriers import (
 )
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import mirror_prism
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.holder.screwed import pair, planned, with_screws
 from tests.cad.parabolas import parabola

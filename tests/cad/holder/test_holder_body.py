@@ -11,7 +11,7 @@ from manifold3d import Manifold
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.holder_body import body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def test_of_all_material_only_pads_stand_in_pockets(device: Device) -> None:

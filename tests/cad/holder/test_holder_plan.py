@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -22,7 +22,8 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -12,7 +12,8 @@ from mirrorcam.cad.holder.pads import BESIDE_MM, least_height_mm, pad_shapes, pa
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_height_mm
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, head_space_mm
 from mirrorcam.cad.plan.part_plan import plain
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import inverse, transform
 from tests.cad.holder.screwed import pair, planned, with_screws
 

@@ -34,7 +34,7 @@ from mirrorcam.cad.mirrors.stock_sheets import (
     sheet_metrics,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -28,7 +28,7 @@ from mirrorcam.cad.plan.prisms import box, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.cad.write.slicer import find_slicer, slice_3mf
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 

@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, overlap_mm
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 
 BOARDS = [name for name in camera_names() if read_body(name).held_by.kind == "board"]

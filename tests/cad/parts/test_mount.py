@@ -37,7 +37,8 @@ from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import moved, overlap_mm, volume_mm3
 from mirrorcam.cad.plan.seats import keep_outs
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 BED = np.array(HARDWARE.printer.bed_mm[:2])

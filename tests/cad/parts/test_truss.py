@@ -26,7 +26,7 @@ from mirrorcam.cad.parts.truss import (
 from mirrorcam.cad.plan.fasteners import stack
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from mirrorcam.cad.plan.back_table import BACKS, Gen2Back, RingGauge, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def test_every_kind_is_read_from_a_file_by_its_name() -> None:

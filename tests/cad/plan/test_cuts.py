@@ -35,7 +35,7 @@ from mirrorcam.cad.plan.cuts import (
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.splitting import triangles_of
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import transform
 
 

@@ -30,7 +30,7 @@ from mirrorcam.cad.plan.fasteners import (
     thread_of,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def test_metric_sizes_are_their_names() -> None:

@@ -13,7 +13,7 @@ from bd_warehouse.fastener import HeatSetNut, HexNut, PlainWasher, SocketHeadCap
 
 from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS, Hardware, require_same_camera
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_body
 

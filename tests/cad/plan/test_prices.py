@@ -16,7 +16,8 @@ from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prices import EACH, MIRRORS, OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 
 PRICES = Prices()

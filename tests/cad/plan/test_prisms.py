@@ -12,7 +12,7 @@ from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark, roofed, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 CUBE = box((0.0, 0.0, 0.0), (2.0, 2.0, 2.0))

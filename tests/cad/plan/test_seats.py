@@ -21,7 +21,8 @@ from mirrorcam.cad.plan.seats import (
     seat_distance_mm,
     working_distance_mm,
 )
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 

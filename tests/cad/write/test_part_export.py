@@ -15,7 +15,8 @@ from build123d import Box, BuildPart, Cylinder, Location, Locations, Mode, Part,
 
 from mirrorcam.cad.plan.part_plan import BuiltPart, NamedFace, PartPlan
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM, mass_properties, name_faces, write_step, write_stl
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from tests.cad.write.freecad import NEEDS_FREECAD, run_in_freecad, script_of_the_page
 
 UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])

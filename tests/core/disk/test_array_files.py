@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk.array_files import check_bytes, read_npy, read_npz, refusing
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def header(shape: tuple[Any, ...], kind: str = "'<f4'") -> bytes:

@@ -15,7 +15,8 @@ import pytest
 from pydantic import Field
 
 from mirrorcam.core.disk import files
-from mirrorcam.core.values import InputError, Metric, Value, Vector3
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric, Value, Vector3
 
 
 class Note(Value):
@@ -271,3 +272,19 @@ def test_numbered_names_are_never_those_of_something(tmp_path: Path) -> None:
     (tmp_path / "a_0002.png").mkdir()
     assert files.numbered(tmp_path, "a", ".png").name == "a_0004.png"
     assert files.numbered(tmp_path, "a", "").name == "a_0001"
+
+
+@pytest.mark.parametrize("content", [None, "", "{", '{"size": "many"}', '{"unknown": 1}'])
+def test_a_record_that_is_not_whole_is_none(content: str | None, tmp_path: Path) -> None:
+    if content is not None:
+        (tmp_path / "record.json").write_text(content)
+    assert files.read_record(Note, tmp_path / "record.json") is None
+
+
+def test_what_is_no_record_of_a_readable_size_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    for name, reason in (("folder", "is a folder"), ("fifo", "is no regular file"), ("endless", "is no regular file")):
+        with pytest.raises(InputError, match=f"{name}: {reason}"):
+            files.read_record(Note, tmp_path / name)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk.hdf5_arrays import read_hdf5
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 VALUES = np.arange(600, dtype=np.uint16).reshape(20, 30)
 SECRET = b"not to be read" * 100

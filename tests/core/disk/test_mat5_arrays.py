@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from mirrorcam.core.disk.mat5_arrays import read_mat5
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 WHAT = "a .mat file that can be read"
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from benchmarks.robustness.damage import damaged_bytes
 from mirrorcam.core.disk.nested_text import DEEPEST, MOST_KEYS, MOST_TABLES, json_value, toml_value
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 JSON = b'{"a": [1, -2.5e3, true, null, "\\u00e9 \\"[{,"], "b": {"c": {}}}'
 TOML = b'a.b = "x # [" # [[\n[t."u.v"]\nc = [1, {d = 0x1F}]\n[[e]]\nf = \'\'\'x\'\'\'\ng = """y""""\n'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from functools import partial
 from pathlib import Path
@@ -13,8 +12,8 @@ from pydantic import Field
 
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.disk.fingerprint import digest
-from mirrorcam.core.disk.resumable import UNFINISHED, FolderManifest, intact, read_record
-from mirrorcam.core.values import InputError
+from mirrorcam.core.disk.resumable import UNFINISHED, FolderManifest
+from mirrorcam.core.errors import InputError
 
 
 class Pictures(FolderManifest):
@@ -86,7 +85,7 @@ def test_files_of_others_in_the_place_of_planned_ones_are_refused_before_any_wor
     (tmp_path / "board.toml").unlink()
     shutil.rmtree(tmp_path / "frames")
     write("frames", tmp_path)
-    with pytest.raises(InputError, match="frames: is a file, expected a folder of the set"):
+    with pytest.raises(InputError, match="frames: is a file or a link out of"):
         begun(tmp_path)
 
 
@@ -141,50 +140,13 @@ def test_folders_of_somebody_else_are_refused(tmp_path: Path) -> None:
         begun(tmp_path / "file")
 
 
-@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "link/secret", "a\x00b", "x" * 5000, "\ud800"])
-def test_no_name_of_a_manifest_leads_out_of_its_folder(name: str, tmp_path: Path) -> None:
-    folder = tmp_path / "set"
-    folder.mkdir()
-    (tmp_path / "secret").write_text("theirs")
-    (folder / "link").symlink_to(tmp_path)
-    manifest = Pictures(files={name: digest(b"theirs")})
-    for use in (lambda: manifest.intact(folder, name), lambda: intact(folder, manifest.files)):
-        with pytest.raises(InputError, match="expected the name of a file in this folder"):
-            use()
-
-
-@pytest.mark.parametrize("link", ["frames", "frames/deep"])
-def test_nothing_is_written_through_a_link(link: str, tmp_path: Path) -> None:
+def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     written(folder)
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / ".mirrorcam-1.png").touch()
-    if link == "frames":
-        (folder / "frames").rename(tmp_path / "moved")
-    (folder / link).symlink_to(tmp_path / "theirs")
-    with pytest.raises(InputError, match=f"{link}: is a link, expected only files and folders in a set"):
+    (folder / "frames").rename(tmp_path / "moved")
+    (folder / "frames").symlink_to(tmp_path / "theirs")
+    with pytest.raises(InputError, match="frames: is a file or a link out of"):
         begun(folder)
     assert (tmp_path / "theirs" / ".mirrorcam-1.png").exists()
-
-
-def test_intact_files_are_there_with_their_content(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).write_text(name)
-    files = {"a": digest(b"a"), "b": digest(b"other"), "c": digest(b"c")}
-    assert intact(tmp_path, files) == {"a": digest(b"a")}
-
-
-@pytest.mark.parametrize("content", [None, "", "{", '{"size": "many"}', '{"unknown": 1}'])
-def test_a_record_that_is_not_whole_is_none(content: str | None, tmp_path: Path) -> None:
-    if content is not None:
-        (tmp_path / "record.json").write_text(content)
-    assert read_record(Pictures, tmp_path / "record.json") is None
-
-
-def test_what_is_no_record_of_a_readable_size_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    os.mkfifo(tmp_path / "fifo")
-    (tmp_path / "endless").symlink_to("/dev/zero")
-    for name, reason in (("folder", "is a folder"), ("fifo", "is no regular file"), ("endless", "is no regular file")):
-        with pytest.raises(InputError, match=f"{name}: {reason}"):
-            read_record(Pictures, tmp_path / name)

@@ -14,7 +14,7 @@ from numcodecs import Zstd
 from zarr.codecs import BloscCodec, ZstdCodec
 
 from mirrorcam.core.disk.zarr_arrays import ZarrArray, read_attributes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 VALUES = np.random.default_rng(5).random((7, 10)).astype(np.float32)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 
 def folder(root: Path, *, date_s: int, mode: int) -> Path:

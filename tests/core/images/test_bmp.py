@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.bmp import Bmp, decode_bmp
 from mirrorcam.core.images.jpeg import DamagedPicture
-from mirrorcam.core.values import InputError
 
 
 def bmp(mode: str, width: int = 37) -> bytes:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm, write_pfm
-from mirrorcam.core.values import InputError
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4) - 5.5
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.picture_data import PictureData, as_grey
-from mirrorcam.core.values import InputError
 from tests.core.images.test_png import DATA, END, header
 
 NOISE = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)

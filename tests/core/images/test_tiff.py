@@ -13,9 +13,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.tiff import Tiff, decode_tiff
-from mirrorcam.core.values import InputError
 
 NONE, LZW, DEFLATE, PACK_BITS = 1, 5, 8, 32_773
 SHAPES = {"grey": (64, 80), "RGB": (64, 80, 3), "RGBA": (64, 80, 4)}

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Call, Calls, beside, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
-from mirrorcam.core.values import InputError
 from tests.core.processes.processes import ended, first_line
 
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.core.disk.output_folder import HIDDEN
+from mirrorcam.core.disk.output_folder import HIDDEN, results_folder
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.core.values import InputError
 from mirrorcam.designs.sweep_files import design_here, design_on_cluster
 from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import grid
@@ -57,7 +57,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
                 first.send_signal(signal.SIGKILL)
             yielded += 1
             yield number, got
-            assert len(list((tmp_path / "cluster" / "results").iterdir())) == yielded
+            assert len(list(results_folder(tmp_path / "cluster").iterdir())) == yielded
 
     outcomes = sweep_into(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
@@ -103,4 +103,4 @@ def test_a_lost_scheduler_keeps_what_is_finished(
         yield from design_here(specs, 2)
 
     sweep_into(SPECS, tmp_path, noting)
-    assert len(asked) + len([name for name in kept if name.startswith("results/")]) == len(SPECS)
+    assert len(asked) + len([name for name in kept if name.startswith("layouts/")]) == len(SPECS)

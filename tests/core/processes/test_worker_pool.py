@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Call
 from mirrorcam.core.processes.worker_pool import ATTEMPTS, Died, _Queue, call_all, in_two_processes, run_local
 from mirrorcam.core.processes.worker_process import ONE_THREAD
-from mirrorcam.core.values import InputError
 from tests.core.processes.processes import ended, finding_tests, first_line
 
 TASKS = [f"{40 + number}" for number in range(6)]

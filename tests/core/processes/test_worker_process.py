@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import ONE_THREAD, WorkerDied, WorkerProcess
-from mirrorcam.core.values import InputError
 from tests.core.processes.processes import ended, finding_tests, first_line
 
 PRELOADED = ("mirrorcam.core.values",)

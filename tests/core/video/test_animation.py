@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.animation import write_loop
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.video.animation import require_x264, write_loop
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import Video
+from mirrorcam.render_scenes.sets.video import as_key_frame, write_h264
+from tests.core.disk.test_files import refusal
+
+GREY = np.zeros((16, 16), np.uint8)
 
 
 def pictures(height: int = 40, width: int = 64) -> list[NDArray[np.uint8]]:
@@ -57,3 +62,16 @@ def test_other_suffixes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected \.gif or \.mp4"):
         write_loop(tmp_path / "a.avi", pictures(), 20.0)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_writes_h264_needs_x264_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    require_x264()
+    monkeypatch.setattr(av, "codecs_available", {"mjpeg"})
+    for refused in (
+        refusal(require_x264),
+        refusal(as_key_frame, GREY, 23),
+        refusal(write_loop, tmp_path / "a.mp4", [np.dstack([GREY] * 3)], 5.0),
+        refusal(write_h264, tmp_path / "a.mp4", [], 30.0, 23, lambda done: None),
+    ):
+        assert refused.startswith("this PyAV (av) is built without x264")
+    assert not (tmp_path / "a.mp4").exists()

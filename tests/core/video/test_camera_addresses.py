@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.robustness.native_opens import watched_opens
 from benchmarks.robustness.playlists import LISTS, sdp
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
 from mirrorcam.core.video.camera_addresses import PATIENCE, camera, shown
 from mirrorcam.core.video.frames import Frame, Lost

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterable
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import AHEAD, Frame, Lost, read_ahead
 from mirrorcam.core.video.live_camera import ENDING_S, Connection, LiveCamera, Seen
 

@@ -17,10 +17,10 @@ import pytest
 from benchmarks.robustness.external_data import with_external_data
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
 from benchmarks.robustness.playlists import LISTS
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.animation import write_loop
+from mirrorcam.core.video.background_recorder import FrameRecorder
 from mirrorcam.core.video.camera_addresses import camera
-from mirrorcam.core.video.frame_recorder import FrameRecorder
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
 from mirrorcam.core.video.video import Video
@@ -168,7 +168,7 @@ def test_frames_are_those_that_ffmpeg_gives_by_the_name(tmp_path: Path) -> None:
 READ = """
 import sys
 from pathlib import Path
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.camera_addresses import camera
 from mirrorcam.core.video.video import Video
 for name in sys.argv[1:]:

@@ -12,7 +12,8 @@ import pytest
 from docs.gallery import devices as device_gallery
 from docs.gallery.devices import DeviceList, GalleryDevice, is_finished, make_device, processor_s, work_of
 from mirrorcam.core.disk.files import model_from, write_metrics, write_text
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference import product_picture
 
@@ -69,7 +70,7 @@ def built(monkeypatch: pytest.MonkeyPatch, default_layout: Layout) -> list[str]:
 
     def parts(layout: Layout, folder: Path, *_: object, **__: object) -> None:
         done.append("cad")
-        for name in ("index.html", "guide.md", "parts/mount.3mf", "parts/.mount.json", "assembly.glb"):
+        for name in ("index.html", "guide.md", "parts/mount.3mf", "parts/.hidden.json", "assembly.glb"):
             write_text(folder / name, name)
         write_metrics(folder / "checks.json", PASSED)
 

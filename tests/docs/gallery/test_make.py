@@ -25,8 +25,8 @@ from docs.gallery.page import NBSP
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.plan.hardware import require_same_camera
 from mirrorcam.core.disk.files import read_model, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.design.optimise import design
 from tests.docs.gallery.gallery_cards import CARDS
 from tests.run.test_run_page import outline

@@ -5,12 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.alignment.alignment import EdgeAligner, MirrorTilt, grey_light, mirror_tilt, view_turns
-from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.alignment.alignment import (
+    EdgeAligner,
+    EdgeFitter,
+    MirrorTilt,
+    SceneAligner,
+    grey_light,
+    mirror_tilt,
+    view_turns,
+)
+from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.alignment.built_devices import built, sheet, tilts_deg
 from tests.optics.drift.calibrated_device import turned
+from tests.optics.drift.textured_scenes import Shot, fractal, photograph, scene
+from tests.optics.layouts import faceted_parabola
+
+SMALL_CAMERA = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
+LAYOUT = faceted_parabola(SMALL_CAMERA, DesignSpec(camera=SMALL_CAMERA), fill=0.9)
 
 
 def test_a_view_turns_to_where_the_signs_say(default_layout: Layout) -> None:
@@ -58,7 +74,7 @@ def test_tilts_in_words() -> None:
     assert MirrorTilt(0, 0.05, -0.2, (0.1, 0.1)).words == "0.20° up"
     assert MirrorTilt(0, 0.05, nan, (0.1, 0.5)).words == "straight"
     assert MirrorTilt(0, nan, nan, (0.5, 0.5)).words == "cannot tell"
-    assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).told
+    assert not MirrorTilt(0, nan, nan, (0.5, 0.5)).determined
 
 
 def test_a_tilt_hardly_known_better_than_before_is_not_told(default_layout: Layout) -> None:
@@ -76,3 +92,87 @@ def test_frames_are_averaged_and_others_refused(default_layout: Layout) -> None:
         grey_light([], default_layout)
     with pytest.raises(InputError, match="frame is 640x480 px, expected 1920x1080"):
         grey_light([np.zeros((480, 640, 3), np.uint8)], default_layout)
+
+
+@pytest.fixture(scope="module")
+def pinhole(default_layout: Layout) -> Layout:
+    return default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
+
+
+@pytest.fixture(scope="module")
+def fitter(pinhole: Layout) -> EdgeFitter:
+    return EdgeFitter(BuiltDevice(pinhole, BuildErrors()))
+
+
+def drawn(fitter: EdgeFitter, seed: int) -> FloatArray:
+    return np.random.default_rng(seed).normal(0.0, 0.6, fitter.device.count)
+
+
+def test_edges_of_a_white_sheet_are_found_where_they_are(pinhole: Layout, fitter: EdgeFitter) -> None:
+    units = drawn(fitter, 0)
+    found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
+    for place, points in enumerate((found.seen.own, found.seen.other)):
+        truth = fitter.device.pixels(points, units)
+        designed = fitter.device.pixels(points, np.zeros(fitter.device.count))
+        off = ((truth - designed) * found.seen.out).sum(axis=1) - found.offset_px[:, place]
+        kept = found.seen.paired if place else np.ones(len(off), bool)
+        assert np.sqrt(np.mean(off[kept] ** 2)) < 0.6
+        assert np.abs(truth - designed).max() > 8.0
+
+
+def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) -> None:
+    units = np.zeros(fitter.device.count)
+    units[3:6] = 1.2, -1.0, 0.8
+    found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
+    sigma = np.sqrt(np.diag(found.covariance))[3:6]
+    assert (np.abs(found.errors[3:6] - units[3:6]) < 3.0 * sigma).all()
+    assert sigma[2] < 0.3  # roll is told best
+
+
+def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
+    random = np.random.default_rng(0)
+    found = fitter.fit(random.normal(3.0, 1.0, (1080, 1920)).clip(0.0).astype(np.float32))
+    assert np.isnan(found.own_px).mean() > 0.9
+    mirrors = np.sqrt(np.diag(found.covariance))[CAMERA:]
+    assert mirrors.min() > 0.5
+    designed, seen = found.seen_points
+    assert len(designed) == len(seen) < 0.1 * found.own_px.size
+
+
+def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
+    found = fitter.fit(sheet(pinhole))
+    designed, seen = found.seen_points
+    assert len(designed) > 60
+    assert np.median(np.linalg.norm(seen - designed, axis=1)) < 0.6
+
+
+def test_a_fit_from_the_one_before_is_the_same(pinhole: Layout, fitter: EdgeFitter) -> None:
+    picture = sheet(built(pinhole, BuildErrors(), drawn(fitter, 2)))
+    first = fitter.fit(picture)
+    again = fitter.fit(picture, first.errors)
+    assert np.abs(again.offset_px - first.offset_px).max() < 0.3
+
+
+def test_tilts_are_told_where_the_scene_has_texture() -> None:
+    errors = BuildErrors()
+    units = 0.5 * np.random.default_rng(1).standard_normal(BuiltDevice(LAYOUT, errors).count)
+    random = np.random.default_rng(2)
+    textures = [fractal(random, slope=slope) for slope in (0.8, 1.2, 1.6)]
+    truth = built(LAYOUT, errors, units)
+    frames = [
+        photograph(truth, scene(random, (250.0, 600.0), textures, SMALL_CAMERA.fx_px), Shot(), random) for _ in range(2)
+    ]
+    found = SceneAligner(LAYOUT).align([frame[..., 0] for frame in frames])
+    assert found.source == "scene" and found.points > 100
+    off = np.array([[each.right_deg, each.down_deg] for each in found.mirrors]) - tilts_deg(LAYOUT, errors, units)
+    sigma = np.array([each.sigma_deg for each in found.mirrors])
+    assert np.isfinite(off).all()
+    assert np.sqrt(np.mean(off**2)) < 0.15 < np.abs(tilts_deg(LAYOUT, errors, units)).max()
+    assert np.mean((off / sigma) ** 2) < 2.0
+
+
+def test_an_even_scene_tells_nothing() -> None:
+    frame = np.full((540, 960, 3), 120, np.uint8)
+    found = SceneAligner(LAYOUT).align([frame])
+    assert found.points == 0 and not any(mirror.determined for mirror in found.mirrors)
+    assert all(mirror.words == "cannot tell" for mirror in found.mirrors)

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import FloatArray, InputError, Metric
-from mirrorcam.optics.calibration.calibration import calibrate
+from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration import calibration
+from mirrorcam.optics.calibration.calibration import PictureReader, calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
@@ -32,8 +34,6 @@ NOISE_GREY = 8.0
 BOARD = Charuco(cols=16, rows=11, square_mm=14.0, marker_mm=8.75)
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=9.0)
 CAMERA = Camera(name="small", width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
-
-
 TURNS_DEG = [
     (20.0, 15.0, 5.0),
     (-22.0, 10.0, -8.0),
@@ -43,6 +43,8 @@ TURNS_DEG = [
     (-25.0, -20.0, 7.0),
     (0.0, 5.0, 25.0),
 ]
+TINY_CAMERA = Camera(width_px=64, height_px=48, fx_px=60.0, fy_px=60.0, cx_px=31.5, cy_px=23.5)
+TINY_BOARD = Checkerboard(cols=5, rows=4, square_mm=10.0)
 
 
 def mirrored_pose(number: int) -> FloatArray:
@@ -318,3 +320,40 @@ def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detecti
     assert found.diagnostics is not None
     assert found.diagnostics.level == "joint+sheet"
     assert any("look first-surface" in alarm for alarm in found.diagnostics.alarms)
+
+
+def grey(level: int) -> Grey:
+    return np.full((48, 64), level, np.uint8)
+
+
+def test_damaged_files_are_named_and_others_of_another_size_refused(tmp_path: Path) -> None:
+    good, cut, small = (tmp_path / name for name in ("good.png", "cut.png", "small.png"))
+    write_image(good, grey(90))
+    cut.write_bytes(good.read_bytes()[:-20])
+    write_image(small, grey(90)[:30])
+    taken = PictureReader(TINY_CAMERA)
+    read = list(taken.read([good, cut, grey(50)], mirrored=True))
+    assert [None if picture is None else int(picture.mean()) for picture in read] == [90, None, 50]
+    assert [str(error).startswith(f"{cut}: ") for error in taken.damaged] == [True]
+    with pytest.raises(InputError, match="64x30 px, expected 64x48 of the layout's camera"):
+        list(taken.read([small], mirrored=False))
+
+
+def test_the_first_pictures_of_each_kind_are_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = PictureReader(TINY_CAMERA)
+    list(taken.read([grey(10), grey(20), grey(30), grey(40)], mirrored=True))
+    list(taken.read([grey(50)], mirrored=False))
+    changes = taken.extremes.changes()
+    assert changes is not None
+    assert int(changes[0].max()) == 30  # those without mirrors do not count
+    asked: list[tuple[list[int], bool, bool, bool]] = []
+
+    def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
+        asked.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
+        return "another board" if mirrored and not fits else None
+
+    monkeypatch.setattr(calibration, "other_board", other)
+    taken.refuse_other_board(TINY_BOARD, seen=True, base=False, fits=True)
+    assert asked == [([50], False, True, False), ([10, 20], True, True, True)]
+    with pytest.raises(InputError, match="another board"):
+        taken.refuse_other_board(TINY_BOARD, seen=False, base=True, fits=False)

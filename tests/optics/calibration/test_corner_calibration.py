@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration import corner_calibration
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver.observations import Observations
-from mirrorcam.optics.calibration.whole_pupil import Pictures
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from tests.optics.calibration.sound_calibration import BOARD, board_poses, nominal_layout, true_layout
@@ -74,7 +75,7 @@ def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_
 
     monkeypatch.setattr(corner_calibration, "without_ghost_images", shifted)
     blank = np.zeros((nominal.camera.height_px, nominal.camera.width_px), dtype=np.uint8)
-    pictures = Pictures([blank] * (len(views.seen) - 1) + [None], BOARD, workers=3)
+    pictures = BoardPictures([blank] * (len(views.seen) - 1) + [None], BOARD, workers=3)
     found = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, model=RequestedModel(), pictures=pictures)
     ((layout, poses),) = asked
     assert worst_deg(layout, true) < 0.2 * worst_deg(nominal, true)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.optics.calibration.test_calibration import BOARD, CAMERA, draw, mirrored_pose

@@ -8,23 +8,25 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import beside
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.as_built_views import built_views
 from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
-from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.optimise import assessed_parabola, design
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 designed = cache(design)
 """A spec is designed once, however many tests ask for it."""
+SPEC = DesignSpec(rows=2, cols=3, depths_mm=(500.0, 300.0))
 
 
 @pytest.fixture(scope="module")
@@ -335,3 +337,26 @@ def test_searches_in_two_processes_find_the_same_bytes(objective: str) -> None:
     finally:
         worker.kill()
     assert elsewhere.model_dump_json() == designed(spec).model_dump_json()
+
+
+def test_it_is_the_seed_with_its_figures() -> None:
+    bare, found = faceted_parabola(SPEC), assessed_parabola(SPEC)
+    assert found.identity == bare.identity
+    assert found.spec == SPEC
+    assert found.metrics == evaluate(bare, SPEC.depths_mm)
+    assert found.verdict == verify(bare, SPEC)
+
+
+def test_a_verdict_that_fails_is_a_figure() -> None:
+    found = assessed_parabola(SPEC.replaced(seen_gap_mm=5.0))
+    assert not found.verdict["smallest_seen_gap_mm"].passed
+
+
+def test_facets_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InfeasibleDesign):
+        assessed_parabola(DesignSpec(rows=7, cols=7, spacing_mm=40.0))
+
+
+def test_a_depth_nearer_than_the_mirrors_is_refused() -> None:
+    with pytest.raises(InputError, match="nearer than the mirrors"):
+        assessed_parabola(SPEC.replaced(depths_mm=(20.0,), fold_deg=90.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign

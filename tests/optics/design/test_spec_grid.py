@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.design import optimise
 from mirrorcam.optics.design.spec_grid import Outcome, grid, pareto_front, rows_of, solve, structure, summary_figures
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign

@@ -13,7 +13,7 @@ from mirrorcam.core.processes.calls import Call, beside
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.suggestions import WAYS, Suggestion, _rounded, nearest_feasible, suggestions
+from mirrorcam.optics.design.suggestions import PARAMETERS, Suggestion, _rounded, nearest_feasible, suggestions
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 
 CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
@@ -99,7 +99,7 @@ def test_what_cannot_relieve_the_constraint_is_not_tried() -> None:
         yield from ()
 
     assert list(suggestions(spec_of("size"), refusal("size"), noted)) == []
-    parameters = {WAYS[what].parameter if isinstance(what, int) else what for _, (_, what) in tried}
+    parameters = {PARAMETERS[what].parameter if isinstance(what, int) else what for _, (_, what) in tried}
     assert parameters == {"scale_mm", "min_edge_mm", "min_area_mm2"}
 
 

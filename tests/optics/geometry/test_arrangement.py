@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mirrorcam.core.values import FloatArray, InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.layout import Layout
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG

@@ -10,12 +10,21 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.core.values import InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG, Layout, Uncertainty
+from mirrorcam.optics.geometry.layout import (
+    FOLD_90_VIEW_FROM_RIG,
+    Layout,
+    Uncertainty,
+    working_distance_mm,
+    working_range_mm,
+)
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
+
+NAN = float("nan")
 
 
 def load(tmp_path: Path, data: dict[str, Any]) -> Layout:
@@ -139,9 +148,6 @@ def test_sub_images_lie_apart_on_the_sensor_and_follow_the_lens(crooked_layout: 
     assert np.allclose(sampled[::8], crooked_layout.camera.project(mirror.outline_in_rig_mm))
     middle = (mirror.outline_normalized[0] + mirror.outline_normalized[1]) / 2
     assert np.allclose(sampled[4], crooked_layout.camera.pixels_from_normalized(middle))
-
-
-NAN = float("nan")
 
 
 def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
@@ -278,3 +284,19 @@ def test_mirrors_are_named_by_row_and_column(default_layout: Layout) -> None:
     assert default_layout.mirror_names[default_layout.central_index] == "1-1"
     pair = default_layout.replaced(rows=1, cols=2, mirrors=default_layout.mirrors[:2])
     assert pair.mirror_names == ("0-0", "0-1")
+
+
+def test_boards_come_before_the_design_and_the_range_holds_both(parabola_layout: Layout) -> None:
+    assert parabola_layout.spec is not None
+    low, high = min(parabola_layout.spec.depths_mm), max(parabola_layout.spec.depths_mm)
+    bare = parabola_layout.replaced(spec=None, metrics={})
+    plain, calibrated = (
+        layout.replaced(metrics={"working_distance_mm": Metric(value=100.0, unit="mm")})
+        for layout in (bare, parabola_layout)
+    )
+    assert working_distance_mm(bare) is None
+    assert working_range_mm(bare) is None
+    assert working_range_mm(parabola_layout) == (low, high)
+    assert working_distance_mm(plain) == working_distance_mm(calibrated) == 100.0
+    assert working_range_mm(plain) == pytest.approx((70.0, 140.0))
+    assert working_range_mm(calibrated) == pytest.approx((70.0, high))

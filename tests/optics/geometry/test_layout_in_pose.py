@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, MirrorMotion, image_shifts_px, layout_in_pose
 

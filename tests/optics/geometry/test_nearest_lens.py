@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture, with_lens

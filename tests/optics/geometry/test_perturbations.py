@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_distance_mm
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations, perturbed_camera
 from mirrorcam.optics.geometry.sub_images import covers_sensor

@@ -1,27 +1,67 @@
-"""Fields of view and what they have in common, against closed forms and a count of pixels."""
+"""Clipping of convex polygons."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from numpy.testing import assert_allclose
 from shapely import Polygon, contains_xy
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.pupil import Pupil, served_by
 from mirrorcam.optics.geometry.sub_images import (
+    clipped,
     common_region,
+    each_clipped,
     fields_of_view,
     pixel_efficiency,
     seen_px,
     sensor_polygon,
-    sub_images,
+    sub_image_polygons,
+    unvignetted_outline,
+    unvignetted_outlines,
     vertices,
 )
+from tests.optics.rim_rays import unvignetted
 from tests.optics.seeing_mirrors import DEPTH_MM, mirror_seeing, two_rectangles
+
+SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+PUPIL = Pupil(1.8, 450.0)
+
+
+def test_what_is_left_lies_beyond_the_line() -> None:
+    heights = SQUARE @ [1.0, 1.0] - 1.0
+    part = clipped(SQUARE, heights)
+    expected = Polygon(SQUARE).difference(Polygon([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    assert Polygon(part).symmetric_difference(expected).area < 1e-12
+
+
+def test_all_or_nothing_may_be_left() -> None:
+    np.testing.assert_array_equal(clipped(SQUARE, np.ones(4)), SQUARE)
+    assert clipped(SQUARE, -np.ones(4)).shape == (0, 2)
+    assert clipped(np.zeros((0, 2)), np.zeros(0)).shape == (0, 2)
+
+
+def test_polygons_at_once_are_clipped_as_each_alone() -> None:
+    """Twice in a row, a triangle that repeats its last corner among quadrangles."""
+    random = np.random.default_rng(1)
+    polygons = SQUARE + random.uniform(-0.4, 0.4, (40, 4, 2))
+    polygons[::3, 3] = polygons[::3, 2]
+    together, alone = polygons, [polygon[:3] if k % 3 == 0 else polygon for k, polygon in enumerate(polygons)]
+    for _ in range(2):
+        slopes, reach = random.normal(size=(40, 2)), random.normal(0.5, 0.5, 40)
+        together = each_clipped(together, (together @ slopes[..., None])[..., 0] + reach[:, None])
+        alone = [clipped(part, part @ slope + far) for part, slope, far in zip(alone, slopes, reach, strict=True)]
+    assert together.shape[1] <= 6
+    assert {len(part) for part in alone} == {0, 3, 4, 5}
+    for part, expected in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(part[: len(expected)], expected)
+        np.testing.assert_array_equal(part[len(expected) :] - (part[len(expected) - 1] if len(expected) else 0.0), 0.0)
 
 
 def test_the_common_region_is_where_footprints_overlap() -> None:
@@ -46,7 +86,7 @@ def test_the_sensor_reaches_to_the_edges_of_its_outermost_pixels() -> None:
 
 def test_a_mirror_beside_the_sensor_has_an_empty_sub_image() -> None:
     beside = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((900, 950, 60, 120), 80.0),))
-    assert sub_images(beside)[0].is_empty
+    assert sub_image_polygons(beside)[0].is_empty
     views = fields_of_view(beside)
     region, footprints = views.common_region(DEPTH_MM)
     assert region.is_empty
@@ -93,3 +133,58 @@ def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg:
         seeing |= here & contains_xy(region, at @ across, at @ down)
     assert seeing.mean() > 0.01
     assert pixel_efficiency(layout, 500.0) == pytest.approx(seeing.mean(), abs=5e-4)
+
+
+def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) -> None:
+    shares = []
+    for mirror in default_layout.mirrors:
+        outline = unvignetted_outline(mirror, PUPIL)
+        middles = (outline + np.roll(outline, -1, axis=0)) / 2.0
+        for border in (outline, middles):
+            np.testing.assert_allclose(
+                served_by(mirror, border, PUPIL.focus_mm).distance.min(axis=1), PUPIL.radius_mm, atol=1e-3
+            )
+        shares.append(Polygon(outline).area / Polygon(mirror.outline_normalized).area)
+    assert 0.8 < min(shares) < max(shares) < 0.95
+    np.testing.assert_array_equal(unvignetted_outline(mirror, Pupil()), mirror.usable_normalized)
+
+
+@pytest.mark.parametrize(("thickness_mm", "within_px"), [(0.0, 0.05), (1.5, 8.0)])
+def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
+    default_layout: Layout, thickness_mm: float, within_px: float
+) -> None:
+    """Through glass as in the apparent mirror of the chief ray, which deviates at the borders, to both sides."""
+    for number, mirror in enumerate(default_layout.mirrors):
+        if thickness_mm:
+            mirror = mirror.replaced(surface="second", thickness_mm=thickness_mm)
+        outline = Polygon(unvignetted_outline(mirror, PUPIL))
+        low, high = np.reshape(outline.bounds, (2, 2))
+        chief = np.random.default_rng(number).uniform(low - 0.005, high + 0.005, (3000, 2))
+        served = unvignetted(mirror, chief, PUPIL)
+        inside = shapely.contains_xy(outline, *chief.T)
+        assert 0.4 < served.mean() < 0.99
+        assert inside.mean() == pytest.approx(served.mean(), abs=0.02)
+        far = chief[inside != served]
+        assert (shapely.distance(outline.exterior, shapely.points(far)) * 1360.4 < within_px).all()
+
+
+def test_a_mirror_narrower_than_the_blur_serves_no_whole_pupil(default_layout: Layout) -> None:
+    assert unvignetted_outline(default_layout.mirrors[0], Pupil(40.0, PUPIL.focus_mm)).shape == (0, 2)
+
+
+def test_many_mirrors_have_the_outlines_of_each_alone(default_layout: Layout) -> None:
+    """A triangle that repeats its last corner among them, and one too small for the pupil."""
+    small, mirrors = 0.02, list(default_layout.mirrors)
+    corners = mirrors[0].outline_in_rig_mm
+    mirrors[0] = mirrors[0].replaced(outline_in_rig_mm=corners[:3])
+    middle = mirrors[1].outline_in_rig_mm.mean(axis=0)
+    mirrors[1] = mirrors[1].replaced(outline_in_rig_mm=middle + small * (mirrors[1].outline_in_rig_mm - middle))
+    shown = np.array([mirror.outline_normalized[[0, 1, 2, -1]] for mirror in mirrors])
+    normals = np.array([mirror.normal_in_rig for mirror in mirrors])
+    distances_mm = np.array([mirror.distance_mm for mirror in mirrors])
+    together = unvignetted_outlines(shown, normals, distances_mm, PUPIL)
+    for mirror, outline in zip(mirrors, together, strict=True):
+        alone = unvignetted_outline(mirror, PUPIL)
+        np.testing.assert_allclose(outline[: len(alone)], alone, atol=1e-15)
+        np.testing.assert_array_equal(outline[len(alone) :] - (outline[len(alone) - 1] if len(alone) else 0.0), 0.0)
+    assert [len(unvignetted_outline(mirror, PUPIL)) for mirror in mirrors[:3]] == [3, 0, 4]

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.targets import (
     TAG_FAMILY,
     AprilGrid,

@@ -7,7 +7,8 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError, Metric
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

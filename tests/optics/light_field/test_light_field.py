@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.light_field.light_field import LightField, Views

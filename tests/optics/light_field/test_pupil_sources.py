@@ -10,8 +10,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field.decoder import Decoder, choose_views
-from mirrorcam.optics.light_field.pupil_sources import LEAST_SHARE, MOST_CROSSTALK, served_sources
+from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, served_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views

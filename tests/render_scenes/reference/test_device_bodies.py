@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
 from mirrorcam.optics.geometry.targets import Charuco

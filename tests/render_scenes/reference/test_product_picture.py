@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.reference.device_bodies import DeviceBody
 from mirrorcam.render_scenes.reference.product_picture import product_picture, viewpoints

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.bench.score_request import ScoreRequest
+from mirrorcam.bench.score_request import Reading, ScoreRequest
 from mirrorcam.bench.scoring import score
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.disk.fingerprint import file_digest
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.sets.dataset import FINISH, MANIFEST, TRUE_LAYOUT, Dataset, true_layout
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
@@ -112,7 +112,7 @@ def test_mirrors_that_were_rendered_bent_are_the_truth(tmp_path: Path) -> None:
     bent.save(tmp_path / "bent.json")
     device().truth.save(tmp_path / "flat.json")
     as_bent, as_flat = (
-        score(ScoreRequest(sets=(folder,), calibrations=(tmp_path / name,))).sets[0].figures["rms_px"].value
+        score([folder], ScoreRequest(calibration=(tmp_path / name,)), Reading()).sets[0].figures["rms_px"].value
         for name in ("bent.json", "flat.json")
     )
     assert as_bent < 1e-9

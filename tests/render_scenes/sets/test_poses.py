@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

@@ -15,9 +15,9 @@ import pytest
 from mirrorcam.core.disk.files import TEMPORARY
 from mirrorcam.core.disk.fingerprint import file_digest
 from mirrorcam.core.disk.resumable import UNFINISHED
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import write_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.video import as_key_frame, check_video, write_h264, write_mjpeg
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel

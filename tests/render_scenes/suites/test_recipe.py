@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+from mirrorcam.core.disk.program import modules_of, program_of
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites import set_work
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
-from mirrorcam.render_scenes.suites.set_work import SetTask, folder_name, made_with, render_in_turn, render_on_one_core
+from mirrorcam.render_scenes.suites.set_work import CODE, SetTask, folder_name, render_in_turn, render_on_one_core
 from mirrorcam.render_scenes.variant import choose_variant
 
 pytestmark = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
@@ -32,33 +31,17 @@ def test_names_follow_from_request_sources_and_variant(monkeypatch: pytest.Monke
     assert name.startswith("one-")
     assert len(name) == len("one-") + 16
     others = {folder_name(recipe.replaced(seed=1), "llvm_ad_mono"), folder_name(recipe, "cuda_ad_mono")}
-    monkeypatch.setattr(set_work, "made_with", lambda: {"numpy": "1.0"})
+    monkeypatch.setattr(set_work, "program_of", lambda *modules: {"numpy": "1.0"})
     others.add(folder_name(recipe, "llvm_ad_mono"))
     assert len(others | {name}) == 4
 
 
-def test_what_decides_about_the_bytes_is_recorded() -> None:
-    found = made_with()
-    for part in ("mirrorcam.optics.geometry", "mirrorcam.optics.design", "mirrorcam.render_scenes.fast", "mitsuba"):
-        assert part in found
-    for part in ("mirrorcam.optics.calibration", "mirrorcam.render_scenes.tabletop", "mirrorcam.render_scenes.suites"):
-        assert part not in found
-
-
-def test_optics_that_no_set_loads_are_left_out() -> None:
-    """Else a change of them would have all sets rendered anew."""
-    code = """
-import pkgutil, sys
-import mirrorcam.render_scenes as scenes
-from mirrorcam.render_scenes.suites.set_work import RECIPE, UNRELATED_SCENES
-for found in pkgutil.walk_packages(scenes.__path__, scenes.__name__ + "."):
-    if found.name == RECIPE or found.name.split(".")[2] not in UNRELATED_SCENES:
-        __import__(found.name)
-print(*{".".join(name.split(".")[:3]) for name in sys.modules if name.startswith("mirrorcam.optics.")})
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    decides = {*done.stdout.split(), "mirrorcam.optics.design"}  # the layout, before the set is rendered
-    assert decides == {name for name in made_with() if name.startswith("mirrorcam.optics.")}
+def test_sets_depend_on_what_renders_and_designs_them_alone() -> None:
+    found = modules_of(*CODE)
+    assert {"mirrorcam.optics.design.optimise", "mirrorcam.render_scenes.fast.analytic_scene"} <= found
+    others = ("optics.calibration", "optics.light_field", "render_scenes.tabletop", "render_scenes.suites.suite")
+    assert not [name for name in found if name.startswith(tuple(f"mirrorcam.{other}" for other in others))]
+    assert {"mitsuba", "drjit", "opencv-contrib-python-headless", "casadi"} <= program_of(*CODE).keys()
 
 
 def test_files_are_the_same_in_a_folder_and_as_an_answer(default_layout: Layout, tmp_path: Path) -> None:
@@ -69,7 +52,7 @@ def test_files_are_the_same_in_a_folder_and_as_an_answer(default_layout: Layout,
     files = {p.relative_to(tmp_path / "set").as_posix(): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
     assert dict(sent.files) == files
     assert "dataset.json" in files
-    assert written.made_with == made_with()
+    assert written.made_with == program_of(*CODE)
     assert written.seconds > 0.0
 
 

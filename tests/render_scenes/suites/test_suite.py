@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.recipe import SetRecipe

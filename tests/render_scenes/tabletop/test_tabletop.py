@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.fields_of_view import fields
 from mirrorcam.render_scenes.tabletop.objects import SceneObject

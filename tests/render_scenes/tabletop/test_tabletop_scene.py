@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.decoder import Decoder

@@ -14,8 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.resumable import UNFINISHED
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder

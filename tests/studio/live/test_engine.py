@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import simplejpeg
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board

@@ -28,8 +28,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) ->
     folder = tmp_path_factory.mktemp("live_page")
     layout, video = write_live_set(folder, default_layout, frames=25)
     repeated(video, folder / "long.mkv", 400)
-    small = ("--view-width-px", "100", "--depth-width-px", "80")
-    with served(folder / "out", "live", str(folder / "long.mkv"), "--layout", str(layout), *small) as address:
+    with served(folder / "out", "live", str(folder / "long.mkv"), "--layout", str(layout)) as address:
         yield address
 
 
@@ -125,8 +124,8 @@ def short(tmp_path: Path, default_layout: Layout) -> Iterator[str]:
     """The address of a live page on a video of a second, with a board."""
     layout, video = write_live_set(tmp_path, default_layout, frames=25)
     save_board(tmp_path / "board.toml", BOARD)
-    small = ("--view-width-px", "100", "--depth-width-px", "80", "--board", str(tmp_path / "board.toml"))
-    with served(tmp_path / "out", "live", str(video), "--layout", str(layout), *small) as address:
+    board = ("--board", str(tmp_path / "board.toml"))
+    with served(tmp_path / "out", "live", str(video), "--layout", str(layout), *board) as address:
         yield address
 
 
@@ -220,8 +219,8 @@ def test_what_takes_long_is_told_from_its_beginning(browser: Any, tmp_path: Path
     layout, video = write_live_set(tmp_path, default_layout, frames=25)
     repeated(video, tmp_path / "long.mkv", 100)
     save_board(tmp_path / "board.toml", BOARD)
-    small = ("--view-width-px", "100", "--depth-width-px", "80", "--board", str(tmp_path / "board.toml"))
-    given = (str(tmp_path / "long.mkv"), "--layout", str(layout), *small)
+    board = ("--board", str(tmp_path / "board.toml"))
+    given = (str(tmp_path / "long.mkv"), "--layout", str(layout), *board)
     with served(tmp_path / "out", "live", *given) as address, browser_page(browser) as watched:
         page = watched.page
         page.add_init_script(WAITS)

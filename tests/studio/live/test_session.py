@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import simplejpeg
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.views_picture import SEPARATOR_PX, tiles
+from mirrorcam.optics.light_field.io.view_images import SEPARATOR_PX, tiled_views
 from mirrorcam.studio.live import session as live_session
 from mirrorcam.studio.live.session import LiveSession, ViewsPicture
 from mirrorcam.studio.live.streams import LiveSource
@@ -102,7 +102,7 @@ def test_the_views_picture_is_that_of_tiles(default_layout: Layout) -> None:
     light_field = Decoder(layout, width_px=100).decode(frame(layout))
     made = ViewsPicture(light_field)
     picture = made.of(light_field)
-    assert np.array_equal(picture, tiles(light_field)) and made.size_px == (picture.shape[1], picture.shape[0])
+    assert np.array_equal(picture, tiled_views(light_field)) and made.size_px == (picture.shape[1], picture.shape[0])
     assert picture.shape[1] == 3 * 100 + 2 * SEPARATOR_PX
 
 

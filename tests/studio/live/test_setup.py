@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.alignment.alignment import Alignment
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.live.setup import LiveSetup, camera_words

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera

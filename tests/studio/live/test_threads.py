@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.optics.light_field.decoder import Decoder

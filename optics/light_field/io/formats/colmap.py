@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.array_files import refusing
 from mirrorcam.core.disk.files import inside, read_lines, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.geometry.colmap_rig import HALF_PIXEL, RigCamera, rig_config, sparse_model
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, SfmCamera, rig_config, sparse_model
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.depth.geometry import reference_index
+from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
@@ -62,7 +62,7 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
         cx, cy = matrix[0, 2] + left + HALF_PIXEL, matrix[1, 2] + top + HALF_PIXEL
         parameters = [float(value) for value in (matrix[0, 0], matrix[1, 1], cx, cy)]
         camera_from_rig = rigid(rotation, -rotation @ centres[t, s])
-        cameras.append(RigCamera(name, "PINHOLE", *size, parameters, camera_from_rig))
+        cameras.append(SfmCamera(name, "PINHOLE", *size, parameters, camera_from_rig))
     t, s = reference_index(views)
     reference = t * views.cols + s
     write_text(folder / "rig_config.json", rig_config(cameras, reference))

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import read_bytes, write_text
 from mirrorcam.core.disk.nested_text import json_value
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm, write_pfm
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size
 from mirrorcam.optics.light_field.io.views_file import views_of_fields

@@ -18,7 +18,8 @@ import numpy as np
 from mirrorcam.core.disk.files import atomic, stored_bytes
 from mirrorcam.core.disk.hdf5_arrays import read_hdf5
 from mirrorcam.core.disk.mat5_arrays import HEADER_BYTES, read_mat5
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_images import weight_bytes
 from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, parallel_views, views_of_fields

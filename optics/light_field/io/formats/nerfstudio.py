@@ -13,9 +13,10 @@ from pydantic import ConfigDict
 
 from mirrorcam.core.disk.array_files import refusing
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_json, write_json
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError, Matrix4, Value
-from mirrorcam.optics.geometry.nerfstudio_frames import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
+from mirrorcam.core.values import Matrix4, Value
+from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes

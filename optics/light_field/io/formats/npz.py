@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirrorcam.core.disk.array_files import read_npz
 from mirrorcam.core.disk.files import write_npz
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Format, single, without_depth
 from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, single, without_depth
 from mirrorcam.optics.light_field.io.view_arrays import read_arrays, write_arrays
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb
-from mirrorcam.optics.light_field.io.view_names import named_views
+from mirrorcam.optics.light_field.io.view_order import named_views
 from mirrorcam.optics.light_field.io.views_file import even_views
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import write_bytes
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import Depth, Format
 from mirrorcam.optics.light_field.io.view_images import rgb
 from mirrorcam.optics.light_field.light_field import LightField

@@ -18,9 +18,9 @@ import numpy as np
 
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
 from mirrorcam.core.disk.files import readable, refuse_pointer
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, without_depth
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.view_names import has_named_views, named_views
+from mirrorcam.optics.light_field.io.view_order import has_named_views, named_views
 from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, parallel_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format, without_depth
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields, ZarrSink
 from mirrorcam.optics.light_field.light_field import LightField

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.bench.scores.consistency import Nees, nees
 from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, score_points, shown_by_all, with_slopes
 from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched_views
-from mirrorcam.core.values import FloatArray, InputError, Metric
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
@@ -128,7 +129,7 @@ def score_calibration(
     distance_mm: float,
     *,
     views: ViewsFile | None = None,
-    pictures: Pictures | None = None,
+    pictures: PictureFlip | None = None,
 ) -> CalibrationScore:
     """Compare a calibration with the true device.
 

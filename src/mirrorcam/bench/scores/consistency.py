@@ -22,9 +22,10 @@ from scipy.stats import chi2
 from mirrorcam.bench.scores.gauge import Gauge
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.projection_motion import without_motion
-from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project_points
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -98,7 +99,7 @@ def by_parameters(
 
 def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig: FloatArray) -> FloatArray:
     try:
-        return project(layout, view, points_in_rig).by_parameter
+        return project_points(layout, view, points_in_rig).by_parameter
     except KeyError as error:
         raise InputError(
             f"the layout's covariance has the parameter {str(error)[:60]}, not of its camera and mirrors"

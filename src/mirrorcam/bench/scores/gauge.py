@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
 from mirrorcam.bench.scores.matched_views import MatchedView
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.diagnostics.projection_motion import best_motion, by_motion
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, by_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
-from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
-from mirrorcam.optics.geometry.working_distance import VOLUME
 
 STEP_MM = 1e-3
 """Step of central differences: their error grows with its square, that of rounding with its inverse."""

@@ -11,9 +11,10 @@ from pydantic import Field
 
 from mirrorcam.bench.scores.consistency import Nees, pooled
 from mirrorcam.bench.scores.report_texts import value_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.names import LONGEST, Line, Name, markdown_text
-from mirrorcam.core.values import InputError, Metric, Value
+from mirrorcam.core.values import Metric, Value
 
 
 class TriedSet(Value):

@@ -16,8 +16,9 @@ from pydantic import Field
 
 from mirrorcam.core.bounds import LINE_PX
 from mirrorcam.core.disk.files import read_model
-from mirrorcam.core.values import FloatArray, InputError, Value
-from mirrorcam.optics.camera_files.camera_rig import CameraRig, Pictures, RigCamera
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Value
+from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip, RigCamera
 from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
 from mirrorcam.optics.camera_files.write.virtual_cameras import (
     Flip,
@@ -45,7 +46,7 @@ class ViewsFile(Value):
     """The content of a file of views: which camera of a calibration is which mirror."""
 
     cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
-    pictures: Pictures | None = None
+    pictures: PictureFlip | None = None
 
     @classmethod
     def load(cls, path: Path) -> ViewsFile:
@@ -97,7 +98,7 @@ class MatchedView:
 
 
 def matched_views(
-    rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: Pictures | None = None
+    rig: CameraRig, truth: Layout, nominal: Layout, views: ViewsFile | None = None, pictures: PictureFlip | None = None
 ) -> tuple[MatchedView, ...]:
     """The cameras of a calibration by the mirrors that they are, in the order of the mirrors.
 
@@ -153,7 +154,7 @@ def _pose_mm(camera: RigCamera, rig: CameraRig) -> FloatArray | None:
     return pose
 
 
-def _flip(pictures: Pictures, nominal: Layout) -> Flip | None:
+def _flip(pictures: PictureFlip, nominal: Layout) -> Flip | None:
     if pictures == "as-is":
         return None
     return upright_flip(nominal) if pictures == "flipped" else pictures

@@ -14,8 +14,9 @@ from pydantic import Field
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
 from mirrorcam.bench.scores.consistency import pooled
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, toml_of
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Line, Name
-from mirrorcam.core.values import InputError, Metric, Value
+from mirrorcam.core.values import Metric, Value
 
 OF_VIEWS = (
     *("rms_px", "median_px", "p95_px", "max_px", "rms_mm", "bias_x_px", "bias_y_px"),

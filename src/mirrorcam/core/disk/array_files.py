@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.values import InvalidValue
 
 LARGEST_BYTES = 400_000_000
 """Bytes of arrays that any file may state: with the copies that a reader makes of them, less than 1 GB of memory."""

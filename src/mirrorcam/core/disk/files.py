@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from mirrorcam.core.disk.nested_text import json_value, toml_value
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line, shortened
-from mirrorcam.core.values import InputError, InvalidValue, Metric
+from mirrorcam.core.values import InvalidValue, Metric
 
 Model = TypeVar("Model", bound=BaseModel)
 LARGEST_TEXT_BYTES = 1_000_000
@@ -221,6 +222,20 @@ def read_model(model: type[Model], path: Path, most: int = LARGEST_TEXT_BYTES) -
     bytes, which fits what people write; machines write larger ones.
     """
     return model_of(model, path, read_bytes(path, most))
+
+
+def read_record(model: type[Model], path: Path) -> Model | None:
+    """Read a record as JSON; None where there is none, or none that is whole and of this version.
+
+    Raises InputError where something else is in its place, or more than a record can be.
+    """
+    if not path.exists():
+        return None
+    raw = read_bytes(path)
+    try:
+        return model_of(model, path, raw)
+    except InputError:
+        return None
 
 
 def model_of(model: type[Model], path: Path, raw: bytes) -> Model:

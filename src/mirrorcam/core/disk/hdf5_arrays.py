@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.disk.array_files import check_bytes, refusing
 from mirrorcam.core.disk.files import stored_bytes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 if TYPE_CHECKING:
     import h5py

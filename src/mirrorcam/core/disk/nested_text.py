@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 DEEPEST = 32
 """Lists and tables in each other, and parts of a dotted key of TOML."""

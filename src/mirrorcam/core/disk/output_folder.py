@@ -1,13 +1,12 @@
 """Folders that commands write their results into: one command at a time, without loss of the user's files.
 
-In a folder of results, the hidden folder `.mirrorcam` holds the record of what commands have written there and, while
-one works, its lock and the files that it has not finished.
+In a folder of results, the hidden folder `.mirrorcam` holds the record of what commands have written there, the store
+of results that are not made again and, while a command works, its lock and the files that it has not finished.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import socket
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -19,13 +18,14 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 from pydantic import Field
 
-from mirrorcam.core.disk.files import inside, write_text
-from mirrorcam.core.disk.resumable import read_record
-from mirrorcam.core.disk.written_files import ADVICE, FORCE_ADVICE, FolderRecord, WrittenFiles, refuse_blocked
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.disk.files import inside, read_record, write_text
+from mirrorcam.core.disk.results import Results
+from mirrorcam.core.disk.written_files import ADVICE, FORCE_ADVICE, FolderRecord, discard, refuse_blocked
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 HIDDEN = ".mirrorcam"
-RECORD, LOCK, HOLDER, UNFINISHED = "written.jsonl", "lock", "holder.json", "unfinished"
+RECORD, LOCK, HOLDER, UNFINISHED, RESULTS = "written.jsonl", "lock", "holder.json", "unfinished", "results"
 
 
 class Holder(Value):
@@ -85,6 +85,11 @@ class OutputFolder:
         return replace(self, group=name)
 
     @property
+    def results(self) -> Results:
+        """The store of results of all commands that write into the locked folder."""
+        return Results(results_folder(self.root))
+
+    @property
     def unfinished(self) -> Path:
         """Folder for files that are not finished, which may hold what a killed run has left."""
         return self.root / HIDDEN / UNFINISHED / (self.part or self.group or "files")
@@ -103,11 +108,11 @@ class OutputFolder:
 
     def has_written(self, name: str) -> bool:
         """Return whether this command has written a file of that name, changed since or not."""
-        return name in self._written.names
+        return name in self.record.of(self._key)
 
     def refuse_unknown(self) -> None:
         """Raise InputError where the folder holds files, and none that this command has written."""
-        if not self.force and not self._written.names and _has_files(self.path):
+        if not self.force and not self.record.of(self._key) and _has_files(self.path):
             raise InputError(
                 f"{self.path}: holds files that this command did not write, expected a new folder, or --force"
             )
@@ -115,7 +120,7 @@ class OutputFolder:
     def refuse_changed(self) -> None:
         """Raise InputError where a file that this command has written was changed since."""
         if not self.force:
-            self._refuse(sorted(self._written.names))
+            self._refuse(sorted(self.record.of(self._key)))
 
     @contextmanager
     def staged(self, *, complete: bool = True, result: str = "") -> Iterator[Path]:
@@ -133,34 +138,34 @@ class OutputFolder:
         finally:
             try:
                 if ended or (result and (self.unfinished / result).exists()):
-                    self.adopt(complete=complete)
+                    self.adopt(self.unfinished, complete=complete)
             finally:
                 self.discard()
 
     def discard(self) -> None:
         """Remove the unfinished files."""
-        for folder in (self.unfinished.parent, self.unfinished):
-            if folder.is_symlink():
-                folder.unlink()
-        if self.unfinished.exists():
-            shutil.rmtree(self.unfinished)
+        if self.unfinished.parent.is_symlink():
+            self.unfinished.parent.unlink()
+        discard(self.unfinished)
         with suppress(OSError):
             self.unfinished.parent.rmdir()
 
-    def adopt(self, *, complete: bool = True) -> None:
-        """Put the unfinished files in their places, as `FolderRecord.adopt` says."""
-        self.record.adopt(self._key, self.unfinished, self.path, complete=complete, force=self.force)
+    def adopt(self, staging: Path, *, complete: bool = True) -> None:
+        """Put the files of a folder in `unfinished` in their places, as `FolderRecord.adopt` says."""
+        self.record.adopt(self._key, staging, self.path, complete=complete, force=self.force)
 
     def _refuse(self, names: Iterable[str]) -> None:
-        self._written.refuse_others(self.path, names, advice=ADVICE if self.force is None else FORCE_ADVICE)
+        advice = ADVICE if self.force is None else FORCE_ADVICE
+        self.record.refuse_others(self._key, self.path, names, advice=advice)
 
     @property
     def _key(self) -> str:
         return f"{self.command} {self.part or self.group}".rstrip()
 
-    @property
-    def _written(self) -> WrittenFiles:
-        return self.record.of(self._key)
+
+def results_folder(folder: Path) -> Path:
+    """Return the folder of the store of results in a folder of results."""
+    return folder / HIDDEN / RESULTS
 
 
 @contextmanager

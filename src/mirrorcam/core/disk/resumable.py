@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from mirrorcam.core.disk.files import (
-    LARGEST_FILE_BYTES,
-    TEMPORARY,
-    Model,
-    inside,
-    linked,
-    model_of,
-    read_bytes,
-    read_model,
-    write_text,
-)
-from mirrorcam.core.disk.fingerprint import differing, file_digest, file_digests
+from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
+from mirrorcam.core.disk.fingerprint import differing, file_digests, intact, is_intact
+from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
 UNFINISHED = f"{TEMPORARY}unfinished"
 """Hidden folder for files that are not finished, which may hold what a killed run has left."""
-
-
-def intact(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
-    """Return those of the files, sha256 by name in the folder, that are there as they were written."""
-    return {name: sha256 for name, sha256 in files.items() if _is_intact(inside(folder, name), sha256)}
-
-
-def _is_intact(path: Path, sha256: str) -> bool:
-    return path.is_file() and file_digest(path) == sha256
-
-
-def read_record(model: type[Model], path: Path) -> Model | None:
-    """Read a record as JSON; None where there is none, or none that is whole and of this version.
-
-    Raises InputError where something else is in its place, or more than a record can be.
-    """
-    if not path.exists():
-        return None
-    raw = read_bytes(path)
-    try:
-        return model_of(model, path, raw)
-    except InputError:
-        return None
 
 
 class FolderManifest(Value):
@@ -88,7 +56,7 @@ class FolderManifest(Value):
 
     def intact(self, folder: Path, name: str) -> bool:
         """Return whether a file of the folder exists with the checksum of what was written."""
-        return name in self.files and _is_intact(inside(folder, name), self.files[name])
+        return name in self.files and is_intact(folder, name, self.files[name])
 
     def continued(self, folder: Path, planned: Collection[str]) -> Self:
         """Return the manifest to go on with: that of an interrupted run of the same request, less what is not intact.
@@ -102,7 +70,7 @@ class FolderManifest(Value):
             foreign = [name for name in (*planned, *self.FOLDERS, *self.FILES) if os.path.lexists(folder / name)]
             if foreign:
                 raise InputError(f"{folder}: has {foreign[0]!r} but no {self.FILE}, expected a new or empty folder")
-            _discard(folder)
+            discard(folder / UNFINISHED)
             self.save(folder)
             return self
         before = self.load(folder)
@@ -113,8 +81,8 @@ class FolderManifest(Value):
             raise InputError(
                 f"{folder}: holds a {self.WHAT} of another {differs}, expected the same request or a new folder"
             )
-        self._refuse_links(folder)
-        _discard(folder)
+        refuse_blocked(folder, planned)
+        discard(folder / UNFINISHED)
         whole = intact(folder, before.files)
         for name in sorted(before.files.keys() - whole.keys()):
             if os.path.lexists(folder / name):
@@ -123,22 +91,12 @@ class FolderManifest(Value):
         before._refuse_others(folder, planned)
         return before
 
-    def _refuse_links(self, folder: Path) -> None:
-        """Raise InputError for what is no file and no folder among what is there."""
-        for name in self.FOLDERS:
-            place = folder / name
-            if os.path.lexists(place) and not place.is_symlink() and not place.is_dir():
-                raise InputError(f"{place}: is a file, expected a folder of the {self.WHAT}")
-            link = place if place.is_symlink() else linked(place)
-            if link is not None:
-                raise InputError(f"{link}: is a link, expected only files and folders in a {self.WHAT}")
-
     def _refuse_others(self, folder: Path, names: Collection[str], new: Mapping[str, str] | None = None) -> None:
         """Raise InputError for the first of the names that is there and not listed, unless with its `new` checksum."""
         for name in names:
             if name in self.files or not os.path.lexists(folder / name):
                 continue
-            if new is None or not _is_intact(inside(folder, name), new[name]):
+            if new is None or not is_intact(folder, name, new[name]):
                 expected = f"expected it removed, or a new folder for the {self.WHAT}"
                 raise InputError(f"{folder / name}: is not listed in {self.FILE}, {expected}")
 
@@ -149,28 +107,18 @@ class FolderManifest(Value):
         a file would be replaced.
         """
         staging = folder / UNFINISHED
-        _discard(folder)
+        discard(staging)
         staging.mkdir(parents=True)
         try:
             write(staging)
             new = file_digests(staging)
+            refuse_blocked(folder, new)
             self._refuse_others(folder, new, new)
             # In the order of their names, not of the workers that made them.
             manifest = self.replaced(files=dict(sorted((self.files | new).items())))
             with deferred():
                 manifest.save(folder)
-                for name in new:
-                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                    (staging / name).replace(folder / name)
+                move_files(staging, folder, new)
         finally:
-            _discard(folder)
+            discard(staging)
         return manifest
-
-
-def _discard(folder: Path) -> None:
-    """Remove the files that are not finished."""
-    unfinished = folder / UNFINISHED
-    if unfinished.is_symlink():
-        unfinished.unlink()
-    elif unfinished.exists():
-        shutil.rmtree(unfinished)

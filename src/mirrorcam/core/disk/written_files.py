@@ -1,10 +1,10 @@
-"""Records of the files that commands have written into a folder, so that no other file there is replaced or deleted."""
+"""Ownership of files: which a command has written into a folder, so that no other file is replaced or deleted."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import shutil
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -12,57 +12,23 @@ from pydantic import Field
 
 from mirrorcam.core.disk.files import is_inside, json_of, model_from, read_lines, write_text
 from mirrorcam.core.disk.fingerprint import file_digest, file_digests
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.interruption import deferred
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.values import Value
 
-Checksums = Mapping[str, str]
-"""The sha256 of files by their path in a folder."""
 FORCE_ADVICE = "expected another --out, or --force to replace it"
 ADVICE = "expected it removed, or another --out"
 """What to do about a file of somebody else where a command has no --force."""
 
 
-@dataclass(frozen=True)
-class WrittenFiles:
-    """What a command has written into a folder: `now`, the sha256 of each file by its path.
+def is_written(folder: Path, name: str, checksums: Collection[str]) -> bool:
+    """Return whether a name is of a file in a folder, not a link, with one of several checksums (sha256)."""
+    path = folder / name
+    return bool(checksums) and is_inside(folder, name) and _is_file(path) and file_digest(path) in checksums
 
-    While files take their places, `next` are those to be: each place then holds one of `now` or of `next`.
-    """
 
-    now: Checksums = field(default_factory=dict)
-    next: Checksums = field(default_factory=dict)
-
-    @property
-    def names(self) -> set[str]:
-        """Paths of all files."""
-        return {*self.now, *self.next}
-
-    def settled(self, folder: Path) -> WrittenFiles:
-        """Return the record of a folder after an interrupted move of files into it: the files that are there now."""
-        return WrittenFiles({**self.now, **{n: sha256 for n, sha256 in self.next.items() if _is(folder, n, sha256)}})
-
-    def holds(self, folder: Path, name: str) -> bool:
-        """Return whether a file of the folder is as it was written; a link never is."""
-        return any(_is(folder, name, files[name]) for files in (self.now, self.next) if name in files)
-
-    def refuse_others(
-        self, folder: Path, names: Iterable[str], new: Checksums | None = None, *, advice: str = FORCE_ADVICE
-    ) -> None:
-        """Raise InputError for the first of the files that is in the folder, but not as it was written.
-
-        A file that already has its checksum of `new` is not refused. The message ends with `advice`.
-        """
-        for name in names:
-            path = folder / name
-            if not os.path.lexists(path) or (new is not None and _is(folder, name, new[name])):
-                continue
-            if not self.holds(folder, name):
-                what = (
-                    "was changed since this command wrote it"
-                    if name in self.names
-                    else "was not written by this command"
-                )
-                raise InputError(f"{path}: {what}, {advice}")
+def _is_file(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
 
 
 def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
@@ -77,24 +43,30 @@ def refuse_blocked(folder: Path, names: Iterable[str]) -> None:
                 raise InputError(f"{place}: is a file or a link out of {folder}, expected a folder")
 
 
-def _is(folder: Path, name: str, sha256: str) -> bool:
-    """Return whether a name is of a file in a folder, not a link, with a checksum."""
-    path = folder / name
-    return is_inside(folder, name) and path.is_file() and not path.is_symlink() and file_digest(path) == sha256
+def move_files(staging: Path, folder: Path, names: Iterable[str]) -> None:
+    """Move files of a folder to the same names in another on the same file system."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (staging / name).replace(folder / name)
+
+
+def discard(unfinished: Path) -> None:
+    """Remove a folder of unfinished files; of a link in its place, the link alone."""
+    if unfinished.is_symlink():
+        unfinished.unlink()
+    elif unfinished.exists():
+        shutil.rmtree(unfinished)
 
 
 class _Line(Value):
-    """A line of the record of a folder: files of a command that are being moved into place, that were, or are gone."""
+    """A line of a record: checksums that files of a command may have from here on, by their names.
 
-    schema_id: Literal["mirrorcam.written/1"] = Field(default="mirrorcam.written/1", alias="schema")
+    A file that is being replaced has two: whenever that is cut off, it has one of them. A deleted one has none.
+    """
+
+    schema_id: Literal["mirrorcam.written/2"] = Field(default="mirrorcam.written/2", alias="schema")
     command: str
-    next: dict[str, str] = Field(default_factory=dict)
-    now: dict[str, str] = Field(default_factory=dict)
-    gone: tuple[str, ...] = ()
-
-    @property
-    def text(self) -> str:
-        return self.model_dump_json(by_alias=True) + "\n"
+    files: dict[str, tuple[str, ...]]
 
 
 class FolderRecord:
@@ -102,7 +74,7 @@ class FolderRecord:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._written: dict[str, WrittenFiles] = {}
+        self._written: dict[str, dict[str, tuple[str, ...]]] = {}
         lines = [line for line in read_lines(path) if line] if path.exists() else []
         for line in lines:
             try:
@@ -110,23 +82,27 @@ class FolderRecord:
             except InputError:
                 continue  # incomplete, or not written by this program: its files are not known to be ours
         if len(lines) > len(self._written):
-            every = (_Line(command=name, next=dict(w.next), now=dict(w.now)) for name, w in self._written.items())
-            write_text(path, "".join(line.text for line in every))
+            every = (_Line(command=name, files=files) for name, files in self._written.items())
+            write_text(path, "".join(map(_text, every)))
 
-    def of(self, command: str) -> WrittenFiles:
-        """Return what a command has written."""
-        return self._written.get(command, WrittenFiles())
+    def of(self, command: str) -> Mapping[str, tuple[str, ...]]:
+        """Return the checksums that each file of a command may have, by its name."""
+        return self._written.get(command, {})
 
-    def _note(self, line: _Line) -> None:
-        now = {**self.of(line.command).now, **line.now}
-        for name in line.gone:
-            now.pop(name, None)
-        self._written[line.command] = WrittenFiles(now, line.next)
+    def refuse_others(
+        self, command: str, folder: Path, names: Iterable[str], new: Mapping[str, str] | None = None, *, advice: str
+    ) -> None:
+        """Raise InputError for the first of the files that is in the folder, but not as a command wrote it.
 
-    def _append(self, line: _Line) -> None:
-        with self._path.open("a", encoding="utf-8") as stream:
-            stream.write(line.text)
-        self._note(line)
+        A file that already has its checksum of `new` is not refused. The message ends with `advice`.
+        """
+        written = self.of(command)
+        for name in names:
+            allowed = (*written.get(name, ()), *([] if new is None else [new[name]]))
+            if os.path.lexists(folder / name) and not is_written(folder, name, allowed):
+                changed = "was changed since this command wrote it"
+                what = changed if name in written else "was not written by this command"
+                raise InputError(f"{folder / name}: {what}, {advice}")
 
     def adopt(self, command: str, staging: Path, folder: Path, *, complete: bool, force: bool | None) -> None:
         """Put every file of a folder in its place in another, as files of a command.
@@ -153,28 +129,42 @@ class FolderRecord:
             nothing is moved then.
         """
         staged, written = file_digests(staging), self.of(command)
-        before = written.settled(folder)
         refuse_blocked(folder, staged)
         if not force:
-            before.refuse_others(folder, staged, staged, advice=ADVICE if force is None else FORCE_ADVICE)
+            advice = ADVICE if force is None else FORCE_ADVICE
+            self.refuse_others(command, folder, staged, staged, advice=advice)
         rewritten = {name.partition("/")[0] for name in staged if "/" in name}
-        stale = sorted(
+        stale = [
             name
-            for name in before.now.keys() - staged.keys()
+            for name in sorted(written.keys() - staged.keys())
             if complete or ("/" in name and name.partition("/")[0] in rewritten)
-        )
-        settled = {name: sha256 for name, sha256 in written.next.items() if before.now.get(name) == sha256}
+        ]
+        next_files = {
+            name: (*(now for now in written.get(name, ()) if is_written(folder, name, [now])), sha256)
+            for name, sha256 in staged.items()
+        }
         with deferred():
-            self._append(_Line(command=command, now=settled, next=staged))
+            self._append(command, next_files)
             for name in stale:
-                if before.holds(folder, name):
+                if is_written(folder, name, written[name]):
                     (folder / name).unlink()
                     _remove_empty((folder / name).parent, folder)
-            for name in staged:
-                place = folder / name
-                place.parent.mkdir(parents=True, exist_ok=True)
-                (staging / name).replace(place)
-            self._append(_Line(command=command, now=staged, gone=tuple(stale)))
+            move_files(staging, folder, staged)
+            self._append(command, dict.fromkeys(stale, ()) | {name: (sha256,) for name, sha256 in staged.items()})
+
+    def _note(self, line: _Line) -> None:
+        files = {**self.of(line.command), **line.files}
+        self._written[line.command] = {name: checksums for name, checksums in files.items() if checksums}
+
+    def _append(self, command: str, files: Mapping[str, tuple[str, ...]]) -> None:
+        line = _Line(command=command, files=dict(files))
+        with self._path.open("a", encoding="utf-8") as stream:
+            stream.write(_text(line))
+        self._note(line)
+
+
+def _text(line: _Line) -> str:
+    return line.model_dump_json(by_alias=True) + "\n"
 
 
 def _remove_empty(path: Path, root: Path) -> None:

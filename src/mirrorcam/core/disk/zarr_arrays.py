@@ -19,7 +19,8 @@ from pydantic import ConfigDict, Field, model_validator
 
 from mirrorcam.core.disk.array_files import check_bytes, refusing
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_bytes, read_model, stored_bytes
-from mirrorcam.core.values import InputError, Value
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import Value
 
 METADATA = "zarr.json"
 MOST_CHUNKS = 100_000

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mirrorcam.core.disk.files import atomic, is_inside, linked, read_bytes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 _UNIX, _FILE_MODE = 3, 0o100644 << 16
 

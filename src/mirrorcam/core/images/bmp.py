@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
-from mirrorcam.core.values import InputError
 
 BMP_BEGIN = b"BM"
 _FILE_BYTES, _HEADER_BYTES = 14, 40

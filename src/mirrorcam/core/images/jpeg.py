@@ -11,7 +11,7 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 # Starts a segment with a length; padding, escaped bytes and restarts in the data of a scan have none.

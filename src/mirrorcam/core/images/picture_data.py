@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX, LARGEST_PICTURE_SIDE_PX
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.bmp import BMP_BEGIN, Bmp, decode_bmp
 from mirrorcam.core.images.jpeg import JPEG_BEGIN, DamagedPicture, Jpeg, decode_jpeg, overlong
 from mirrorcam.core.images.png import PNG_BEGIN, PNG_END, Png, decode_png, significant_bits
 from mirrorcam.core.images.tiff import BIG_TIFF_BEGINS, TIFF_BEGINS, Tiff, decode_tiff
-from mirrorcam.core.values import InputError
 
 EXPECTED = "PNG, JPEG, TIFF or BMP"
 _LARGEST_BYTES = 3 * LARGEST_PICTURE_PX

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX
 from mirrorcam.core.disk.files import first_bytes, read_bytes, stored_bytes, write_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.picture_data import PictureData, as_grey
 from mirrorcam.core.images.png import PNG_BEGIN
 from mirrorcam.core.images.sample_bits import ALL, SampleBits, to_8_bits
 from mirrorcam.core.images.tiff import TIFF_BEGINS
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 
 JPEG_ENDINGS = (".jpg", ".jpeg")
 WRITTEN_ENDINGS = (".png", *JPEG_ENDINGS)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
-from mirrorcam.core.values import InputError
 
 TIFF_BEGINS = (b"II*\x00", b"MM\x00*")
 BIG_TIFF_BEGINS = (b"II+\x00", b"MM\x00+")

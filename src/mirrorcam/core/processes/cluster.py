@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.processes.worker_pool import Answer, Died, Work
-from mirrorcam.core.values import InputError
 
 SECONDS_TO_CONNECT = 10
 

@@ -17,7 +17,7 @@ from multiprocessing.reduction import ForkingPickler
 from multiprocessing.util import Finalize
 from typing import TYPE_CHECKING, Any
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext

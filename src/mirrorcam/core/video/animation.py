@@ -1,21 +1,22 @@
-"""Loops of pictures as files people play: GIF and MP4."""
+"""Videos and loops of pictures as files people play: GIF, and MP4 by FFmpeg's x264."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import atomic
-from mirrorcam.core.values import InputError
-from mirrorcam.core.video.video_output import X264, file_address, require_x264
+from mirrorcam.core.errors import InputError
 
 # Frames that lean on later ones come out differently from run to run.
 _X264 = {"crf": "18", "preset": "medium", "tune": "zerolatency", "flags": "+bitexact"}
 PALETTE_PICTURES = 8
+X264: Final = "libx264"
 
 
 def write_loop(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: float) -> None:
@@ -57,3 +58,19 @@ def _write_mp4(path: Path, pictures: Sequence[NDArray[np.uint8]], pictures_hz: f
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="rgb24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
+
+
+def require_x264() -> None:
+    """Raise InputError where the FFmpeg of PyAV is built without x264."""
+    import av
+
+    if X264 not in av.codecs_available:
+        raise InputError(
+            "this PyAV (av) is built without x264, expected its wheel from PyPI to write H.264; AVI, GIF and pictures "
+            "need none"
+        )
+
+
+def file_address(path: Path) -> str:
+    """The address by which FFmpeg writes a file, whatever its name looks like."""
+    return f"file:{path}"

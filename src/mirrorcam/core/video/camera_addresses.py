@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import stored_bytes
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
 from mirrorcam.core.messages import shortened
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import AHEAD
 from mirrorcam.core.video.live_camera import Connection, LiveCamera, Seen
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
+from mirrorcam.core.video.video import frame_remarks
 from mirrorcam.core.video.video_pictures import has_16_bits, rgb_of, rgb_of_samples, samples_of_16_bits
-from mirrorcam.core.video.video_remarks import frame_remarks
 
 PATIENCE = 30
 """Pictures in a row that a camera may fail to give before it counts as gone."""

@@ -1,20 +1,20 @@
-"""Frames one after another, read ahead of what uses them."""
+"""Frames of a source one after another: read ahead of their use, and a few spread evenly over a stream."""
 
 from __future__ import annotations
 
 import queue
 import threading
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
-
 AHEAD = 4
 """Frames that wait between reading and decoding: enough to even out slow ones, 25 MB of 1920 x 1080."""
+MOST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +91,38 @@ def read_ahead(items: Iterator[T], count: int = AHEAD, stop: Callable[[], None] 
         over.set()
         stop()
         thread.join()
+
+
+class SpreadFrames:
+    """Keeps every first, second, fourth, ... frame of those that are added: at most 8, and 5 or more of 9 or more."""
+
+    def __init__(self) -> None:
+        self.kept: list[NDArray[np.uint8]] = []
+        self._added, self._stride = 0, 1
+
+    def add(self, frame: NDArray[np.uint8]) -> None:
+        """Take the next frame, which is not copied."""
+        if self._added % self._stride == 0:
+            self.kept.append(frame)
+            if len(self.kept) > MOST:
+                self.kept, self._stride = self.kept[::2], 2 * self._stride
+        self._added += 1
+
+
+@dataclass(frozen=True)
+class WatchedSource:
+    """A source of frames of which a few, spread evenly, are kept as they pass."""
+
+    source: Source
+    seen: SpreadFrames = field(default_factory=SpreadFrames)
+
+    def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
+        """The frames of the source."""
+        for item in self.source.frames(after):
+            if isinstance(item, Frame):
+                self.seen.add(item.pixels)
+            yield item
+
+    def stop(self) -> None:
+        """End the frames, also where they wait for one."""
+        self.source.stop()

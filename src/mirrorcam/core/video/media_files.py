@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mirrorcam.core.disk.files import stored_bytes
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 _CONTAINERS = "mov matroska avi mpegts mpeg flv live_flv asf ogg nut mxf gxf dv rm wtv dhav mpjpeg smjpeg cine ser"
 _PLAIN = "h264 hevc vvc m4v mpegvideo h261 h263 vc1 av1 obu ivf dirac dnxhd mjpeg mjpeg_2000 yuv4mpegpipe gif apng"

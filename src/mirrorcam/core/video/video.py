@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain, islice, pairwise
+from math import atan2, degrees
 from pathlib import Path
 from typing import Any
 
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.sample_bits import ALL, SampleBits
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.media_files import opened
 from mirrorcam.core.video.video_packets import packets_of
@@ -28,13 +30,16 @@ from mirrorcam.core.video.video_pictures import (
     rgb_of_samples,
     samples_of_16_bits,
 )
-from mirrorcam.core.video.video_remarks import remarks
 
 MISSING, WRONG_TIME = "is missing", "has a wrong time"
 _NEAR = 16
 """Pictures after a damage at which others may be missing: as many as a codec reorders."""
 _REMEMBERED = 4096
 """Times in the past that are known again."""
+_SAMPLED_FRAMES, _SAMPLED_PACKETS = 8, 32
+_FIELD_ORDERS = range(2, 6)
+"""FFmpeg's orders of fields, without "unknown" and "progressive" (AV_FIELD_TT to AV_FIELD_BT)."""
+_MATRIX = struct.Struct("=9i")
 
 
 class Video:
@@ -194,3 +199,55 @@ def with_missing(pictures: Iterable[Picture], period: float, most: int) -> Itera
 def _may_miss(picture: Picture | None, steady: int) -> bool:
     """Return whether others may be missing beside a picture, after some pictures at even times."""
     return picture is not None and (picture.broken or (picture.reason == DAMAGED and steady > _NEAR))
+
+
+def remarks(name: str, container: Any, stream: Any) -> list[str]:
+    """Lines about the video of this name, from its header and its first frames, which are read."""
+    frames = list(islice(_frames(container, stream), _SAMPLED_FRAMES))
+    return frame_remarks(name, frames, interlaced=stream.codec_context.field_order in _FIELD_ORDERS)
+
+
+def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False) -> list[str]:
+    """Lines about the video or camera of this name, from some of its frames, and whether its header says interlaced."""
+    found = []
+    if interlaced or any(frame.interlaced_frame for frame in frames):
+        found.append(
+            f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so that motion "
+            "distorts what is measured; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
+            "hold the board and the scene still"
+        )
+    turned = next(filter(None, map(_turned, frames)), None)
+    if turned is not None:
+        found.append(
+            f"{name} is to be shown {turned}: its frames are used as they lie on the sensor; so that ffmpeg does the "
+            "same, put -noautorotate -display_rotation 0 before its -i"
+        )
+    return found
+
+
+def _frames(container: Any, stream: Any) -> Iterator[Any]:
+    """The first frames, without those that are damaged: they are reported when their turn comes."""
+    import av
+
+    packets = container.demux(stream)
+    for _ in range(_SAMPLED_PACKETS):
+        try:
+            packet = next(packets, None)
+            decoded = [] if packet is None else packet.decode()
+        except (av.FFmpegError, OSError):
+            continue
+        if packet is None:
+            return
+        yield from decoded
+
+
+def _turned(frame: Any) -> str | None:
+    """How a player turns a frame, by its display matrix; None where it does not."""
+    data = next((bytes(each) for each in frame.side_data if each.type.name == "DISPLAYMATRIX"), b"")
+    if len(data) != _MATRIX.size:
+        return None
+    a, b, _, c, d, *_ = _MATRIX.unpack(data)
+    if a * d - b * c < 0:
+        return "mirrored"
+    angle = round(degrees(atan2(b, a))) % 360
+    return f"turned by {angle}°" if angle else None

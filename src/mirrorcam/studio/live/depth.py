@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
-from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB
+from mirrorcam.optics.light_field.io.view_images import INVALID_RGB
 from mirrorcam.optics.light_field.light_field import LightField
 
 JPEG_QUALITY = 85

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from mirrorcam.core.disk.files import numbered
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.background_recorder import new_recording
 from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout

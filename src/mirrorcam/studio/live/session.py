@@ -18,18 +18,16 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.optics.alignment.exposure_meter import measure_exposure
-from mirrorcam.optics.alignment.focus_meter import FocusMeter, sharpness
-from mirrorcam.optics.alignment.sub_image_masks import sub_image_masks
+from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, sharpness, sub_image_masks
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import FAR, NEAR
 from mirrorcam.optics.light_field.io.newest_frame import Arrived, NewestFrame
-from mirrorcam.optics.light_field.io.views_picture import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiles
+from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiled_views
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.studio.live.streams import LiveRecording, open_source
@@ -54,13 +52,13 @@ class ViewsPicture:
         self._tile = np.array([height, width]) + SEPARATOR_PX
         self.size_px = (self._picture.shape[1], self._picture.shape[0])
         if not self._grid:
-            shown = tiles(light_field)
+            shown = tiled_views(light_field)
             self.size_px = (shown.shape[1], shown.shape[0])
 
     def of(self, light_field: LightField) -> NDArray[np.uint8]:
         """The picture (h, w, 3); it is used again for the next one."""
         if not self._grid:
-            return tiles(light_field)
+            return tiled_views(light_field)
         samples: Any = light_field.samples
         samples = samples.copy()
         samples.reshape(-1, 3)[self._invalid] = INVALID_RGB

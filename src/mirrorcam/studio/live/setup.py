@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner
-from mirrorcam.optics.alignment.scene_alignment import SceneAligner
+from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAligner
 from mirrorcam.optics.calibration.detection.detect_boards import sub_images
 from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, pose_by_layout
 from mirrorcam.optics.drift.drift import LEAST_MIRRORS

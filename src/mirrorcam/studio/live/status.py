@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from mirrorcam.core.processes.child_command import ChildCommand
-from mirrorcam.optics.alignment.exposure_meter import Exposure
+from mirrorcam.optics.alignment.meters import Exposure
 from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
 from mirrorcam.studio.live.values import Answer, Shown
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.core.video.background_recorder import FINISHING_S, BackgroundRecorder, RecordingCounts
 from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, shown
 from mirrorcam.core.video.frames import Frame, Lost, Source

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import numbered
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
-from mirrorcam.core.values import InputError
 from mirrorcam.studio.live.depth import DepthPicture, measure_depth, open_depth
 from mirrorcam.studio.live.session import close_session, next_pictures, open_session
 from mirrorcam.studio.live.setup import (

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.alignment.exposure_meter import Exposure
+from mirrorcam.optics.alignment.meters import Exposure
 
 PictureKind = Literal["frame", "views", "refocus", "depth"]
 DECODED: tuple[PictureKind, ...] = ("frame", "views", "refocus")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, POISSON, Carried, Solid, rigid_motions
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 LENGTH, SIDE = 60.0, 6.0
 AREA, INERTIA = SIDE**2, SIDE**4 / 12.0

@@ -22,7 +22,8 @@ from mirrorcam.cad.checks.elasticity.device_motions import (
 )
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 

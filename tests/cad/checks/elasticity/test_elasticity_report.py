@@ -28,7 +28,7 @@ from mirrorcam.cad.checks.elasticity.elasticity_report import (
     write_elasticity,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable, layout_in_pose
 

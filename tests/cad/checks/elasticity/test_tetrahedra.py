@@ -12,7 +12,7 @@ from build123d import Box, Cylinder
 from mirrorcam.cad.checks.elasticity import tetrahedra
 from mirrorcam.cad.checks.elasticity.tetrahedra import gmsh_program, read_msh22, tetrahedra_of
 from mirrorcam.cad.write.part_export import write_step
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 
 MSH = """$MeshFormat
 2.2 0 8

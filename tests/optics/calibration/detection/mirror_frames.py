@@ -8,8 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.moved_outlines import outlined
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, seen_edges
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_warp import CUBIC, QUINTIC, Warp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import CUBIC, QUINTIC, BoardWarp, corner_places, typical_cell_px
 from mirrorcam.optics.geometry.targets import Charuco
 
 PLACES = corner_places(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
@@ -42,28 +42,28 @@ def test_places_count_squares_from_the_top_left_of_the_print() -> None:
 @pytest.mark.parametrize("count", [4, 12, 54])
 def test_a_homography_is_reproduced(count: int) -> None:
     some = np.random.default_rng(count).choice(54, count, replace=False) if count > 4 else np.array([0, 8, 45, 53])
-    warp = Warp.through(PLACES[some], projected(PLACES[some]))
+    warp = BoardWarp.through(PLACES[some], projected(PLACES[some]))
     assert warp is not None
     np.testing.assert_allclose(warp.at(PLACES), projected(PLACES), atol=0.01)
 
 
 def test_fewer_than_four_points_have_no_warp() -> None:
-    assert Warp.through(PLACES[:3], projected(PLACES[:3])) is None
+    assert BoardWarp.through(PLACES[:3], projected(PLACES[:3])) is None
 
 
 def test_a_lens_is_followed_by_the_cubic_and_outliers_are_not() -> None:
     pixels = curved(PLACES)
     pixels[[5, 30]] += [9.0, -7.0]
-    warp = Warp.through(PLACES, pixels)
+    warp = BoardWarp.through(PLACES, pixels)
     assert warp is not None
     rest = np.linalg.norm(warp.at(PLACES) - curved(PLACES), axis=1)
     assert rest.max() < 0.1
-    plain = Warp(warp.homography, warp.middle, warp.half, np.zeros((10, 2)))
+    plain = BoardWarp(warp.homography, warp.middle, warp.half, np.zeros((10, 2)))
     assert np.linalg.norm(plain.at(PLACES) - curved(PLACES), axis=1).max() > 3.0 * rest.max()
 
 
 def test_derivatives_are_finite_differences() -> None:
-    warp = Warp.through(PLACES, curved(PLACES))
+    warp = BoardWarp.through(PLACES, curved(PLACES))
     assert warp is not None
     cells, bends = warp.shapes(PLACES)
     h = 1e-4
@@ -82,7 +82,7 @@ def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
     noise = np.random.default_rng(0).normal(0.0, 0.005, (len(large), 2))
     errors = {}
     for degree in (CUBIC, QUINTIC):
-        warp = Warp.through(large, strongly_curved(large) + noise, degree=degree)
+        warp = BoardWarp.through(large, strongly_curved(large) + noise, degree=degree)
         assert warp is not None
         off = warp.shapes(large)[1][:, :, [0, 2]]
         for column, step in enumerate(0.01 * np.eye(2)):
@@ -94,13 +94,13 @@ def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
 
 
 def test_few_points_have_a_cubic_for_a_quintic() -> None:
-    warp = Warp.through(PLACES, curved(PLACES), degree=QUINTIC)
+    warp = BoardWarp.through(PLACES, curved(PLACES), degree=QUINTIC)
     assert warp is not None
     assert len(warp.polynomial) == 10
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:
-    warp = Warp(HOMOGRAPHY, np.zeros(2), 1.0, np.zeros((10, 2)))
+    warp = BoardWarp(HOMOGRAPHY, np.zeros(2), 1.0, np.zeros((10, 2)))
     assert np.isnan(warp.at(np.array([[0.0, 300.0]]))).all()
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection.border_light import BoardFrame, BorderLight, border_light, borders
-from mirrorcam.optics.calibration.detection.pupil_blur import seen_pupil
+from mirrorcam.optics.calibration.pupil_estimate import seen_pupil
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.settings import RenderSettings, SensorModel
-from tests.optics.calibration.detection.test_pupil_blur import traced
+from tests.optics.calibration.test_pupil_estimate import traced
 from tests.optics.synthetic import posed
 
 BOARD = Charuco(cols=24, rows=17, square_mm=14.0, marker_mm=10.0)

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection import charuco
-from mirrorcam.optics.calibration.detection.charuco import find_boards, find_markers, groups, marker_places
+from mirrorcam.optics.calibration.detection.charuco import (
+    find_marked_boards,
+    find_markers,
+    groups,
+    linked_tags,
+    marker_places,
+)
 from mirrorcam.optics.calibration.detection.checkerboard import linked_grids
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
@@ -22,11 +28,11 @@ def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
     middle = np.array([20.0, 300.0, 80.0]) if mirrored else np.array([20.0, 0.0, 300.0])
     pose = posed(CHARUCO, middle, np.array([10.0, -12.0, 6.0]), direct=not mirrored)
     picture = render(CAMERA, layout, CHARUCO, pose, noise_grey=1.0)
-    (corners,) = find_boards(picture, CHARUCO, mirrored=mirrored, most=4)
+    (corners,) = find_marked_boards(picture, CHARUCO, mirrored=mirrored, most=4)
     assert len(corners) > 40
     truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
-    assert find_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
+    assert find_marked_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -36,11 +42,11 @@ def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) 
     middle = np.array([10.0, 300.0, 80.0]) if mirrored else np.array([10.0, 0.0, 300.0])
     pose = posed(Sheet(), middle, np.array([10.0, -12.0, turn_deg]), direct=not mirrored)
     picture = render(CAMERA, layout, Sheet(), pose, noise_grey=1.0)
-    (corners,) = find_boards(picture, GRID, mirrored=mirrored, most=4)
+    (corners,) = find_marked_boards(picture, GRID, mirrored=mirrored, most=4)
     assert len(corners) > 80
     truth = seen(GRID.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
-    assert find_boards(picture, GRID, mirrored=not mirrored, most=4) == []
+    assert find_marked_boards(picture, GRID, mirrored=not mirrored, most=4) == []
 
 
 def test_a_board_that_no_grid_shows_is_found_by_its_markers_beside_one_that_a_grid_shows(
@@ -49,21 +55,21 @@ def test_a_board_that_no_grid_shows_is_found_by_its_markers_beside_one_that_a_gr
     pose = posed(CHARUCO, np.array([20.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
     twice = np.hstack([picture, picture])
-    first, second = find_boards(twice, CHARUCO, mirrored=False, most=4)
+    first, second = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
     whole = linked_grids
     monkeypatch.setattr(
         charuco, "linked_grids", lambda grey: [grid for grid in whole(grey) if grid[1][:, 0].max() < CAMERA.width_px]
     )
-    found = find_boards(twice, CHARUCO, mirrored=False, most=4)
+    found = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
     assert {len(board) for board in found} == {len(first), len(second)}
     assert sorted(board.pixels[:, 0].min() > CAMERA.width_px for board in found) == [False, True]
     # Where grids show at least half as many boards as there may be, markers are not looked for one by one.
-    assert len(find_boards(twice, CHARUCO, mirrored=False, most=2)) == 1
+    assert len(find_marked_boards(twice, CHARUCO, mirrored=False, most=2)) == 1
 
 
 def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
     pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
-    (corners,) = find_boards(render(CAMERA, None, Sheet(), pose), GRID, mirrored=False, most=1)
+    (corners,) = find_marked_boards(render(CAMERA, None, Sheet(), pose), GRID, mirrored=False, most=1)
     off = corners.pixels - seen(GRID.corners_in_board_mm, pose, None)[corners.ids]
     row, col = np.divmod(corners.ids, 2 * GRID.cols)
     for kind in range(4):
@@ -101,3 +107,33 @@ def test_markers_of_two_boards_fall_into_two_groups_and_misread_ones_into_none()
         list(range(count, 2 * count)),
     ]
     assert groups(places[:0], near[:0]) == []
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0, 90.0, 200.0])
+def test_corners_are_linked_and_tags_told_from_gaps(turn_deg: float) -> None:
+    pose = posed(Sheet(), np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, turn_deg]), direct=True)
+    picture = render(CAMERA, None, Sheet(), pose, noise_grey=1.0)
+    (places, pixels), *others = linked_tags(picture, GRID)
+    assert others == []
+    assert len(places) > 80
+    truth = seen(GRID.corners_in_board_mm, pose, None)
+    apart = np.linalg.norm(pixels[:, None] - truth, axis=2)
+    assert apart.min(axis=1).max() < 1.0
+    row, col = np.divmod(apart.argmin(axis=1), 2 * GRID.cols)
+    true = {(int(c), int(r)): number for number, (c, r) in enumerate(zip(col, row, strict=True))}
+    for number, (x, y) in enumerate(zip(col, row, strict=True)):
+        # The corner across a tag, along the grid's own axes.
+        x, y = int(x), int(y)
+        other = true.get((x + 1 if x % 2 == 0 else x - 1, y))
+        if other is None:
+            continue
+        low = np.minimum(places[number], places[other])
+        axis = int(np.flatnonzero(places[number] != places[other])[0])
+        assert np.abs(places[number] - places[other]).sum() == 1
+        assert low[axis] % 2 == (1, 0)[axis], "tags begin at odd x and even y"
+
+
+def test_a_checkerboard_is_none() -> None:
+    board = Checkerboard(cols=9, rows=7, square_mm=16.0)
+    pose = posed(board, np.array([0.0, 0.0, 320.0]), np.array([15.0, -20.0, 10.0]), direct=True)
+    assert linked_tags(render(CAMERA, None, board, pose), GRID) == []

@@ -8,14 +8,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import (
+    Grey,
+    board_ends,
     cell_px,
     confirm,
     find_checkerboards,
     spread_out,
+    whole_board,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -24,6 +29,11 @@ from tests.optics.synthetic import posed, render
 
 PLAIN = Checkerboard(cols=9, rows=6, square_mm=20.0)
 DIRECT_POSE = posed(PLAIN, np.array([5.0, -8.0, 330.0]), np.array([12.0, -20.0, 8.0]), direct=True)
+SQUARES = Checkerboard(cols=9, rows=8, square_mm=1.0)
+SIDE, MARGIN = 20, 40
+ALL = np.ones((2, 2), dtype=bool)
+UPRIGHT = Checkerboard(cols=5, rows=7, square_mm=30.0)
+FOCAL_PX, MIDDLE, SIZE = 190.0, 300.0, 601
 
 
 def test_a_board_is_found_and_numbered_exactly() -> None:
@@ -165,3 +175,87 @@ def test_corners_on_one_line_count_for_nothing() -> None:
 
 def test_cell_is_the_distance_to_the_nearest_neighbour() -> None:
     np.testing.assert_allclose(cell_px(np.array([[0.0, 0.0], [3.0, 4.0], [30.0, 4.0]])), [5.0, 5.0, 27.0])
+
+
+def drawn(*, beyond: int) -> NDArray[np.float32]:
+    """The board with a margin of one square of white paper, and what lies beyond."""
+    paper = np.full((10 * SIDE, 11 * SIDE), 220, np.uint8)
+    paper[SIDE:-SIDE, SIDE:-SIDE] = 30 + 190 * (SQUARES.image(SIDE) > 0)
+    picture = np.pad(paper, MARGIN, constant_values=beyond)
+    return np.asarray(cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0), dtype=np.float32)
+
+
+def ends(picture: NDArray[np.float32], cols: slice, rows: slice) -> NDArray[np.bool_]:
+    """Ends by the corners of some columns and rows."""
+    x, y = np.meshgrid(np.arange(8)[cols], np.arange(7)[rows])
+    corners = np.stack([x.ravel(), y.ravel()], axis=1)
+    pixels = np.asarray(MARGIN + SIDE * (corners + 2.0) - 0.5, dtype=np.float64)
+    # The first corner has black right of and below it, so that its sum is odd.
+    return np.isfinite(board_ends(picture, corners + np.array([1, 0]), pixels))
+
+
+@pytest.mark.parametrize("beyond", [20, 120, 250])
+def test_a_whole_board_ends_on_all_sides(beyond: int) -> None:
+    np.testing.assert_array_equal(ends(drawn(beyond=beyond), np.s_[:], np.s_[:]), ALL)
+
+
+def test_a_board_that_goes_on_does_not_end() -> None:
+    found = ends(drawn(beyond=20), np.s_[2:], np.s_[:5])
+    np.testing.assert_array_equal(found, [[False, True], [True, False]])
+
+
+@pytest.mark.parametrize("grey", [20, 120, 220])
+@pytest.mark.parametrize("squares", [0.3, 0.6, 0.9, 1.1, 1.4])
+def test_an_occluder_is_no_end(grey: int, squares: float) -> None:
+    """Also one of the paper's colour, along the grid, unless it begins where the board might end."""
+    picture = drawn(beyond=20)
+    last = 4
+    picture[:, int(MARGIN + SIDE * (last + 2 + squares)) :] = grey
+    if not (grey == 220 and 0.85 < squares < 1.15):
+        assert not ends(picture, np.s_[: last + 1], np.s_[:])[1, 0]
+
+
+def test_few_squares_do_not_tell() -> None:
+    assert not ends(drawn(beyond=20), np.s_[:3], np.s_[:2]).any()
+
+
+def through_fisheye(*, flipped: bool) -> tuple[Grey, FloatArray]:
+    """A picture of the board very near to an equidistant lens, and the pixels (24, 2) of its corners."""
+    print_ = np.pad(UPRIGHT.image(40), 40, constant_values=255)
+    v, u = (np.indices((SIZE, SIZE)) - MIDDLE) / FOCAL_PX
+    angle = np.hypot(u, v)
+    out = np.tan(np.minimum(angle, 1.5)) / np.maximum(angle, 1e-9)
+    middle = np.array([20.0, -30.0])
+    x, y = (
+        60.0 * axis * out + move + size / 2.0 for axis, move, size in zip((u, v), middle, UPRIGHT.size_mm, strict=True)
+    )
+    on_print = np.stack([x, y], axis=2) / UPRIGHT.square_mm
+    at = ((on_print + 1.0) * 40.0 - 0.5).astype(np.float32)
+    seen = cv2.GaussianBlur(cv2.remap(print_, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=120.0), (0, 0), 0.8)
+    corners = (UPRIGHT.corners_in_board_mm[:, :2] - np.array(UPRIGHT.size_mm) / 2.0 - middle) / 60.0
+    radius = np.linalg.norm(corners, axis=1, keepdims=True)
+    pixels = MIDDLE + FOCAL_PX * np.arctan(radius) / np.maximum(radius, 1e-9) * corners
+    if flipped:
+        return np.ascontiguousarray(seen[:, ::-1]), pixels * [-1.0, 1.0] + [SIZE - 1.0, 0.0]
+    return np.asarray(seen, dtype=np.uint8), pixels
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_all_corners_are_found_under_strong_distortion(*, flipped: bool) -> None:
+    picture, truth = through_fisheye(flipped=flipped)
+    (grid,) = find_checkerboards(picture, UPRIGHT)
+    numberings = grid.numberings(UPRIGHT, mirrored=flipped)
+    assert 0 < len(numberings) <= 2
+    off = min(float(np.abs(one.pixels - truth[one.ids]).max()) for one in numberings)
+    assert off < 0.5
+    assert len(grid) == 24
+
+
+def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_whole() -> None:
+    picture, _ = through_fisheye(flipped=False)
+    assert whole_board(picture, UPRIGHT) is not None
+    assert whole_board(picture, UPRIGHT.replaced(rows=9)) is None
+    hidden = picture.copy()
+    hidden[:, :270] = 128
+    assert whole_board(hidden, UPRIGHT) is None
+    assert find_checkerboards(np.full((300, 400), 90, np.uint8), UPRIGHT) == []

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, Warp, corner_places
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
@@ -44,7 +44,7 @@ def blurred_picture(x_px: float, y_px: float) -> FloatArray:
 
 
 def expected(off_px: FloatArray) -> ExpectedCorners:
-    warp = Warp.through(PLACES, PIXELS)
+    warp = BoardWarp.through(PLACES, PIXELS)
     assert warp is not None
     return warp.expected(PLACES, PIXELS + off_px)
 
@@ -95,7 +95,7 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
     places = corner_places(board)
     lifted = np.column_stack([places, np.ones(len(places))]) @ px_from_squares.T
     pixels = lifted[:, :2] / lifted[:, 2:]
-    warp = Warp.through(places, pixels, degree=QUINTIC)
+    warp = BoardWarp.through(places, pixels, degree=QUINTIC)
     assert warp is not None
     shown = ((pixels > 25.0) & (pixels < np.array(size[::-1]) - 26.0)).all(axis=1)
     corners = warp.expected(places, pixels).where(shown)

@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.detected_frame import DetectedFrame
+from mirrorcam.optics.calibration.detection.detections import FLIP, TURNS, DetectedFrame, SeenGrid
 from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
-from mirrorcam.optics.calibration.detection.seen_grid import FLIP, TURNS, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.calibration.detection.blurred_print import Image
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, TURNS, SeenGrid
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
-from mirrorcam.optics.calibration.detection.seen_grid import NO_LIMITS, TURNS, SeenGrid
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Charuco
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.next_pose import (
     ENOUGH_DEG,
     ENOUGH_PICTURES,

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.calibrated_layout import moved_to
-from mirrorcam.optics.calibration.diagnostics.calibration_result import uncertainty
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to, uncertainty
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model

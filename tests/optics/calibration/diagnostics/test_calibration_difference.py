@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.calibrated_layout import moved_to
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,
+    best_motion,
+    by_motion,
     calibration_difference,
-    view_name,
+    view_label,
+    view_weights,
+    without_motion,
 )
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import Camera
@@ -20,10 +25,13 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.calibration.diagnostics.conftest import JOINT, Scene
 
 RANGE_MM = 420.0
 PINHOLE = Camera(width_px=800, height_px=600, fx_px=900.0, fy_px=900.0, cx_px=399.5, cy_px=299.5)
+FOCAL_PX = 600.0
+CENTRES = np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0], [60.0, 60.0, 5.0]])
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +153,7 @@ def test_views_along_the_camera_s_axis_are_compared_with_the_direct_view(small_p
     longer = direct.camera.replaced(fx_px=909.0, fy_px=909.0)
     found = calibration_difference(direct, direct.replaced(camera=longer), range_mm=RANGE_MM)
     assert [view.view for view in found.views] == [0, 1, DIRECT]
-    assert [view_name(direct, view.view) for view in found.views] == ["mirror 0-0", "mirror 0-1", "direct view"]
+    assert [view_label(direct, view.view) for view in found.views] == ["mirror 0-0", "mirror 0-1", "direct view"]
 
 
 @pytest.fixture
@@ -179,3 +187,86 @@ def test_points_behind_a_mirror_are_left_out_and_a_view_without_any_is_refused(s
     )
     with pytest.raises(InputError, match="mirror 0-0 shows nothing 80 mm away in both layouts"):
         calibration_difference(small_pair, small_pair, range_mm=80.0)
+
+
+def project(points: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pixels and derivatives by the points of pinholes that look along z."""
+    x, y, z = (points - centres).T
+    slopes = np.zeros((len(points), 2, 3))
+    slopes[:, 0, 0] = slopes[:, 1, 1] = FOCAL_PX / z
+    slopes[:, 0, 2], slopes[:, 1, 2] = -FOCAL_PX * x / z**2, -FOCAL_PX * y / z**2
+    return FOCAL_PX * np.column_stack([x / z, y / z]), slopes
+
+
+def rig_points() -> tuple[np.ndarray, FloatArray]:
+    """Views (n,) and points (n, 3)."""
+    random = np.random.default_rng(3)
+    view = np.repeat(np.arange(4), 40)
+    return view, random.uniform([-80.0, -80.0, 300.0], [140.0, 140.0, 500.0], (160, 3))
+
+
+@pytest.mark.parametrize(("scale", "scaled"), [(1.0, False), (1.0, True), (1.3, True)])
+def test_a_motion_is_found(scale: float, scaled: bool) -> None:
+    view, points = rig_points()
+    b_from_a = rigid(scale * Rotation.from_rotvec([0.05, -0.1, 0.2]).as_matrix(), [20.0, -10.0, 30.0])
+    a_from_b = np.asarray(np.linalg.inv(b_from_a), dtype=np.float64)
+    shown, _ = project(points, CENTRES[view])
+
+    def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pixels, slopes = project(transform(a_from_b, points_in_b), CENTRES[view])
+        return pixels, slopes @ a_from_b[:3, :3]
+
+    found, weights = best_motion(shown, view, points, project_in_b, np.eye(4), scaled=scaled)
+    np.testing.assert_allclose(found, b_from_a, atol=1e-8)
+    assert weights.min() > 0.99
+
+
+def test_one_bad_view_hardly_moves_it() -> None:
+    view, points = rig_points()
+    shown, _ = project(points, CENTRES[view])
+    shown += np.random.default_rng(0).normal(0.0, 0.01, shown.shape)
+    shown[view == 2] += [3.0, -2.0]
+    found, weights = best_motion(shown, view, points, lambda at: project(at, CENTRES[view]), np.eye(4))
+    np.testing.assert_allclose(found, np.eye(4), atol=0.01)
+    assert weights[view == 2].max() < 1e-4 < 0.1 < weights[view != 2].min()
+
+
+def test_points_that_b_does_not_show_are_left_out() -> None:
+    view, points = rig_points()
+    shown, _ = project(points, CENTRES[view])
+
+    def partly(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pixels, slopes = project(points_in_b, CENTRES[view])
+        pixels[::5] = np.nan
+        return pixels, slopes
+
+    start = rigid(np.eye(3), [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(best_motion(shown, view, points, partly, start)[0], np.eye(4), atol=1e-7)
+
+
+def test_columns_are_the_derivatives_by_the_motion() -> None:
+    view, points = rig_points()
+    middle, lever = points.mean(axis=0), 250.0
+    _, slopes = project(points, CENTRES[view])
+    columns = by_motion(slopes, points, lever, scaled=True)
+    for k in range(7):
+        step = 1e-4
+        shown = []
+        for sign in (1.0, -1.0):
+            d = sign * step * np.eye(7)[k]
+            turn = np.exp(d[6] / lever) * Rotation.from_rotvec(d[:3] / lever).as_matrix()
+            shown.append(project((points - middle) @ turn.T + middle + d[3:6], CENTRES[view])[0])
+        np.testing.assert_allclose(columns[:, :, k], (shown[0] - shown[1]) / (2.0 * step), atol=1e-6)
+
+
+def test_what_a_motion_can_do_is_nothing_without_it() -> None:
+    view, points = rig_points()
+    columns = by_motion(project(points, CENTRES[view])[1], points, 250.0)
+    weights = np.random.default_rng(1).uniform(0.5, 1.0, len(points))
+    mixed = columns @ np.random.default_rng(2).normal(size=(6, 3))
+    np.testing.assert_allclose(without_motion(mixed, columns, weights), 0.0, atol=1e-9)
+
+
+def test_weights_of_equal_views_are_one() -> None:
+    view = np.repeat(np.arange(3), 5)
+    np.testing.assert_allclose(view_weights(np.zeros((15, 2)), view), 1.0)

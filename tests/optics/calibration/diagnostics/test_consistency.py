@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.consistency import (
+    camera_note,
+    check_plausible,
+    pose_notes,
+    refuse_implausible,
+)
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import AprilGrid
@@ -66,12 +77,12 @@ def test_rows_of_the_board_that_no_picture_shows_are_noted(scene: Scene) -> None
 
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
     a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.none()
-    assert consistency.repeats([a, none, b, a, none, a]) == {3: 0, 5: 0}
+    assert consistency.repeated_frames([a, none, b, a, none, a]) == {3: 0, 5: 0}
 
 
 def test_views_that_agree_are_kept(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
-    kept, notes = consistency.agreeing_views(seen, seen.pixels - scene.clean.pixels, [""] * 15, device.mirror_names)
+    kept, notes = consistency.consistent_views(seen, seen.pixels - scene.clean.pixels, [""] * 15, device.mirror_names)
     assert kept.all()
     assert notes == ()
 
@@ -80,12 +91,12 @@ def test_a_view_elsewhere_is_left_out_by_name(scene: Scene, device: Layout) -> N
     seen = scene.clean
     away = (seen.frame == 2) & (seen.view == 1)
     left = np.where(away[:, None], 100.0, 0.0) * np.ones((len(seen), 2))
-    kept, notes = consistency.agreeing_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
+    kept, notes = consistency.consistent_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
     np.testing.assert_array_equal(kept, ~away)
     assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 0-1"]
     with pytest.raises(InputError, match="mirror 0-1 shows the board elsewhere"):
         often = (seen.frame < 7) & (seen.view == 1)
-        consistency.agreeing_views(
+        consistency.consistent_views(
             seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15, device.mirror_names
         )
 
@@ -118,3 +129,32 @@ def test_drift_is_noted_then_refused() -> None:
     assert "disagree about the camera by 4.0 sigmas" in note
     with pytest.raises(InputError, match=r"focal length of 1400\.0 px, frames without 1500\.0 px"):
         consistency.drift_note(30.0, (1400.0, 1500.0))
+
+
+def test_one_pose_and_parallel_poses_are_noted() -> None:
+    def poses(turns_deg: list[float]) -> np.ndarray:
+        found = np.tile(np.eye(4), (len(turns_deg), 1, 1))
+        found[:, :3, :3] = Rotation.from_rotvec(np.outer(np.radians(turns_deg), [1.0, 0.0, 0.0])).as_matrix()
+        return found
+
+    assert pose_notes(poses([10.0]))[0].startswith("one picture through the mirrors")
+    assert pose_notes(poses([10.0, 12.0, 11.0]))[0].startswith("all boards are parallel to 1.0 deg")
+    assert pose_notes(poses([-20.0, 0.0, 20.0])) == ()
+
+
+def test_another_focal_length_is_noted(device: Layout) -> None:
+    camera = device.camera
+    assert camera_note(device, camera.replaced(fx_px=1.04 * camera.fx_px)) == ()
+    assert "+15% from the layout's" in camera_note(device, camera.replaced(fx_px=1.15 * camera.fx_px))[0]
+
+
+def test_a_fit_that_leaves_a_mirror_open_or_corners_over_is_refused(solution: Solution, device: Layout) -> None:
+    assert check_plausible(solution, device, mirrored_frames=10) == ()
+    open_rows = [place for place, name in enumerate(solution.parameters) if name.startswith("mirror 2 ")]
+    covariance = solution.covariance.copy()
+    covariance[np.ix_(open_rows, open_rows)] += np.diag([10.0, 10.0, 10.0]) ** 2
+    with pytest.raises(InputError, match=f"determine mirror {device.mirror_names[2]} only to "):
+        refuse_implausible(replace(solution, covariance=covariance), device.mirror_names)
+    fitting = np.arange(len(solution.inliers)) % 5 > 0
+    with pytest.raises(InputError, match="20% of the corners fit neither mirrors nor camera"):
+        refuse_implausible(replace(solution, inliers=fitting), device.mirror_names)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.depth_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics, diagnose, reference_of
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_uncertainty
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import depth_uncertainty
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.geometry.layout import Layout

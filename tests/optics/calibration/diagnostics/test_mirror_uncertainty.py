@@ -11,12 +11,25 @@ from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
     common_motion,
     mirror_covariance,
     mirror_uncertainty,
+    motions_of,
     normal_and_distance_sigmas,
-    rigid_motions,
+    rigid_motion_derivatives,
+    weak_directions,
 )
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 LEVER_MM = 400.0
+RANGE_MM = 400.0
+NAMED = (
+    "all mirrors together about x",
+    "all mirrors together about y",
+    "all mirrors away from the camera",
+    "focal length",
+    "principal point in x",
+    "lens distortion k1",
+    "mirror 1-0 about its y",
+    "mirror 1-1 along its normal",
+)
 
 
 def with_covariance(layout: Layout, covariance: FloatArray) -> Layout:
@@ -41,12 +54,12 @@ def test_motions_of_one_body_are_the_derivatives_of_moving_it(device: Layout, k:
     h = 1e-5
     step = h * np.eye(6)[k]
     ahead, back = (moved_as_one_body(device, sign * step[:3], sign * step[3:]) for sign in (1.0, -1.0))
-    found = rigid_motions(device)[:, k]
+    found = rigid_motion_derivatives(device)[:, k]
     np.testing.assert_allclose(found, (ahead - back) / (2 * h), atol=1e-6 * np.abs(found).max())
 
 
 def test_a_motion_of_one_body_is_all_common(device: Layout) -> None:
-    motions = rigid_motions(device)
+    motions = rigid_motion_derivatives(device)
     np.testing.assert_allclose(common_motion(device, lever_mm=LEVER_MM) @ motions, np.eye(6), atol=1e-8)
     turn = np.radians(0.01) * motions[:, 0]
     found = mirror_uncertainty(with_covariance(device, np.outer(turn, turn)), lever_mm=LEVER_MM)
@@ -85,3 +98,38 @@ def test_what_all_mirrors_share_is_known_less_than_what_sets_them_apart(calibrat
     found = mirror_uncertainty(calibrated, lever_mm=LEVER_MM)
     assert (found.relative_normal_deg < found.normal_deg).all()
     assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_turn_deg)
+
+
+def weak_along(layout: Layout, names: tuple[str, ...], amounts: tuple[float, ...]) -> Layout:
+    """The layout with a covariance that is large along a sum of named motions and small elsewhere."""
+    assert layout.uncertainty is not None
+    motions = {motion.name: motion.change for motion in motions_of(layout)}
+    change = np.sum([amount * motions[name] for name, amount in zip(names, amounts, strict=True)], axis=0)
+    covariance = 1e-6 * layout.uncertainty.covariance + np.outer(change, change)
+    return layout.replaced(uncertainty=Uncertainty(parameters=layout.uncertainty.parameters, covariance=covariance))
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_weak_motion_is_named_with_its_sigma(calibrated: Layout, name: str) -> None:
+    weakest = weak_directions(weak_along(calibrated, (name,), (0.01,)), range_mm=RANGE_MM)[0]
+    assert weakest.words == name
+    assert weakest.share == pytest.approx(1.0, abs=1e-3)
+    ((found, sigma, _),) = weakest.sigmas
+    assert found == name
+    assert sigma == pytest.approx(0.01, rel=1e-3)
+
+
+def test_two_motions_that_hide_each_other_are_named_against_each_other(calibrated: Layout) -> None:
+    names = ("principal point in y", "all mirrors together about x")
+    weakest = weak_directions(weak_along(calibrated, names, (1.0, 0.02)), range_mm=RANGE_MM)[0]
+    assert set(weakest.words.split(" against ")) == set(names)
+    sigmas = {name: sigma for name, sigma, _ in weakest.sigmas}
+    assert sigmas == pytest.approx({names[0]: 1.0, names[1]: 0.02}, rel=1e-2)
+
+
+def test_the_directions_of_a_calibration_are_named(calibrated: Layout) -> None:
+    found = weak_directions(calibrated, range_mm=RANGE_MM, count=4)
+    assert [w.apart_px for w in found] == sorted((w.apart_px for w in found), reverse=True)
+    assert found[0].words.startswith("all mirrors ")
+    assert found[0].share > 0.8
+    assert found[0].together_px < 0.8 * found[0].apart_px

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError

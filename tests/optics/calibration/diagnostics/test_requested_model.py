@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 
 parse = RequestedModel.parse

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
-from mirrorcam.optics.calibration.diagnostics import consistency, plausibility
+from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
@@ -55,7 +56,7 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.seen)
-    return solution, (*screened.notes, *plausibility.check_solution(solution, layout, mirrored_frames=used))
+    return solution, (*screened.notes, *consistency.check_plausible(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import no_progress
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.direct.direct_boards import (
     boards_in,

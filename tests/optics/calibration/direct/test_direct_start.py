@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_estimate
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_direct_estimate
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Corners
@@ -125,7 +126,9 @@ def view(
 
 def solved(of: Scene) -> Solution:
     corners = of.target.corners_in_board_mm
-    start = first_estimate(of.found, corners, mirrors=2, width_px=of.camera.width_px, height_px=of.camera.height_px)
+    start = first_direct_estimate(
+        of.found, corners, mirrors=2, width_px=of.camera.width_px, height_px=of.camera.height_px
+    )
     model = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners))
     return fit(start.estimate, start.observations, model)
 
@@ -208,7 +211,7 @@ def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
                 boards.append(FoundBoard(other, true) if turned_over else FoundBoard(true, other))
         found.append([boards[place] for place in random.permutation(len(boards))])
     shown = Scene(camera, centres, ONE_WAY_UP, found)
-    start = first_estimate(found, corners, mirrors=mirrors, width_px=1600, height_px=1600)
+    start = first_direct_estimate(found, corners, mirrors=mirrors, width_px=1600, height_px=1600)
     model = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners))
     solution = fit(start.estimate, start.observations, model)
     assert sigmas_off(solution, shown) < 5.0

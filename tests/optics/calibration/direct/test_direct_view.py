@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.direct_prediction import predicted_mirrored
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (

@@ -18,7 +18,7 @@ MIRRORS = 4
 
 
 @dataclass(frozen=True)
-class Scene:
+class FourMirrors:
     truth: Estimate
     board: Board
     clean: Observations
@@ -32,7 +32,7 @@ class Scene:
         return replace(self.clean, pixels=self.clean.pixels + noise)
 
 
-def four_mirrors(modes: int = 0) -> Scene:
+def four_mirrors(modes: int = 0) -> FourMirrors:
     """The scene, with the corners outside the sensor left out."""
     random = np.random.default_rng(3)
     camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
@@ -56,4 +56,4 @@ def four_mirrors(modes: int = 0) -> Scene:
     seen = Observations.join([Observations.of_view(f, v, every, np.zeros((len(corners), 2))) for f, v in views])
     pixels = residuals(truth, seen, board)
     inside = np.all((pixels > 0) & (pixels < [1919, 1079]), axis=1)
-    return Scene(truth, board, replace(seen.where(inside), pixels=pixels[inside]))
+    return FourMirrors(truth, board, replace(seen.where(inside), pixels=pixels[inside]))

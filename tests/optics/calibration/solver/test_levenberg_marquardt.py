@@ -9,20 +9,25 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.calibration.diagnostics.cross_validation import frames_of
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit, minimise
-from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.calibration.solver.residuals import (
-    Estimate,
-    residuals,
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.model_comparison import frames_of
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
+    SHARED_PX,
+    UndeterminedError,
+    fit,
+    minimise,
+    shared_covariance,
 )
-from tests.optics.calibration.solver.four_mirrors import SIGMA_PX, Scene, four_mirrors
+from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from tests.optics.calibration.solver.four_mirrors import SIGMA_PX, FourMirrors, four_mirrors
 from tests.optics.calibration.solver.peer import Peer
-from tests.optics.calibration.solver.scenes import disturbed, small_scene, start_from
+from tests.optics.calibration.solver.scenes import Scene, disturbed, small_scene, start_from
+from tests.optics.calibration.solver.test_plates_and_curvature import built
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> FourMirrors:
     return four_mirrors()
 
 
@@ -38,7 +43,7 @@ def _disturbed(truth: Estimate, seed: int, *, tilt_deg: float, offset_mm: float,
     return replace(moved, virtual_centres_in_rig_mm=np.array(centres))
 
 
-def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: Scene) -> None:
+def test_clean_corners_give_back_the_truth_from_a_wrong_start(scene: FourMirrors) -> None:
     start = _disturbed(scene.truth, 1, tilt_deg=2.0, offset_mm=2.0, focal_px=20.0)
     found, iterations = minimise(start, scene.clean, scene.model)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-6)
@@ -74,7 +79,7 @@ def test_same_minimum_as_scipy(bend: bool) -> None:
     np.testing.assert_allclose(ours.curvature_per_m, best.curvature_per_m, atol=1e-6)
 
 
-def test_outliers_are_dropped_and_nearly_nothing_else(scene: Scene) -> None:
+def test_outliers_are_dropped_and_nearly_nothing_else(scene: FourMirrors) -> None:
     seen = scene.noisy(8)
     random = np.random.default_rng(0)
     bad = random.random(len(seen)) < 0.01
@@ -112,7 +117,7 @@ def test_a_bent_misprinted_board_is_found_with_its_modes() -> None:
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, scene.truth.virtual_centres_in_rig_mm, atol=1e-5)
 
 
-def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> None:
+def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: FourMirrors) -> None:
     rows = scene.clean.where((scene.clean.frame == 0) & (scene.clean.view == 0))
     alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
     noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
@@ -120,3 +125,41 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: Scene) -> No
         UndeterminedError, match="54 corners do not determine a direction of the problem, most of it mirror 0"
     ):
         fit(alone, noisy, scene.model)
+
+
+def shared_fields(of: Scene) -> FloatArray:
+    """Errors (2 n, k) px of all corners: six in each mirror."""
+    seen, columns = of.clean, []
+    for mirror in range(len(of.layout.mirrors)):
+        own = seen.view == mirror
+        at = (seen.pixels - seen.pixels[own].mean(axis=0)) / seen.pixels[own].std(axis=0)
+        for field in (np.ones(len(seen)), at[:, 0], at[:, 1]):
+            of_view = np.where(own, field, 0.0)[:, None]
+            columns += [(axis * of_view).ravel() for axis in np.eye(2)]
+    return SHARED_PX * np.array(columns).T
+
+
+def test_the_covariance_is_that_of_fits_to_corners_with_shared_errors() -> None:
+    scene = built("sheet")
+    expected = np.linalg.lstsq(scene.jacobian, shared_fields(scene), rcond=None)[0][: len(scene.free)]
+    found = shared_covariance(scene.truth, scene.clean, scene.model)
+    size = np.sqrt(np.diag(expected @ expected.T))
+    np.testing.assert_allclose(found / np.outer(size, size), expected @ expected.T / np.outer(size, size), atol=2e-3)
+
+
+def test_it_is_part_of_the_covariance_of_a_fit_and_does_not_average_out() -> None:
+    scene = built("sheet")
+    seen, _ = scene.noisy(0)
+    solution = fit(scene.truth, seen, scene.model)
+    shared = shared_covariance(solution.estimate, seen.where(solution.inliers), scene.model)
+    assert np.linalg.eigvalsh(solution.covariance - shared).min() > 0.0
+    direct = scene.clean.view == DIRECT
+    half = scene.clean.where(direct | (scene.clean.corner % 2 == 0))
+    fewer = shared_covariance(scene.truth, half, scene.model)
+    whole = shared_covariance(scene.truth, scene.clean, scene.model)
+    assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(whole))) < 1.25
+
+
+def test_corners_in_first_surface_mirrors_share_nothing() -> None:
+    scene = small_scene()
+    assert not shared_covariance(scene.truth, scene.clean, scene.model).any()

@@ -16,10 +16,10 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
 )
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import residuals, residuals_with_jacobians
-from tests.optics.calibration.solver.four_mirrors import MIRRORS, Scene, four_mirrors
+from tests.optics.calibration.solver.four_mirrors import MIRRORS, FourMirrors, four_mirrors
 
 
-def dense(scene: Scene, model: Model) -> tuple[FloatArray, FloatArray]:
+def dense(scene: FourMirrors, model: Model) -> tuple[FloatArray, FloatArray]:
     """The Jacobian (r, g + d f) and the residuals (r,) of noisy corners and priors, put together without groups."""
     r, by_global, by_frame = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
     frames, terms = len(scene.truth.rig_from_board), model.frame_terms
@@ -59,7 +59,7 @@ def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.fixture(scope="module", params=["joint", "plates and a free board", "terms of frames", "a bow", "a prior"])
-def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
+def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
     plain = "plates" not in request.param
     scene = four_mirrors(0 if plain else 3)
     if not plain:
@@ -83,7 +83,7 @@ def problem(request: pytest.FixtureRequest) -> tuple[Scene, Model]:
     return scene, model
 
 
-def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[Scene, Model]) -> None:
+def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem
     grouped = Grouped.of(scene.noisy(0), model)
     columns, r = dense(scene, model)
@@ -93,7 +93,7 @@ def test_sums_over_groups_are_those_of_the_dense_jacobian(problem: tuple[Scene, 
     np.testing.assert_allclose(gradient / scale, columns.T @ r / scale, atol=1e-8)
 
 
-def test_the_undamped_step_solves_the_least_squares_problem(problem: tuple[Scene, Model]) -> None:
+def test_the_undamped_step_solves_the_least_squares_problem(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem
     columns, r = dense(scene, model)
     step_global, step_poses, predicted = normal_equations(scene.truth, Grouped.of(scene.noisy(0), model), model).step(
@@ -106,7 +106,7 @@ def test_the_undamped_step_solves_the_least_squares_problem(problem: tuple[Scene
     assert predicted == pytest.approx(r @ r - np.sum((r + columns @ step) ** 2), rel=1e-6)
 
 
-def test_weights_scale_the_rows(problem: tuple[Scene, Model]) -> None:
+def test_weights_scale_the_rows(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem[0], replace(problem[1], centres_prior=None)
     grouped = Grouped.of(scene.noisy(0), model)
     once = normal_equations(scene.truth, grouped, model)
@@ -115,7 +115,7 @@ def test_weights_scale_the_rows(problem: tuple[Scene, Model]) -> None:
     np.testing.assert_allclose(twice.gradient_poses[:, :6], 4.0 * once.gradient_poses[:, :6])
 
 
-def test_grouped_residuals_are_the_residuals_in_the_groups_order(problem: tuple[Scene, Model]) -> None:
+def test_grouped_residuals_are_the_residuals_in_the_groups_order(problem: tuple[FourMirrors, Model]) -> None:
     scene, model = problem
     seen = scene.noisy(1)
     grouped = Grouped.of(seen, model)

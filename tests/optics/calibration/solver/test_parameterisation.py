@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.calibration.solver.parameterisation import FrameTerms, Model
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, FrameTerms, Model, pair_prior, turned_like
 from mirrorcam.optics.calibration.solver.residuals import Board, global_names
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror, reflect
+from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.solver.four_mirrors import four_mirrors
+from tests.optics.calibration.sound_calibration import BOARD, board_poses, nominal_layout, true_layout
+from tests.optics.calibration.synthetic_corners import views_of
 
 CAMERA = Camera.c920()
 
@@ -43,3 +54,109 @@ def test_frame_terms_name_their_numbers_and_weigh_them() -> None:
     assert bow.free[6:].tolist() == [9, 10, 11]
     np.testing.assert_allclose(none.values(own), 0.0)
     np.testing.assert_allclose(both.values(own)[0], [*[0.0] * 6, *[2.0] * 3, *[2.0] * 3])
+
+
+def pair(layout: Layout) -> Layout:
+    """The lower two mirrors of a layout of 2 x 2."""
+    return layout.replaced(rows=1, cols=2, mirrors=layout.mirrors[:2])
+
+
+def about_line(layout: Layout, angle: float) -> tuple[Layout, FloatArray]:
+    """A pair turned by an angle about the line of its planes, put together here, and the motion (4, 4)."""
+    first, second = layout.mirrors
+    line = np.cross(first.normal_in_rig, second.normal_in_rig)
+    line /= np.linalg.norm(line)
+    planes = np.array([first.normal_in_rig, second.normal_in_rig, line])
+    point = np.linalg.solve(planes, [m.normal_in_rig @ m.outline_in_rig_mm[0] for m in layout.mirrors] + [0.0])
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.from_rotvec(angle * line).as_matrix()
+    motion[:3, 3] = point - motion[:3, :3] @ point
+    moved = [
+        Mirror.from_plane(
+            transform(motion, mirror.outline_in_rig_mm[:1])[0],
+            motion[:3, :3] @ mirror.normal_in_rig,
+            outline_in_rig_mm=transform(motion, mirror.outline_in_rig_mm),
+        )
+        for mirror in layout.mirrors
+    ]
+    return layout.replaced(mirrors=tuple(moved), view_from_rig=layout.view_from_rig @ motion[:3, :3].T), motion
+
+
+def relative(mirrors: tuple[Mirror, ...]) -> FloatArray:
+    """Where the second view is from the first: what a point seen in both mirrors, one after the other, moves by."""
+    points = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]])
+    once = reflect(points, mirrors[0].virtual_centre_in_rig_mm)
+    return np.asarray(reflect(once, mirrors[1].virtual_centre_in_rig_mm))
+
+
+@cache
+def calibrated() -> Calibration:
+    views = views_of(pair(true_layout()), BOARD, *board_poses(), noise_px=0.05)
+    return calibrate_corners(views.seen, views.base, pair(nominal_layout()), BOARD.corners_in_board_mm)
+
+
+def test_pictures_are_the_same_however_the_pair_is_turned() -> None:
+    built = pair(true_layout())
+    turned, _ = about_line(built, -0.01)
+    _, motion = about_line(built, 0.02)
+    board = np.array([[10.0, -20.0, 400.0], [-50.0, 30.0, 500.0], [40.0, 60.0, 450.0]])
+    moved = transform(motion, board)
+    assert np.abs(moved - board).max() > 5.0
+    for mirror, other in zip(built.mirrors, turned.mirrors, strict=True):
+        shown = reflect(moved, mirror.virtual_centre_in_rig_mm)
+        np.testing.assert_allclose(reflect(board, other.virtual_centre_in_rig_mm), shown, atol=1e-9)
+
+
+def test_a_turned_pair_is_turned_back() -> None:
+    built = pair(true_layout())
+    turned, _ = about_line(built, 0.03)
+    found, angle = turned_like(turned, built)
+    assert abs(angle) == pytest.approx(0.03, rel=1e-9)
+    np.testing.assert_allclose(found.virtual_centres_in_rig_mm, built.virtual_centres_in_rig_mm, atol=1e-9)
+    np.testing.assert_allclose(found.view_from_rig, built.view_from_rig, atol=1e-12)
+
+
+def test_the_prior_is_one_standard_deviation_at_its_angle() -> None:
+    design = pair(nominal_layout())
+    prior = pair_prior(design)
+    assert prior is not None
+    assert prior.value(design.virtual_centres_in_rig_mm) == pytest.approx(0.0, abs=1e-9)
+    turned, _ = about_line(design, np.deg2rad(PAIR_DEG))
+    assert abs(prior.value(turned.virtual_centres_in_rig_mm)) == pytest.approx(1.0, rel=0.01)
+
+
+def test_three_mirrors_need_no_prior_and_one_is_refused() -> None:
+    design = nominal_layout()
+    assert pair_prior(design) is None
+    alone = design.replaced(rows=1, cols=1, mirrors=design.mirrors[:1])
+    with pytest.raises(InputError, match="one mirror without a direct view of the board, expected two or more"):
+        pair_prior(alone)
+    parallel = design.mirrors[0].moved(np.eye(3), -150.0 * design.mirrors[0].rig_from_plane[:3, 0])
+    with pytest.raises(InputError, match="both mirrors are parallel"):
+        pair_prior(pair(design).replaced(mirrors=(design.mirrors[0], parallel)))
+
+
+def test_a_pair_is_calibrated_but_for_its_turn() -> None:
+    found, built = calibrated(), pair(true_layout())
+    assert any(note.startswith("two mirrors without a direct view") for note in found.notes)
+    assert found.metrics["common_turn_sigma_deg"].value == pytest.approx(PAIR_DEG, rel=0.05)
+    np.testing.assert_allclose(relative(found.layout.mirrors), relative(built.mirrors), atol=0.05)
+    turned, angle = turned_like(found.layout, built)
+    assert abs(np.rad2deg(angle)) < 3.0 * PAIR_DEG
+    for mirror, true in zip(turned.mirrors, built.mirrors, strict=True):
+        assert np.degrees(np.linalg.norm(np.cross(mirror.normal_in_rig, true.normal_in_rig))) < 0.01
+
+
+def test_the_turn_that_is_found_is_the_designs() -> None:
+    """The corners pull the pair nowhere along its turn: what the fit ends with has the expected value of the prior."""
+    prior = pair_prior(pair(nominal_layout()))
+    assert prior is not None
+    assert prior.value(calibrated().layout.virtual_centres_in_rig_mm) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_prior_elsewhere_turns_the_pair_and_leaves_the_residuals() -> None:
+    views = views_of(pair(true_layout()), BOARD, *board_poses(), noise_px=0.05)
+    elsewhere, _ = about_line(pair(nominal_layout()), np.deg2rad(0.5))
+    other = calibrate_corners(views.seen, views.base, elsewhere, BOARD.corners_in_board_mm)
+    assert other.metrics["rms_x_px"].value == pytest.approx(calibrated().metrics["rms_x_px"].value, rel=1e-3)
+    np.testing.assert_allclose(relative(other.layout.mirrors), relative(calibrated().layout.mirrors), atol=0.01)

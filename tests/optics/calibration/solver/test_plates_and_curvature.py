@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.calibrated_layout import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.parameterisation import Model

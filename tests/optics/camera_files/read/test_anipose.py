@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.anipose import is_anipose, read_anipose, read_value
 from mirrorcam.optics.camera_files.write import write_exports
 from mirrorcam.optics.camera_files.write.pose_cameras import FFMPEG

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.kalibr import is_kalibr, read_kalibr
 from tests.optics.camera_files.rigs import EXACT, device, pose_of
 

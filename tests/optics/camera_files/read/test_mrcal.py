@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.mrcal import read_mrcal
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.opencv import read_opencv
 from mirrorcam.optics.camera_files.read.registry import read_rig
-from mirrorcam.optics.camera_files.write.opencv import opencv_yaml
+from mirrorcam.optics.camera_files.write.formats import opencv_yaml
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from tests.optics.camera_files.rigs import EXACT, device, pose_of
 

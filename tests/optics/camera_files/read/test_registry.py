@@ -10,10 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
-from mirrorcam.optics.camera_files.read.registry import FORMATS, READERS, read_rig
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.camera_files.read.registry import FORMATS, READERS, is_layout, read_rig, rig_of
 from mirrorcam.optics.camera_files.write.write_exports import export_names
-from tests.optics.camera_files.rigs import EXACT, device
+from mirrorcam.optics.geometry.transforms import transform
+from tests.optics.camera_files.rigs import EXACT, device, pose_of
+
+DAMAGED = {"opencv.yaml", "kalibr_camchain.yaml", "ros", "colmap/sparse", "anipose"}
+ODD = ("nan", "inf", "-1", "0", "1e308", "1e400", "99999999999999999999", "x", "", "-", "[", "\n", "\x00", "CAMERA")
 
 
 @pytest.mark.parametrize(
@@ -116,10 +120,6 @@ def test_every_file_of_cameras_reads_back_with_the_same_geometry_or_is_refused_b
             assert figures["baseline_error_max_mm"].value < EXACT
 
 
-DAMAGED = {"opencv.yaml", "kalibr_camchain.yaml", "ros", "colmap/sparse", "anipose"}
-ODD = ("nan", "inf", "-1", "0", "1e308", "1e400", "99999999999999999999", "x", "", "-", "[", "\n", "\x00", "CAMERA")
-
-
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", sorted(DAMAGED))
 def test_a_file_with_odd_words_is_scored_or_refused_in_one_line(name: str, exported: Path, tmp_path: Path) -> None:
@@ -178,3 +178,20 @@ def test_other_files_of_a_ros_calibrator_are_named(name: str, tmp_path: Path) ->
     (tmp_path / name).write_text("# oST version 5.0 parameters\n")
     with pytest.raises(InputError, match="what camera_calibration writes as"):
         read_rig(tmp_path / name)
+
+
+def test_cameras_project_as_the_mirrors_do() -> None:
+    layout = device().truth.with_surface("second", 2.0)
+    rig = rig_of(layout)
+    points = np.random.default_rng(0).uniform([-80.0, 300.0, 0.0], [80.0, 500.0, 100.0], (50, 3))
+    for number, camera in enumerate(rig.cameras):
+        found = camera.lens.project(transform(pose_of(camera), points))
+        np.testing.assert_allclose(found, layout.project(points, number), atol=1e-9)
+        assert np.linalg.det(pose_of(camera)[:3, :3]) < 0.0
+    assert (rig.pictures, rig.unit_mm, rig.uncertainty) == ("as-is", 1.0, None)
+
+
+def test_layouts_are_recognised() -> None:
+    assert is_layout({"schema": "mirrorcam.layout/1"})
+    assert not is_layout({"schema": "mirrorcam.dataset/1"})
+    assert not is_layout([])

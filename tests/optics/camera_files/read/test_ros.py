@@ -11,7 +11,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
 from mirrorcam.optics.geometry.transforms import inverse

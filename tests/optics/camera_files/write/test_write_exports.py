@@ -12,9 +12,10 @@ import numpy as np
 import pycolmap
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.names import LONGEST
-from mirrorcam.core.values import InputError, InvalidValue
+from mirrorcam.core.values import InvalidValue
 from mirrorcam.optics.camera_files.write import write_exports
 from mirrorcam.optics.camera_files.write.write_exports import export_names
 from mirrorcam.optics.geometry.layout import Layout

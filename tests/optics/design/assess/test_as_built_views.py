@@ -12,7 +12,7 @@ import shapely
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.assess.as_built_views import BuiltViews, built_views
 from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.design_spec import DesignSpec

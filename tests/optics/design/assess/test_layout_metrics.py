@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from shapely import Polygon
 
-from mirrorcam.core.values import NOT_FINITE, FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import NOT_FINITE, FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import (
     FARTHEST_MM,
     NEAREST_MM,

@@ -20,7 +20,7 @@ from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, Proble
 from mirrorcam.optics.design.program.mirror_variables import Kind
 from mirrorcam.optics.design.program.nonlinear_program import HOLD, Assembled, Program, Solver
 from mirrorcam.optics.design.program.seeds import seed_of
-from mirrorcam.optics.design.program.separated_pairs import neighbour_pairs
+from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec

@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from shapely import Polygon
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.seeds import (
     corner_pattern,
     ellipsoid_centres,

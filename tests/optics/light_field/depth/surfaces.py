@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
-from mirrorcam.optics.light_field.depth.volume import Volume
+from mirrorcam.optics.light_field.depth.sweep import Volume
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SUBPIXELS = 2

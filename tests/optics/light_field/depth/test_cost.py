@@ -20,13 +20,13 @@ from mirrorcam.optics.light_field.depth.competition import (
 from mirrorcam.optics.light_field.depth.cost import (
     CONTRAST_FLOOR,
     CONTRAST_GREY,
+    average_weak,
     channels,
     matching_costs,
     mean_slope,
 )
-from mirrorcam.optics.light_field.depth.geometry import parallax
-from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
-from mirrorcam.optics.light_field.depth.volume import range_around
+from mirrorcam.optics.light_field.depth.parallax import parallax
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Sweep, range_around, sweep
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import everywhere, grid_views
 
@@ -164,3 +164,27 @@ def test_of_a_range_the_costs_are_those_of_a_search_of_all_planes(weak: bool) ->
         there = part.costs[start : start + count]
         if not weak or 16 < u < 30:
             assert np.array_equal(there, every[v, u, low : low + count])
+
+
+def test_what_a_neighbour_has_no_cost_of_counts_as_the_pixels_own() -> None:
+    random = np.random.default_rng(0)
+    shape, planes, reach = (9, 11), 8, 2
+    ranges = Ranges.of(random.integers(0, 4, shape).astype(np.int32), random.integers(3, 5, shape).astype(np.int32))
+    costs = random.integers(0, 300, ranges.cells).astype(np.uint16)
+    weak = random.uniform(-0.5, 1.0, shape).astype(np.float32).clip(0.0)
+    found = np.zeros_like(costs)
+    average_weak(0, 9, weak, reach, ranges, costs, found)
+    known = np.full((*shape, planes), -1.0)
+    for v, u in np.ndindex(shape):
+        low, count, start = (int(each[v, u]) for each in ranges)
+        known[v, u, low : low + count] = costs[start : start + count]
+    for v, u in np.ndindex(shape):
+        low, count, start = (int(each[v, u]) for each in ranges)
+        beside = np.arange(-reach, reach + 1)
+        square_of = np.ix_(np.clip(v + beside, 0, shape[0] - 1), np.clip(u + beside, 0, shape[1] - 1))
+        for plane in range(low, low + count):
+            square = known[square_of][..., plane]
+            own = known[v, u, plane]
+            mean = np.where(square >= 0, square, own).mean()
+            expected = (1.0 - weak[v, u]) * own + weak[v, u] * mean
+            assert abs(float(found[start + plane - low]) - expected) < 0.51

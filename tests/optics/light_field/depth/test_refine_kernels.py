@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.light_field.depth.geometry import other_views, parallax
-from mirrorcam.optics.light_field.depth.refine_kernels import Pinhole, Terms, View, add_terms, applied, bends
+from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
+from mirrorcam.optics.light_field.depth.refine_kernels import SweepPinhole, Terms, View, add_terms, applied, bends
 from mirrorcam.optics.light_field.depth.sweep import sweep
 from tests.optics.light_field.depth.surfaces import grid_views
 
@@ -36,7 +36,9 @@ def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax()
     variance = np.full(SHAPE, 1e6, np.float32)
     looked = View(slopes, np.ones(SHAPE, np.uint8), nothing)
     for band in ((0, 40), (40, 90)):
-        add_terms(*band, where, slopes, derivatives, variance, Pinhole.of(view, planes), looked, np.float32(1.0), terms)
+        add_terms(
+            *band, where, slopes, derivatives, variance, SweepPinhole.of(view, planes), looked, np.float32(1.0), terms
+        )
     inside = (across > 2) & (across < SHAPE[1] - 4) & (down > 2) & (down < SHAPE[0] - 4)
     assert inside.mean() > 0.5
     np.testing.assert_allclose(terms.seeing[inside], 1.0)

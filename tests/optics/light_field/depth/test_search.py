@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.geometry import other_views
+from mirrorcam.optics.light_field.depth.parallax import other_views
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.search import Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
-from mirrorcam.optics.light_field.depth.volume import Ranges, range_around
+from mirrorcam.optics.light_field.depth.sweep import Ranges, range_around
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
 NEAR_MM, FAR_MM = 320.0, 900.0

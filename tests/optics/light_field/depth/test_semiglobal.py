@@ -17,7 +17,7 @@ from mirrorcam.optics.light_field.depth.semiglobal import (
     cheapest,
     leans_of,
 )
-from mirrorcam.optics.light_field.depth.volume import Ranges, Volume, whole_range
+from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume, whole_range
 from tests.optics.light_field.depth.surfaces import everywhere
 
 

@@ -5,10 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.sweep import sweep
-from tests.optics.light_field.depth.surfaces import grid_views
+from mirrorcam.optics.light_field.depth.sweep import (
+    AROUND_PX,
+    FEWEST_PLANES,
+    MARGIN_PLANES,
+    NOTHING,
+    TILE_PX,
+    Ranges,
+    Volume,
+    nearest_planes,
+    range_around,
+    sweep,
+    whole_range,
+)
+from tests.optics.light_field.depth.surfaces import Surface, everywhere, grid_views, met
 
 INVERSE_DISTANCES = np.linspace(1 / 800.0, 1 / 300.0, 11)
+FINE_INVERSE_DISTANCES = np.linspace(1 / 700.0, 1 / 300.0, 21)
 
 
 def test_places_are_those_of_points_on_the_planes() -> None:
@@ -53,3 +66,62 @@ def test_a_step_moves_the_farthest_view_by_its_reach() -> None:
         INVERSE_DISTANCES[0] + np.array([0.0, 2.5]) * planes.step,
         rtol=1e-6,
     )
+
+
+def test_the_nearest_surface_is_the_one_that_rays_meet_first() -> None:
+    views = grid_views()
+    planes = sweep(views, FINE_INVERSE_DISTANCES)
+    surfaces = [Surface(600.0), Surface(400.0, bounds=(-20.0, -20.0, 20.0, 20.0))]
+    distance = met(views, (1, 1), views.pixel_grid(), surfaces)[1]
+    own = ((1.0 / distance - FINE_INVERSE_DISTANCES[0]) / planes.step).astype(np.float32)
+    found = nearest_planes(own, planes)
+    others = [index for index in np.ndindex(3, 3) if index != (1, 1)]
+    for view, index in enumerate(others):
+        seen = met(views, index, views.pixel_grid(), surfaces)[1] + 0.0
+        # Distances from the view's own plane to those from the reference view's: met() gives the latter.
+        truth = (1.0 / seen - FINE_INVERSE_DISTANCES[0]) / planes.step
+        known = found[view] > NOTHING
+        assert known.mean() > 0.6
+        near = truth > 10
+        agree = np.abs(found[view] - truth) < 0.5
+        # To a pixel at the card's edges.
+        assert agree[known].mean() > 0.95
+        assert agree[near].mean() > 0.9
+
+
+def test_what_nothing_lands_on_hides_nothing() -> None:
+    views = grid_views(1, 2, uneven=False)
+    planes = sweep(views, FINE_INVERSE_DISTANCES)
+    found = nearest_planes(np.full((90, 120), 20.0, np.float32), planes)
+    assert (found[0] == NOTHING).any()
+    assert (found[0][found[0] > NOTHING] == 20.0).all()
+
+
+def test_costs_lie_one_after_the_other() -> None:
+    ranges = Ranges.of(np.array([[2, 0], [5, 1]], np.int32), np.array([[3, 4], [1, 2]], np.int32))
+    assert ranges.cells == 10
+    assert ranges.start.tolist() == [[0, 3], [7, 8]]
+    assert everywhere(Volume.empty(whole_range((2, 3), 5))).shape == (2, 3, 5)
+
+
+@pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])
+def test_a_tile_is_searched_around_all_that_is_known_near_it(shape: tuple[int, int]) -> None:
+    known = np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
+    known[:, shape[1] // 2 :] = 25.3
+    ranges = range_around(known, 60)
+    for v in range(0, shape[0], TILE_PX):
+        for u in range(0, shape[1], TILE_PX):
+            tile = slice(v, v + TILE_PX), slice(u, u + TILE_PX)
+            near = known[
+                max(v - AROUND_PX, 0) : v + TILE_PX + AROUND_PX, max(u - AROUND_PX, 0) : u + TILE_PX + AROUND_PX
+            ]
+            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - FEWEST_PLANES)
+            high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
+            assert (ranges.low[tile] == low).all()
+            assert (ranges.low[tile] + ranges.planes[tile] == high).all()
+
+
+def test_where_there_are_few_planes_all_are_searched() -> None:
+    ranges = range_around(np.full((16, 16), 1.0, np.float32), FEWEST_PLANES)
+    assert (ranges.low == 0).all()
+    assert (ranges.planes == FEWEST_PLANES).all()

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.light_field_features import _one_of_each
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views

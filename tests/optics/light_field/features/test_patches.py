@@ -1,12 +1,55 @@
-"""Patches of keypoints: which can be localised, and how they change."""
+"""The image pyramid: levels of scales, and samples of one view alone."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
 
-from mirrorcam.optics.light_field.features.image_pyramid import ImagePyramid
-from mirrorcam.optics.light_field.features.patches import SAMPLES, templates
+from mirrorcam.core.errors import InputError
+from mirrorcam.optics.light_field.features.patches import RADIUS_PX, SAMPLES, ImagePyramid, templates
+
+
+def test_scales_are_on_the_level_of_half_of_them_that_there_is() -> None:
+    pyramid = ImagePyramid(np.zeros((3, 3, 180, 260), np.uint8))
+    assert pyramid.level_of(np.array([1.0, 2.8, 3.0, 4.0, 8.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
+
+
+def test_samples_are_those_of_the_cubic_spline_through_the_pixels() -> None:
+    """Against SciPy's, away from the rim, where it takes another one."""
+    random = np.random.default_rng(4)
+    image = np.rint(gaussian_filter(random.uniform(0, 1000, (60, 80)), 0.7)).clip(0, 255).astype(np.uint8)
+    pyramid = ImagePyramid(image[None, None])
+    u, v = (random.uniform(15, size - 15, (50, 7)).astype(np.float32) for size in (80, 60))
+    across, down = pyramid.origins[0][0]
+    expected = map_coordinates(image.astype(np.float64), [v, u], order=3)
+    assert np.abs(pyramid.samples(0, u + across, v + down) - expected).max() < 0.02
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_ramp_is_sampled_at_its_pixels_on_every_level(level: int) -> None:
+    """Pixel x of level l is pixel x * 2**l of the view, and the smoothing of a level leaves a ramp as it is."""
+    across, down = np.meshgrid(np.arange(60), np.arange(40))
+    pyramid = ImagePyramid(np.stack([across + 2 * down, 200 - across]).astype(np.uint8)[None])
+    at = np.array([[11.5, 7.0], [12.0, 8.25]], np.float32)
+    in_view = at * 2**level
+    for view, expected in enumerate((in_view @ [1.0, 2.0], 200.0 - in_view[:, 0])):
+        place = at + pyramid.origins[level][view]
+        np.testing.assert_allclose(pyramid.samples(level, place[:, :1], place[:, 1:])[:, 0], expected, atol=0.05)
+
+
+def test_a_patch_at_the_rim_of_a_view_shows_nothing_of_its_neighbour() -> None:
+    images = np.zeros((1, 2, 40, 60), np.uint8)
+    images[0, 1] = 255
+    pyramid = ImagePyramid(images)
+    u = pyramid.origins[0][0, 0] + 59 + np.arange(-RADIUS_PX, RADIUS_PX + 1, dtype=np.float32)[None]
+    v = np.full_like(u, pyramid.origins[0][0, 1] + 20)
+    assert (pyramid.samples(0, u, v) == 0).all()
+
+
+def test_views_too_large_for_tables_are_refused() -> None:
+    with pytest.raises(InputError, match=r"100x1 views of 40x400 px, expected less than 32767 px side by side"):
+        ImagePyramid(np.zeros((100, 1, 400, 40), np.uint8))
 
 
 def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:

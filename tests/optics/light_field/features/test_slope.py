@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features.slope import Geometry, fit, fit_two_slopes, moderated_variance
+from mirrorcam.optics.light_field.features.slope import Geometry, fit_slope, fit_two_slopes, moderated_variance
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.features.scenes import uneven_views
 
@@ -50,7 +50,7 @@ def test_a_fit_of_exact_pixels_is_the_point() -> None:
     views, at = uneven_views(), points(40)
     used = np.random.default_rng(0).random((9, 40)) < 0.6
     used[[0, 4]] = True
-    found = fit(Geometry.of(views), seen_by(views, at), used, np.full(40, 1 / 450.0), even(40))
+    found = fit_slope(Geometry.of(views), seen_by(views, at), used, np.full(40, 1 / 450.0), even(40))
     assert np.allclose(1.0 / found.inverse_mm, at[:, 2], rtol=1e-9)
     assert np.allclose(found.directions, at[:, :2] / at[:, 2:], rtol=0, atol=1e-12)
     assert found.distances_px.max() < 1e-8
@@ -62,7 +62,7 @@ def test_distances_are_in_pixels_of_the_view() -> None:
     seen = np.repeat(seen_by(views, at), 9, axis=1)
     used = ~np.eye(9, dtype=bool)
     seen[np.arange(9), np.arange(9)] += [0.3, -0.4]
-    found = fit(Geometry.of(views), seen, used, np.full(9, 1 / at[0, 2]), even(9))
+    found = fit_slope(Geometry.of(views), seen, used, np.full(9, 1 / at[0, 2]), even(9))
     assert np.allclose(np.diag(found.distances_px), 0.5, atol=1e-9)
 
 
@@ -72,7 +72,7 @@ def test_what_is_not_seen_has_no_distance_and_one_view_no_slope() -> None:
     seen[2, 0] = np.nan
     used[2, 0] = False
     used[[0, 1, 2, 3, 5, 6, 7, 8], 1] = False
-    found = fit(Geometry.of(views), seen, used, np.full(2, 1 / 450.0), even(2))
+    found = fit_slope(Geometry.of(views), seen, used, np.full(2, 1 / 450.0), even(2))
     assert np.isnan(found.distances_px[2, 0])
     assert 1.0 / found.inverse_mm[0] == pytest.approx(at[0, 2])
     assert np.isnan(found.inverse_mm[1])
@@ -82,7 +82,7 @@ def test_the_information_is_that_of_drawn_errors() -> None:
     views, count = uneven_views(), 4000
     at = np.repeat(points(1), count, axis=0)
     seen = seen_by(views, at) + np.random.default_rng(1).normal(0.0, 0.1, (9, count, 2))
-    found = fit(Geometry.of(views), seen, np.ones((9, count), bool), 1.0 / at[:, 2], even(count))
+    found = fit_slope(Geometry.of(views), seen, np.ones((9, count), bool), 1.0 / at[:, 2], even(count))
     assert np.std(found.inverse_mm) == pytest.approx(0.1 / np.sqrt(found.information[0]), rel=0.04)
     assert np.mean(found.squares_px2 / found.freedom) == pytest.approx(0.01, rel=0.02)
 
@@ -96,9 +96,11 @@ def test_points_on_edges_are_fitted_by_what_they_tell() -> None:
     precision = turn @ np.diag([1 / 0.02**2, 1 / 0.2**2]) @ turn.T
     mean = np.trace(precision) / 2.0
     geometry, seen, used = Geometry.of(views), seen_by(views, at) + errors, np.ones((9, count), bool)
-    found = fit(geometry, seen, used, 1.0 / at[:, 2], np.tile(precision / mean, (count, 1, 1)))
+    found = fit_slope(geometry, seen, used, 1.0 / at[:, 2], np.tile(precision / mean, (count, 1, 1)))
     assert np.std(found.inverse_mm) == pytest.approx(1.0 / np.sqrt(mean * found.information[0]), rel=0.04)
-    assert np.std(found.inverse_mm) < 0.3 * np.std(fit(geometry, seen, used, 1.0 / at[:, 2], even(count)).inverse_mm)
+    assert np.std(found.inverse_mm) < 0.3 * np.std(
+        fit_slope(geometry, seen, used, 1.0 / at[:, 2], even(count)).inverse_mm
+    )
     assert np.mean(found.squares_px2 / found.freedom) * mean == pytest.approx(1.0, rel=0.02)
     assert np.allclose(found.directions.mean(axis=0), at[0, :2] / at[0, 2], atol=1e-5)
 
@@ -115,7 +117,7 @@ def test_two_slopes_are_found_along_any_directions() -> None:
     assert np.allclose(found.apart_mm, parts[:, 1:], rtol=0, atol=1e-12)
     assert found.squares_px2.max() < 1e-9
     # One slope does not explain it.
-    assert np.median(fit(geometry, seen, np.ones((9, 30), bool), w, even(30)).squares_px2) > 1.0
+    assert np.median(fit_slope(geometry, seen, np.ones((9, 30), bool), w, even(30)).squares_px2) > 1.0
 
 
 def test_points_have_one_slope_and_errors_make_two_as_often_as_told() -> None:

@@ -8,6 +8,13 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.light_field.filters import FilterKind, Passband, filter_light_field
+from mirrorcam.optics.light_field.filters.frequency_filter import (
+    Power,
+    filtered_spectra,
+    frequencies_of,
+    measured_power,
+    rings_of,
+)
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -16,6 +23,8 @@ BEHIND_MM = VIEWS.reference_view_depth_mm
 WALL = Surface(480.0, slope=(0.1, -0.2), seed=1)
 CARD = Surface(400.0, bounds=(-16.0, -22.0, 8.0, 14.0), seed=2)
 NEAR_MM, FAR_MM = 390.0 + BEHIND_MM, 520.0 + BEHIND_MM
+PASSBAND = Passband.of(grid_views(), "hyperfan", 250.0, 400.0)
+FREQUENCIES = frequencies_of(128, 128).reshape(-1, 2)
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +132,35 @@ def test_the_type_of_samples_is_kept(clean: LightField) -> None:
     assert filtered.samples.dtype == np.uint8
     assert filtered.samples.shape == grey.shape
     assert np.abs(filtered.samples.astype(float) - grey).mean() < 2.0
+
+
+def test_power_of_signal_and_noise_is_told_apart() -> None:
+    rng = np.random.default_rng(4)
+    roots = np.linalg.cholesky(PASSBAND.coherence(FREQUENCIES) + 1e-9 * np.eye(9))
+
+    def drawn(count: int) -> np.ndarray:
+        return (
+            rng.normal(size=(len(FREQUENCIES), 9, count)) + 1j * rng.normal(size=(len(FREQUENCIES), 9, count))
+        ) / 2**0.5
+
+    spectra = roots @ drawn(2) * np.sqrt([4.0, 0.5]) + drawn(2) * np.sqrt([1.0, 2.0])
+    power = measured_power(spectra.astype(np.complex64), PASSBAND, FREQUENCIES, 1.0)
+    many = power.counts > 100
+    assert many.sum() > 30
+    np.testing.assert_allclose(power.signal[many].mean(axis=0), [4.0, 0.5], rtol=0.03)
+    np.testing.assert_allclose(power.noise[many].mean(axis=0), [1.0, 2.0], rtol=0.03)
+    np.testing.assert_allclose(power.noise_of_sample, 3.0, rtol=0.03)
+
+
+def test_filtering_is_the_linear_estimate_of_least_squared_error() -> None:
+    rng = np.random.default_rng(5)
+    few = FREQUENCIES[::997]
+    signal, noise = 3.0, 0.7
+    spectra = (rng.normal(size=(len(few), 9, 1)) + 1j * rng.normal(size=(len(few), 9, 1))).astype(np.complex64)
+    rings = rings_of(FREQUENCIES).max() + 1
+    power = Power(np.full((rings, 1), signal), np.full((rings, 1), noise), np.ones(rings, np.int64))
+    # By eigenvectors of the covariance: each is kept by its share of signal.
+    values, vectors = np.linalg.eigh(signal * PASSBAND.coherence(few))
+    gains = values / (values + noise)
+    expected = vectors @ (gains[..., None] * (np.swapaxes(vectors, 1, 2) @ spectra))
+    np.testing.assert_allclose(filtered_spectra(spectra, PASSBAND, few, power), expected, atol=1e-5)

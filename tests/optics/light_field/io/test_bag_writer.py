@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.io import bag_writer, ros_messages

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.optics.light_field.io.newest_frame import NewestFrame
 

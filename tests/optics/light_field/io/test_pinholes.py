@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import grid_views

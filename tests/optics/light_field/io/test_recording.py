@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.light_field.decoder import Decoder

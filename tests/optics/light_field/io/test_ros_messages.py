@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.io.view_arrays import read_arrays, write_arrays
 from mirrorcam.optics.light_field.light_field import LightField

@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from mirrorcam.optics.light_field.io.view_images import as_bytes, read_rgba, rgb, weight_bytes, weights_of, write_rgba
+from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.light_field.io.view_images import (
+    INVALID_RGB,
+    SEPARATOR_PX,
+    SEPARATOR_RGB,
+    as_bytes,
+    read_rgba,
+    rgb,
+    tiled_views,
+    weight_bytes,
+    weights_of,
+    write_rgba,
+)
+from mirrorcam.optics.light_field.light_field import LightField
+from tests.optics.light_field.depth.surfaces import grid_views
+
+ROWS, COLS, HEIGHT, WIDTH = 2, 3, 40, 60
 
 
 def test_weights_come_back_and_none_that_is_positive_becomes_zero() -> None:
@@ -31,3 +48,49 @@ def test_colours_and_opacity_come_back_from_png(tmp_path: Path) -> None:
     assert np.array_equal(seen, opacity)
     write_rgba(tmp_path / "b.png", colours, None)
     assert (read_rgba(tmp_path / "b.png")[1] == 255).all()
+
+
+def light_field(samples: Any, weights: Any = None) -> LightField:
+    weights = np.ones((ROWS, COLS, HEIGHT, WIDTH), np.float32) if weights is None else weights
+    return LightField.of(grid_views(ROWS, COLS, width_px=WIDTH, height_px=HEIGHT), samples, weights)
+
+
+def test_tiles_put_views_in_order_between_separators() -> None:
+    samples = np.zeros((ROWS, COLS, HEIGHT, WIDTH, 3), np.uint8)
+    for t, s in np.ndindex(ROWS, COLS):
+        samples[t, s] = [10 + 40 * t, 10 + 40 * s, 5]
+    weights = np.ones((ROWS, COLS, HEIGHT, WIDTH), np.float32)
+    weights[1, 2, :10] = 0
+    picture = tiled_views(light_field(samples, weights))
+    assert picture.dtype == np.uint8
+    assert picture.shape == (2 * HEIGHT + SEPARATOR_PX, 3 * WIDTH + 2 * SEPARATOR_PX, 3)
+    for t, s in np.ndindex(ROWS, COLS):
+        top, left = t * (HEIGHT + SEPARATOR_PX), s * (WIDTH + SEPARATOR_PX)
+        tile = picture[top : top + HEIGHT, left : left + WIDTH]
+        assert (tile[10:] == samples[t, s, 10:]).all()
+        assert (tile[:10] == (INVALID_RGB if (t, s) == (1, 2) else samples[t, s, :10])).all()
+    assert (picture[HEIGHT : HEIGHT + SEPARATOR_PX] == SEPARATOR_RGB).all()
+    assert (picture[:, WIDTH : WIDTH + SEPARATOR_PX] == SEPARATOR_RGB).all()
+
+
+def test_tiles_of_grey_and_of_float_samples() -> None:
+    grey = np.full((ROWS, COLS, HEIGHT, WIDTH, 1), 90, np.uint8)
+    assert (tiled_views(light_field(grey))[0, 0] == [90, 90, 90]).all()
+    bright = np.full((ROWS, COLS, HEIGHT, WIDTH, 3), [0.5, 1.7, -0.2], np.float32)
+    assert (tiled_views(light_field(bright))[0, 0] == [128, 255, 0]).all()
+
+
+def test_views_in_a_pattern_lie_as_in_space_and_apart() -> None:
+    places = 20.0 * Pattern.hexagonal(1).positions
+    views = grid_views(
+        1, 7, width_px=WIDTH, height_px=HEIGHT, positions_mm=np.column_stack([places, np.zeros(7)])[None]
+    )
+    samples = np.broadcast_to(np.arange(1, 8, dtype=np.uint8)[None, :, None, None, None], (1, 7, HEIGHT, WIDTH, 3))
+    picture = tiled_views(LightField.of(views, samples, np.ones((1, 7, HEIGHT, WIDTH), np.float32)))
+    middles = []
+    for number in range(1, 8):
+        v, u = np.nonzero((picture == number).all(axis=-1))
+        assert len(v) == HEIGHT * WIDTH
+        middles.append([u.mean(), v.mean()])
+    fit = [np.polyfit(places[:, axis], np.array(middles)[:, axis], 1, full=True)[1] for axis in (0, 1)]
+    assert np.sqrt(np.concatenate(fit).max() / 7) < 0.5

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.views_file import (
     check_weights,
     fields_of_views,

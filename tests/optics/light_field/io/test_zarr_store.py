@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import zarr
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.registry import open_light_field

@@ -1,4 +1,4 @@
-"""The fit of a pose: its law, its derivatives, and errors against drawn ones."""
+"""Landmarks of a light field, seen by itself and by one that has moved."""
 
 from __future__ import annotations
 
@@ -8,12 +8,49 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
-from mirrorcam.optics.light_field.motion.landmarks import Landmarks, Seen
-from mirrorcam.optics.light_field.motion.pose_fit import SharedErrors, _equations, fit_pose, predicted
+from mirrorcam.optics.light_field.features.slope import Geometry
+from mirrorcam.optics.light_field.motion.pose_fit import (
+    Frame,
+    Landmarks,
+    Seen,
+    SharedErrors,
+    _equations,
+    fit_pose,
+    landmarks_of,
+    predicted,
+    rigid_motions,
+    robust_motion,
+    see,
+)
+from tests.optics.light_field.relief_scene import Relief, even_views, light_field_of
 
+VIEWS = even_views(3, 10.0, width_px=200, height_px=150, centre_px=np.array([99.5, 74.5]))
+SCENE = Relief(heights_mm=((20.0, 8.0),))
 POSE = rigid(Rotation.from_euler("xyz", [3.0, -5.0, 8.0], degrees=True).as_matrix(), [30.0, -12.0, 9.0])
 ALONE = SharedErrors(0.0, 0.0)
 NOISE, SIGMA = 4e-5, 2e-6
+
+
+def test_landmarks_are_seen_where_the_scene_has_them() -> None:
+    geometry = Geometry.of(VIEWS)
+    first, true_mm = light_field_of(SCENE, VIEWS, subsamples=1)
+    pixels = np.stack(np.meshgrid(np.arange(30, 171, 10), np.arange(30, 121, 10)), axis=-1).reshape(-1, 2)
+    exact = 1.0 / true_mm[pixels[:, 1], pixels[:, 0]]
+    directions = geometry.directions(pixels.astype(float))
+    known = landmarks_of(geometry, Frame.of(first), directions, exact * 1.001, np.full(len(pixels), 2.0), map)
+    assert len(known.directions) > 0.8 * len(pixels)
+    place = [np.flatnonzero((directions == each).all(axis=1))[0] for each in known.directions]
+    ratio = (known.inverse_mm - exact[place]) / np.hypot(known.sigma_per_mm, known.shape_sigma_per_mm)
+    assert np.median(np.abs(ratio)) < 1.0
+
+    moved = rigid(np.eye(3), [15.0, 5.0, -10.0])
+    second, _ = light_field_of(SCENE, VIEWS, world_from_view=moved, subsamples=1, seed=1)
+    expected = predicted(known, inverse(moved))
+    seen = see(geometry, Frame.of(second), known.given, *expected, map)
+    assert seen.valid.mean() > 0.7
+    off_px = 500.0 * np.linalg.norm(seen.directions - expected[0], axis=1)[seen.valid]
+    assert np.median(off_px) < 0.05
+    assert np.median(np.abs(seen.inverse_mm / expected[1] - 1.0)[seen.valid]) < 0.002
 
 
 def landmarks(count: int) -> Landmarks:
@@ -119,3 +156,55 @@ def test_too_few_landmarks_tell_no_pose() -> None:
     seen = seen_from(some, POSE)
     seen.valid[6:] = False
     assert fit_pose(some, seen, POSE, ALONE) is None
+
+
+def motion(seed: int) -> FloatArray:
+    random = np.random.default_rng(seed)
+    return rigid(Rotation.random(random_state=seed).as_matrix(), random.uniform(-100, 100, 3))
+
+
+def points(count: int) -> FloatArray:
+    return np.random.default_rng(7).uniform([-100, -80, 400], [100, 80, 600], (count, 3))
+
+
+def test_motions_of_exact_points_are_exact() -> None:
+    expected = np.stack([motion(seed) for seed in range(5)])
+    src = np.broadcast_to(points(6), (5, 6, 3))
+    dst = src @ np.swapaxes(expected[:, :3, :3], -1, -2) + expected[:, None, :3, 3]
+    assert np.allclose(rigid_motions(src, dst, np.ones((5, 6))), expected, atol=1e-9)
+
+
+def test_points_in_a_plane_are_not_mirrored() -> None:
+    src = points(8) * [1.0, 1.0, 0.0]
+    expected = motion(3)
+    found = rigid_motions(src, transform(expected, src), np.ones(8))
+    assert np.linalg.det(found[:3, :3]) == pytest.approx(1.0)
+    assert np.allclose(found, expected, atol=1e-9)
+
+
+def test_heavier_points_count_more() -> None:
+    src = points(20)
+    dst = src + np.array([5.0, 0.0, 0.0])
+    dst[0, 1] += 40.0
+    weights = np.ones(20)
+    light = rigid_motions(src, dst, np.where(np.arange(20) == 0, 1e-6, weights))
+    assert np.allclose(light, rigid(np.eye(3), [5.0, 0.0, 0.0]), atol=1e-3)
+    assert not np.allclose(rigid_motions(src, dst, weights), light, atol=0.1)
+
+
+def test_wrong_matches_do_not_move_it() -> None:
+    random, src, expected = np.random.default_rng(2), points(200), motion(4)
+    dst = transform(expected, src) + random.normal(0.0, [0.3, 0.3, 1.0], (200, 3))
+    wrong = random.random(200) < 0.4
+    dst[wrong] = random.permutation(dst[wrong])
+    found = robust_motion(src, dst, np.tile([0.3, 0.3, 1.0], (200, 1)))
+    assert found is not None
+    assert np.linalg.norm(transform(found[0], src) - transform(expected, src), axis=1).max() < 1.0
+    assert np.mean(found[1] == ~wrong) > 0.95
+
+
+def test_without_agreement_there_is_no_motion() -> None:
+    random = np.random.default_rng(0)
+    sigmas = np.full((40, 3), 0.1)
+    assert robust_motion(points(40), random.uniform(-300, 300, (40, 3)), sigmas) is None
+    assert robust_motion(points(5), points(5), sigmas[:5]) is None

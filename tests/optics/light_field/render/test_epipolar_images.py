@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.light_field import Axis, LightField
 from mirrorcam.optics.light_field.render.epipolar_images import epi
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.render.linear_light import levels_from_light, light_from_levels
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, aperture, homography, refocus, to_bytes

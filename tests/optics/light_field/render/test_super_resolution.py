@@ -10,13 +10,21 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.render.super_resolution import roughness, steps_count, super_resolved
+from mirrorcam.optics.light_field.render.super_resolution import (
+    PHASES,
+    back_project,
+    pixel_taps,
+    project,
+    roughness,
+    steps_count,
+    super_resolved,
+)
 
 Float32 = NDArray[np.float32]
-
 SIDE, CONTRAST = 48, 0.3
 SHIFTS = np.stack(np.meshgrid([-1.3, 0.0, 0.7], [0.4, 0.0, 2.3]), axis=-1).reshape(-1, 2)
 INNER = slice(16, -16), slice(16, -16)
+TILTED = np.array([[2.0, 0.1, 4.3], [-0.05, 1.9, 5.7], [1e-3, -2e-3, 1.0]])
 
 
 def wave(frequency: float, scale: float, shift: FloatArray) -> Float32:
@@ -121,3 +129,46 @@ def test_roughness_is_half_the_gradient_of_its_energy() -> None:
     way, step = random.normal(size=picture.shape), 1e-4
     slope = (energy(picture + step * way) - energy(picture - step * way)) / (2.0 * step)
     assert float((2.0 * roughness(picture, counts) * way).sum()) == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("scale", [1.5, 2.0])
+def test_waves_keep_the_contrast_that_a_larger_pixel_leaves(scale: float) -> None:
+    table = pixel_taps(scale)
+    np.testing.assert_allclose(table.sum(axis=1), 1.0, atol=1e-6)
+    taps = table.shape[1]
+    away = np.arange(taps) - (taps // 2 - 1) - (np.arange(PHASES + 1) / PHASES)[:, None]
+    for frequency in (0.05, 0.2, 0.3, 0.35):
+        response = (table * np.exp(2j * np.pi * frequency * away)).sum(axis=1)
+        # Half the step of the phases, and what the window leaves out.
+        np.testing.assert_allclose(response, np.sinc(scale * frequency) / np.sinc(frequency), atol=0.02)
+
+
+def test_light_is_kept_at_every_scale() -> None:
+    for scale in (1.1, 3.0, 8.0):
+        table = pixel_taps(scale)
+        picture, shown = np.full((1, 80, 90), 0.7, np.float32), np.zeros((1, 6, 7), np.float32)
+        project(picture, np.array([[scale, 0.0, 14.3], [0.0, scale, 15.1], [0.0, 0.0, 1.0]]), table, shown)
+        np.testing.assert_allclose(shown, 0.7, atol=1e-5)
+
+
+def test_going_back_is_the_transpose() -> None:
+    random, table = np.random.default_rng(0), pixel_taps(2.0)
+    picture = random.normal(size=(3, 50, 60)).astype(np.float32)
+    view = random.normal(size=(3, 22, 27)).astype(np.float32)
+    shown, added = np.zeros_like(view), np.zeros_like(picture)
+    project(picture, TILTED, table, shown)
+    back_project(view, TILTED, table, added)
+    assert (shown != 0).mean() > 0.5
+    assert np.sum(shown * view, dtype=np.float64) == pytest.approx(np.sum(picture * added, dtype=np.float64), abs=1e-3)
+
+
+def test_what_lies_beyond_the_picture_or_behind_the_view_is_left_alone() -> None:
+    table, picture = pixel_taps(2.0), np.ones((1, 30, 30), np.float32)
+    shown = np.full((1, 40, 40), np.nan, np.float32)
+    project(picture, np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]]), table, shown)
+    # Taps reach four finer pixels to the right and below, three to the left and above.
+    assert np.isfinite(shown[0]).sum() == (30 - 8) ** 2
+    assert np.isfinite(shown[0, 3:25, 3:25]).all()
+    behind = np.full((1, 40, 40), np.nan, np.float32)
+    project(picture, -np.eye(3), table, behind)
+    assert np.isnan(behind).all()

@@ -8,7 +8,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.io.formats.conftest import SURFACES, points

@@ -14,9 +14,10 @@ import pytest
 
 from benchmarks.light_field_depth.scenes import render_hci
 from benchmarks.light_field_depth.stereo import Disparity, best_stereo, scores
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.robustness.hostile_light_fields import HOSTILE, Change, plant
 from benchmarks.robustness.light_fields import _ending, good
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
 
 CASES = [(subject, change) for subject, changes in HOSTILE.items() for change in changes]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.lftoolbox import read_lftoolbox, write_lftoolbox
 from tests.optics.light_field.io.formats.planes import (
     DISTANCE_MM,

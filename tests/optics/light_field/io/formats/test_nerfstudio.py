@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud
 from mirrorcam.optics.light_field.light_field import LightField

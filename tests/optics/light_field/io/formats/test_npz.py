@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.npz import load_npz, save_npz
 from mirrorcam.optics.light_field.light_field import LightField
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.plenopticam import is_plenopticam, read_plenopticam, write_plenopticam
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from tests.optics.light_field.io.formats.planes import plane

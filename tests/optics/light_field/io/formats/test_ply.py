@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mirrorcam.core.values import FloatArray, InputError
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
 from mirrorcam.optics.light_field.light_field import LightField
 

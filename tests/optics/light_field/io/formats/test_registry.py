@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk import array_files
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.formats.registry import (
     NAMES,

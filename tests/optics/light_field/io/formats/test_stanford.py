@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
-from mirrorcam.core.values import InputError
 from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_fields
 from mirrorcam.optics.light_field.io.formats.stanford import read_stanford, write_stanford
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
-from mirrorcam.optics.light_field.io.view_names import PLACED
+from mirrorcam.optics.light_field.io.view_order import PLACED
 from tests.optics.light_field.io.formats.planes import CANDIDATES, plane, shift_that_agrees
 from tests.optics.light_field.io.orders import GIVEN, scene
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.values import InputError
+from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.formats.zarr import FORMAT, is_recording, write_recording
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 from tests.optics.light_field.io.formats.planes import plane

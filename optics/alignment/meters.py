@@ -1,0 +1,156 @@
+"""Exposure and sharpness of a live frame inside each sub-image: aids to set the camera by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
+
+MARGIN_PX = 24
+"""Inside an outline: beyond the blur of the edge of a mirror, and as far as it may be off its place."""
+CLIPPED, BLACK = 250, 8
+"""Grey levels from which on a channel is clipped, and below which it is black."""
+MOST_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
+MOST_BLACK = 0.25
+DARK_GREY, BRIGHT_GREY = 40.0, 200.0
+"""99 % of the pixels below, or half of them above: too dark, or too bright."""
+BINS = 32
+LEAST_GREY = 4.0
+"""Mean grey level below which a sub-image is too dark to be judged."""
+NOISE = 0.25
+"""Part of the quarter of pixels with the least detail that counts as noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class SubImage:
+    """Window (rows, columns) of a frame, and which of its pixels (h, w) belong to the sub-image, 255 or 0."""
+
+    window: tuple[slice, slice]
+    mask: NDArray[np.uint8]
+
+    @property
+    def pixels(self) -> int:
+        """Number of its pixels."""
+        return int(np.count_nonzero(self.mask))
+
+
+def sub_image_masks(layout: Layout, margin_px: int = MARGIN_PX) -> list[SubImage | None]:
+    """The pixels of each mirror's sub-image on the sensor, without a margin; None of one that shows nothing."""
+    camera = layout.camera
+    found: list[SubImage | None] = []
+    for k in range(len(layout.mirrors)):
+        outline = layout.outline_px(k, usable=True)
+        outline = outline[np.isfinite(outline).all(axis=1)]
+        filled: Any = np.zeros((camera.height_px, camera.width_px), np.uint8)
+        cv2.fillConvexPoly(filled, np.rint(np.clip(outline, -1e4, 1e4)).astype(np.int32), [255])
+        kernel = np.ones((2 * margin_px + 1,) * 2, np.uint8)
+        filled = cv2.erode(filled, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=[255])
+        rows, columns = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
+        if not len(rows):
+            found.append(None)
+            continue
+        window = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+        found.append(SubImage(window, np.ascontiguousarray(filled[window])))
+    return found
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Exposure inside the sub-images.
+
+    Attributes
+    ----------
+    histogram
+        Parts of the pixels in BINS ranges of the brightest channel, from dark to bright.
+    clipped, black
+        Fractions of the pixels that are clipped and black.
+    median, high
+        Grey levels that half and 99 % of the pixels are below.
+    advice
+        What to do, in a few words.
+    """
+
+    histogram: tuple[float, ...]
+    clipped: float
+    black: float
+    median: float
+    high: float
+    advice: str
+
+
+def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) -> Exposure:
+    """The exposure of a frame (h, w, 3) in RGB, or (h, w), inside its sub-images; every fourth pixel is counted."""
+    total = np.zeros(256)
+    for each in sub_images:
+        if each is None:
+            continue
+        part: Any = frame[each.window][::2, ::2]
+        brightest = np.ascontiguousarray(part.max(axis=2) if part.ndim == 3 else part)
+        mask = np.ascontiguousarray(each.mask[::2, ::2])
+        total += np.asarray(cv2.calcHist([brightest], [0], mask, [256], [0, 256]), dtype=np.float64).ravel()
+    parts = total / max(total.sum(), 1.0)
+    below = np.cumsum(parts)
+    clipped, black = float(parts[CLIPPED:].sum()), float(parts[:BLACK].sum())
+    median, high = float(np.searchsorted(below, 0.5)), float(np.searchsorted(below, 0.99))
+    histogram = tuple(float(value) for value in parts.reshape(BINS, -1).sum(axis=1))
+    return Exposure(histogram, clipped, black, median, high, _advice(clipped, black, median, high))
+
+
+def _advice(clipped: float, black: float, median: float, high: float) -> str:
+    """What to do."""
+    if clipped > MUCH_CLIPPED:
+        return f"too bright: {100 * clipped:.0f} % is clipped, halve the exposure"
+    if clipped > MOST_CLIPPED:
+        return f"a little too bright: {100 * clipped:.1f} % is clipped, expose less"
+    if high < DARK_GREY:
+        return "too dark: expose longer or add light"
+    if black > MOST_BLACK and median < DARK_GREY:
+        return f"dark: {100 * black:.0f} % is black, add light"
+    if median > BRIGHT_GREY:
+        return "bright, nothing is clipped yet: expose a little less"
+    return "good"
+
+
+def sharpness(grey: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) -> FloatArray:
+    """Sharpness (mirrors,) of a picture (h, w): the RMS of the Laplacian over the mean grey level.
+
+    A change of exposure leaves it as it is, and noise, as the quarter of the area with the least detail has it, is
+    taken off. NaN where a sub-image is dark or shows nothing. It depends on the scene: compare it with itself.
+    """
+    found = np.full(len(sub_images), np.nan)
+    for k, each in enumerate(sub_images):
+        if each is None:
+            continue
+        window: Any = grey[each.window]
+        mean = float(cv2.mean(window, mask=each.mask)[0])
+        if mean < LEAST_GREY:
+            continue
+        detail: Any = cv2.Laplacian(window, cv2.CV_32F)
+        energy: Any = cv2.boxFilter(detail * detail, -1, (16, 16))[::8, ::8][each.mask[::8, ::8] > 0]
+        if len(energy):
+            found[k] = np.sqrt(max(float(energy.mean() - np.quantile(energy, NOISE)), 0.0)) / mean
+    return found
+
+
+class FocusMeter:
+    """Sharpness of each sub-image relative to the best so far, 0 to 1; `reset` when the scene has changed."""
+
+    def __init__(self, mirrors: int) -> None:
+        self.best = np.zeros(mirrors)
+
+    def reset(self) -> None:
+        """Forget the best so far."""
+        self.best[:] = 0.0
+
+    def measure(self, sharp: FloatArray) -> FloatArray:
+        """The sharpness (mirrors,) relative to the best so far, itself included; NaN where there is none."""
+        self.best = np.fmax(self.best, sharp)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(self.best > 0.0, sharp / self.best, np.nan))

@@ -1,0 +1,189 @@
+"""Tests of whether frames fit the nominal layout: upside down, or with more mirrors than the layout has, whose boards
+would be left out without a word.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration.detection.assignment import assign, regions_px
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame
+from mirrorcam.optics.calibration.diagnostics.screening import screen
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import Corners, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Checkerboard, Target
+
+ALARM_FRAMES = 0.2  # fraction of the frames that show a board
+UNEVEN = 0.25  # scatter of boards about a grid along an axis, relative to its spacing there
+
+
+def fits_upside_down(seen: Sequence[Observations], layout: Layout, target: Target) -> bool:
+    """Return whether the corners of frames with mirrors agree once the pictures are turned by 180 degrees.
+
+    Parameters
+    ----------
+    seen
+        Observations of each frame with mirrors, as frame 0.
+    layout
+        The nominal layout.
+    target
+        The board.
+    """
+    try:
+        screen([_turned(frame, layout, target) for frame in seen], [], layout, target.corners_in_board_mm)
+    except (InputError, UndeterminedError):
+        return False
+    return True
+
+
+def _turned(frame: Observations, layout: Layout, target: Target) -> Observations:
+    """A frame's boards as the turned picture shows them, assigned to mirrors anew."""
+    last = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
+    boards = []
+    for view in np.unique(frame.view):
+        rows = frame.view == view
+        ids, pixels = frame.corner[rows], last - frame.pixels[rows]
+        numberings = [Corners(ids, pixels)]
+        if isinstance(target, Checkerboard) and target.looks_same_upside_down:
+            numberings.append(Corners(len(target.corners_in_board_mm) - 1 - ids, pixels))
+        boards.append(tuple(numberings))
+    found = assign(boards, layout, target)
+    return Observations.join(
+        [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in found]
+    )
+
+
+@dataclass(frozen=True)
+class UnknownMirrors:
+    """Boards that belong to no mirror of a layout.
+
+    Attributes
+    ----------
+    frames
+        Number of frames that show any.
+    alarms
+        Sentences on the layout, where there are many such frames.
+    notes
+        Sentences on single frames otherwise.
+    question
+        Which grid of mirrors the frames seem to show, where it is not the layout's; else empty.
+    """
+
+    frames: int = 0
+    alarms: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    question: str = ""
+
+    @property
+    def metrics(self) -> dict[str, Metric]:
+        """The number of such frames, where there are any."""
+        return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
+
+    def explained(self, refusal: str) -> InputError:
+        """Return why frames are refused: the alarm, which may cause the other failures, or the refusal as it is."""
+        if self.alarms:
+            return InputError(self.alarms[0])
+        return InputError(f"{refusal}; {self.question}" if self.question else refusal)
+
+
+def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownMirrors:
+    """Judge the boards that were assigned to no mirror.
+
+    A board counts that lies in no sub-image of the layout, or in one that shows another board: the layout has no
+    mirror for it. Where every fifth frame has one, the layout is that of another device.
+
+    Parameters
+    ----------
+    layout
+        The nominal layout.
+    frames
+        What was detected in each frame with mirrors.
+    """
+    regions = regions_px(layout)
+    surplus = {number: _surplus_px(frame, regions) for number, frame in enumerate(frames)}
+    places = [f"frame {number} at pixel ({at[0, 0]:.0f}, {at[0, 1]:.0f})" for number, at in surplus.items() if len(at)]
+    shown = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
+    grid = grid_shown([_middles_px(frame) for frame in frames])
+    own = f"the layout has {layout.arrangement.text} mirrors"
+    other = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
+    question = other and f"do the frames show {other} mirrors? {own}"
+    if not places or len(places) < max(ALARM_FRAMES * shown, min(2, shown)):
+        notes = tuple(f"{place}: a board that belongs to no mirror of the layout" for place in places)
+        return UnknownMirrors(len(places), notes=notes, question=question)
+    seen = f"the frames seem to show {other}, " if other else ""
+    side = _side(np.concatenate(list(surplus.values())), regions)
+    alarm = (
+        f"boards in {len(places)} of {shown} frames belong to no mirror of the layout, as in {places[0]}{side}: "
+        f"{seen}{own}; calibrate with the layout of this device"
+    )
+    return UnknownMirrors(len(places), alarms=(alarm,), question=question)
+
+
+def _side(places_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
+    """On which side of all sub-images most of the places (k, 2) are, in words; empty where on none."""
+    left, top, right, bottom = shapely.union_all(regions).bounds
+    x, y = places_px.T
+    beyond = {"left of": x < left, "right of": x > right, "above": y < top, "below": y > bottom}
+    words = max(beyond, key=lambda side: int(beyond[side].sum()))
+    return f", {words} all its mirrors" if beyond[words].mean() > 0.5 else ""
+
+
+def grid_shown(middles_px: Sequence[FloatArray]) -> tuple[int, int] | None:
+    """Rows and columns of the views that frames show, from the middles (k, 2) of the boards in each; None if unclear.
+
+    Most of the frames with the largest number of boards agree on them; of several frames, two or more have that number.
+    """
+    counts = np.array([len(middles) for middles in middles_px])
+    often = min(2, len(counts))
+    numbers = [count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= often]
+    if not numbers:
+        return None
+    grids = [_grid(middles) for middles in middles_px if len(middles) == numbers[-1]]
+    grid, times = Counter(grids).most_common(1)[0]
+    return grid if 2 * times > len(grids) else None
+
+
+def _grid(middles_px: FloatArray) -> tuple[int, int] | None:
+    """The rows and columns into which points (k, 2) fall, None where they do not."""
+    count = len(middles_px)
+    best, least = None, UNEVEN
+    for rows in (number for number in range(1, count + 1) if count % number == 0):
+        order = np.argsort(middles_px[:, 1], kind="stable").reshape(rows, -1)
+        grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in middles_px[order]])
+        across, down = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
+        steps_across, steps_down = np.diff(across), np.diff(down)
+        # Of a single row or column, the scatter across it is relative to the spacing along it.
+        uneven = max(
+            float((grid[..., axis] - middles).std()) / max(float(min(steps if len(steps) else others)), 1e-9)
+            for axis, middles, steps, others in (
+                (0, across, steps_across, steps_down),
+                (1, down[:, None], steps_down, steps_across),
+            )
+        )
+        if uneven < least:
+            best, least = (rows, count // rows), uneven
+    return best
+
+
+def _surplus_px(frame: DetectedFrame, regions: Sequence[shapely.Polygon]) -> FloatArray:
+    """Middles (k, 2) of the unassigned boards for which there is no mirror."""
+    shown = set(frame.corners.view.tolist())
+    empty = [region for mirror, region in enumerate(regions) if mirror not in shown]
+    places = frame.unassigned_px
+    waiting = np.any([shapely.contains_xy(region, *places.T) for region in empty], axis=0)
+    return places[~waiting] if empty else places
+
+
+def _middles_px(frame: DetectedFrame) -> FloatArray:
+    """Middles (k, 2) of all boards in a frame."""
+    seen = frame.corners
+    of_views = [seen.pixels[seen.view == view].mean(axis=0) for view in np.unique(seen.view)]
+    return np.array([*of_views, *frame.unassigned_px]).reshape(-1, 2)

@@ -1,0 +1,103 @@
+"""Positions in the other views of what the reference view sees, as a function of inverse distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.light_field import Views
+
+Float32 = NDArray[np.float32]
+MOST_PLANES = 2048
+
+
+@dataclass(frozen=True)
+class Parallax:
+    """Motion of a pixel (u, v) of the reference view in the view at (x, y, z) with q = 1 / Z, Z the distance.
+
+    From the pinholes of `Views`, with e = 1 / (1 - z q) and g = 1 - z / Z0:
+    u' = g e (u - cx) - f g x q e + cx + f x / Z0, and alike for v with y.
+    """
+
+    focal_px: float
+    centre_px: tuple[float, float]
+    position_mm: tuple[float, float, float]
+    reference_distance_mm: float
+
+    def affine(self, inverse_distance: float) -> FloatArray:
+        """The (2, 3) matrix that takes reference pixels of a plane across the view axis to pixels of this view."""
+        x, y, z = self.position_mm
+        scale = (1.0 - z / self.reference_distance_mm) / (1.0 - z * inverse_distance)
+        shift = self.focal_px * (1.0 / self.reference_distance_mm - scale * inverse_distance)
+        (cx, cy) = self.centre_px
+        return np.array([[scale, 0.0, (1.0 - scale) * cx + shift * x], [0.0, scale, (1.0 - scale) * cy + shift * y]])
+
+    def pixels(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
+        """Pixels of this view, u' and v' (v, u), where reference pixels lie at inverse distances (v, u)."""
+        x, y, z = (np.float32(length) for length in self.position_mm)
+        (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
+        front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
+        scale = front / (np.float32(1.0) - z * inverse_distance)
+        shift = focal * (np.float32(1.0 / self.reference_distance_mm) - scale * inverse_distance)
+        across = scale * (columns - np.float32(cx)) + (shift * x + np.float32(cx))
+        down = scale * (rows - np.float32(cy)) + (shift * y + np.float32(cy))
+        return across, down
+
+    def slopes(self, columns: Float32, rows: Float32, inverse_distance: Float32) -> tuple[Float32, Float32]:
+        """Derivatives (v, u) of `pixels` by the inverse distance, px mm: g e^2 (z (u - cx) - f x), and alike for v."""
+        x, y, z = (np.float32(length) for length in self.position_mm)
+        (cx, cy), focal = self.centre_px, np.float32(self.focal_px)
+        front = np.float32(1.0 - self.position_mm[2] / self.reference_distance_mm)
+        along = front / np.square(np.float32(1.0) - z * inverse_distance)
+        return along * (z * (columns - np.float32(cx)) - focal * x), along * (z * (rows - np.float32(cy)) - focal * y)
+
+
+def reference_index(views: Views) -> tuple[int, int]:
+    """Row and column of the reference view: the one at the origin of the view frame."""
+    t, s = np.unravel_index(int(np.linalg.norm(views.positions_mm, axis=-1).argmin()), (views.rows, views.cols))
+    return int(t), int(s)
+
+
+def other_views(views: Views) -> list[tuple[int, int]]:
+    """Row and column of every view but the reference view."""
+    reference = reference_index(views)
+    return [index for index in np.ndindex(views.rows, views.cols) if index != reference]
+
+
+def parallax(views: Views, index: tuple[int, int]) -> Parallax:
+    """Parallax of the reference view's pixels in view `index` = (t, s)."""
+    x, y, z = views.positions_mm[index].tolist()
+    cx, cy = views.centre_px.tolist()
+    return Parallax(views.focal_px, (cx, cy), (x, y, z), views.reference_distance_mm)
+
+
+def halved(views: Views) -> Views:
+    """The views with two by two pixels joined to one; an odd last column or row is left out."""
+    return replace(
+        views,
+        focal_px=views.focal_px / 2.0,
+        centre_px=(views.centre_px - 0.5) / 2.0,
+        width_px=views.width_px // 2,
+        height_px=views.height_px // 2,
+    )
+
+
+def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:
+    """Inverse distances (n,) of planes from depth `far_mm` to `near_mm`; between two, no view moves by over `step_px`.
+
+    Evenly spaced, so that disparity is, too; far first. Raises InputError where that takes more than `MOST_PLANES`.
+    """
+    behind = views.reference_view_depth_mm
+    low, high = 1.0 / (far_mm - behind), 1.0 / (near_mm - behind)
+    reach_mm = np.abs(views.positions_mm[..., :2]).max()
+    count = int(np.ceil(min(views.focal_px * reach_mm * (high - low) / step_px, 1e9))) + 1
+    if count > MOST_PLANES:
+        raise InputError(
+            f"depths {near_mm:g} to {far_mm:g} mm take {count} planes between which no view moves by over "
+            f"{step_px:g} px, expected {MOST_PLANES} at most"
+        )
+    return np.linspace(low, high, max(count, 3))

@@ -1,0 +1,211 @@
+"""The part of this program that a result depends on: the code of modules with all that they import, and libraries.
+
+Code is found by parsing sources: nothing is imported. Comments, docstrings and imports for type checkers do not count.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+
+from mirrorcam.core.disk.fingerprint import digest, file_digest
+
+OURS = "mirrorcam"
+NOT_INSTALLED = "not installed"
+_REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[([^\]]*)\])?[^;]*(?:;(.*))?")
+_EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
+
+
+def program_of(*modules: str) -> dict[str, str]:
+    """Return what results of modules depend on: the digest of their `code`, and versions of libraries by their names.
+
+    The libraries are those that this code imports, and the compiled ones that these require in turn: they can change
+    the results of an unchanged library.
+    """
+    return {"code": code_digest(*modules)} | _versions(*modules)
+
+
+@cache
+def code_digest(*modules: str) -> str:
+    """Return the sha256 over modules and all modules of the same package that they import, directly or not.
+
+    An import counts wherever it stands, also in a function, and so does a text that is the name of a module, as in
+    `import_module("mirrorcam.cad.build")`. Data files count where a module reads them, see `_data_files`. Raises
+    ModuleNotFoundError for a module that is not there.
+    """
+    return digest(*(f"{name} {source.sha256}\n".encode() for name, source in sorted(_closure(modules).items())))
+
+
+def modules_of(*modules: str) -> frozenset[str]:
+    """Return the names of the modules that `code_digest` is over."""
+    return frozenset(_closure(modules))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A module: digest of what it does, and the names of modules, and of libraries, that it imports."""
+
+    sha256: str
+    modules: frozenset[str]
+    libraries: frozenset[str]
+
+
+@cache
+def _closure(modules: tuple[str, ...]) -> dict[str, _Source]:
+    found: dict[str, _Source] = {}
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found[name] = _source(name)
+            waiting += found[name].modules
+    return found
+
+
+@cache
+def _source(module: str) -> _Source:
+    path = _path_of(module)
+    if path is None:
+        raise ModuleNotFoundError(f"no module {module!r} to take the digest of")
+    tree = ast.parse(path.read_bytes())
+    tree.body = _effective(tree.body)
+    nodes = list(ast.walk(tree))
+    texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    variables = {node.id for node in nodes if isinstance(node, ast.Name)}
+    imported = set(_imported(nodes, module if path.name == "__init__.py" else module.rpartition(".")[0]))
+    top = module.partition(".")[0]
+    ours = {name for name in imported | texts if name.startswith(f"{top}.")}
+    if "iter_modules" in variables:  # it imports all modules beside it
+        ours |= {f"{module.rpartition('.')[0]}.{beside.stem}" for beside in path.parent.glob("*.py")}
+    # Packages run before the modules in them; the top one only names what it offers.
+    names = {
+        ".".join(parts[:count]) for parts in (name.split(".") for name in ours) for count in range(2, len(parts) + 1)
+    }
+    attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    folders = [path.parent, *([path.parents[1]] if "parents" in attributes else [])]
+    data = _data_files(folders, texts) if "__file__" in variables else []
+    parts = [ast.dump(tree, annotate_fields=False), *(f"{each.name} {file_digest(each)}" for each in data)]
+    libraries = {name.partition(".")[0] for name in imported} - sys.stdlib_module_names - {top}
+    existing = frozenset(name for name in names if _path_of(name))
+    return _Source(digest("\n".join(parts).encode()), existing, frozenset(libraries))
+
+
+def _effective(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Statements without docstrings and without what only type checkers read."""
+    kept: list[ast.stmt] = []
+    for statement in body:
+        if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+            continue
+        for inner in (statement, *getattr(statement, "handlers", ()), *getattr(statement, "cases", ())):
+            for name in ("body", "orelse", "finalbody"):
+                if isinstance(block := getattr(inner, name, None), list):
+                    setattr(inner, name, _effective(block))
+        if isinstance(statement, ast.If) and ast.unparse(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
+            kept += statement.orelse
+        else:
+            kept.append(statement)
+    return kept
+
+
+def _imported(nodes: list[ast.AST], package: str) -> Iterator[str]:
+    """The names that import statements may load: of `from a import b`, both `a` and `a.b`."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _data_files(folders: list[Path], texts: set[str]) -> list[Path]:
+    """The data that a module reads which names `__file__`: files in its folder, and what its texts name in folders."""
+    names = [text for text in texts if re.fullmatch(r"\w[\w.]*", text)]
+    named = [place for folder in folders for name in names for place in [folder / name, *(folder / name).rglob("*")]]
+    return sorted({each for each in (*folders[0].iterdir(), *named) if each.is_file() and each.suffix[:3] != ".py"})
+
+
+@cache
+def _path_of(module: str) -> Path | None:
+    """The source of a module; None where there is none."""
+    top, *inner = module.split(".")
+    folders = (spec.submodule_search_locations or ()) if (spec := find_spec(top)) else ()
+    for place in (Path(folder, *inner) for folder in folders):
+        for path in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+            if path.is_file():
+                return path
+    return None
+
+
+@cache
+def _versions(*modules: str) -> dict[str, str]:
+    libraries = {name for source in _closure(modules).values() for name in source.libraries}
+    direct = {name for library in libraries for name in _distributions_of(library)}
+    found, waiting = set(direct), list(direct)
+    while waiting:
+        waiting += (new := required(waiting.pop(), frozenset()) - found)
+        found |= new
+    return {name: version(name) for name in sorted(found) if name in direct or _is_compiled(name)}
+
+
+@cache
+def _distributions_of(library: str) -> tuple[str, ...]:
+    """The distributions that a library to import comes from; its own name where none is installed."""
+    if version(library) != NOT_INSTALLED:
+        return (normalised(library),)
+    return tuple(map(normalised, _packages().get(library, [library])))
+
+
+@cache
+def _packages() -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()
+
+
+def version(distribution: str) -> str:
+    """The installed version of a distribution."""
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return NOT_INSTALLED
+
+
+def required(distribution: str, extras: frozenset[str]) -> set[str]:
+    """Return what a distribution requires with some of its extras; conditions on the platform are taken as met."""
+    try:
+        lines = metadata.requires(distribution) or []
+    except metadata.PackageNotFoundError:
+        return set()
+    found = set()
+    for line in lines:
+        match = _REQUIREMENT.match(line)
+        assert match is not None, line
+        name, inner, condition = match.groups()
+        only_with = set(_EXTRA.findall(condition or ""))
+        if only_with and not only_with & extras:
+            continue
+        if normalised(name) == normalised(distribution):  # an extra made of other extras
+            found |= required(distribution, frozenset(each.strip() for each in inner.split(",")))
+        else:
+            found.add(normalised(name))
+    return found
+
+
+def normalised(name: str) -> str:
+    """The one spelling of a distribution's name, for comparisons."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _is_compiled(distribution: str) -> bool:
+    try:
+        wheel = metadata.distribution(distribution).read_text("WHEEL")
+    except metadata.PackageNotFoundError:
+        return False
+    return wheel is not None and "root-is-purelib: false" in wheel.lower()

@@ -1,0 +1,198 @@
+"""Corners that the pupil sees partly, and what is said of the pupil."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration import pupil_estimate
+from mirrorcam.optics.calibration.detection.border_light import Border, BorderLight, borders
+from mirrorcam.optics.calibration.pupil_estimate import (
+    MARGIN_PX,
+    NEARNESS_SIGMA,
+    BoardPictures,
+    SeenPupil,
+    estimated_pupil,
+    seen_pupil,
+    unvignetted,
+)
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from mirrorcam.optics.geometry.targets import default_board
+
+PUPIL = Pupil(1.8, 500.0)
+RAYS = 250
+NOISE = 2.0  # grey levels, of 90
+
+
+def with_pupil(layout: Layout, pupil: Pupil) -> Layout:
+    return layout.replaced(camera=layout.camera.with_pupil(pupil))
+
+
+def grid_of(layout: Layout, index: int) -> Observations:
+    """Corners every 7 px in a sub-image, as frame 0."""
+    low, high = layout.outline_px(index).min(axis=0), layout.outline_px(index).max(axis=0)
+    x, y = np.meshgrid(np.arange(low[0], high[0], 7.0), np.arange(low[1], high[1], 7.0))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    shown = traced(layout.mirrors[index], layout.camera.normalized_from_pixels(pixels), Pupil(0.0, 500.0)) > 0.0
+    return Observations.of_view(0, index, np.arange(int(shown.sum())), pixels[shown])
+
+
+def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(default_layout: Layout) -> None:
+    layout = with_pupil(default_layout, PUPIL)
+    corners = grid_of(layout, 4)
+    kept, notes = unvignetted(layout, corners)
+    left_out = int((~kept).sum())
+    assert notes == (
+        f"{left_out} of {len(corners)} corners left out: near mirrors' edges, which the pupil sees partly",
+    )
+    mirror, camera = layout.mirrors[4], layout.camera
+    around = 0.9 * MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    served = [traced(mirror, camera.normalized_from_pixels(corners.pixels + step), PUPIL) for step in around]
+    assert np.min(served, axis=0)[kept].min() == 1.0
+    farther = [traced(mirror, camera.normalized_from_pixels(corners.pixels + 2.0 * step), PUPIL) for step in around]
+    assert np.min(farther, axis=0)[~kept].max() < 1.0
+    assert 0.5 < kept.mean() < 0.95
+
+
+def test_nothing_is_left_out_of_a_pinhole_or_the_bare_camera(default_layout: Layout) -> None:
+    corners = grid_of(default_layout, 0)
+    kept, notes = unvignetted(with_pupil(default_layout, PINHOLE), corners)
+    assert kept.all()
+    assert notes == ()
+    direct = Observations.of_view(0, DIRECT, corners.corner, corners.pixels)
+    assert unvignetted(with_pupil(default_layout, PUPIL), direct)[0].all()
+
+
+def test_a_mirror_that_hardly_serves_a_whole_pupil_keeps_its_corners(default_layout: Layout) -> None:
+    layout = with_pupil(default_layout, Pupil(40.0, 500.0))
+    kept, notes = unvignetted(layout, grid_of(layout, 4))
+    assert kept.all()
+    assert notes == ("mirror 1-1: hardly any corner is seen by the whole pupil, all are used",)
+
+
+def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layout) -> None:
+    layout = with_pupil(default_layout, PUPIL)
+    corners = grid_of(layout, 4)
+    kept, _ = unvignetted(layout, corners)
+    edge = np.flatnonzero(~kept)[:8]
+    alone = Observations.of_view(1, 4, corners.corner[edge], corners.pixels[edge])
+    both, _ = unvignetted(layout, Observations.join([corners, alone]))
+    assert (both[: len(kept)] == kept).all()
+    assert both[len(kept) :].all()
+
+
+@pytest.mark.parametrize(
+    ("seen", "expected", "words"),
+    [
+        (None, (1.8, 500.0), "do not show the blur of enough mirrors' edges to tell the pupil: 1.8 mm wide"),
+        (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
+        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not tell the distance in focus"),
+        (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
+    ],
+)
+def test_what_frames_do_not_show_of_the_pupil_is_kept(
+    default_layout: Layout,
+    monkeypatch: pytest.MonkeyPatch,
+    seen: SeenPupil | None,
+    expected: tuple[float, float],
+    words: str,
+) -> None:
+    monkeypatch.setattr(pupil_estimate, "_seen", lambda layout, frames, target: seen)
+    found = estimated_pupil(with_pupil(default_layout, PUPIL), [], default_board())
+    assert (found.camera.aperture_mm, found.camera.focus_mm) == pytest.approx(expected)
+    assert words in found.note
+    assert ("aperture_sigma_mm" in found.metrics) == (seen is not None)
+    assert ("focus_mm" in found.metrics) == (seen is not None and seen.nearness_sigma < NEARNESS_SIGMA / 4.0)
+
+
+def test_pictures_that_are_not_at_hand_are_skipped() -> None:
+    grey = np.zeros((4, 4), np.uint8)
+    pictures = BoardPictures([None, grey, grey], default_board())
+    poses = np.stack([np.eye(4), 2.0 * np.eye(4)])
+    placed = pictures.placed([0, 2], poses)
+    assert [frame.rig_from_board[0, 0] for frame in placed] == [2.0]
+
+
+def places(pupil: Pupil) -> FloatArray:
+    """Points (n, 2) spread evenly over a pupil, mm."""
+    number = np.arange(RAYS)
+    radius, angle = np.sqrt((number + 0.5) / RAYS), np.pi * (3.0 - np.sqrt(5.0)) * number
+    return pupil.radius_mm * np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def traced(mirror: Mirror, normalized: FloatArray, pupil: Pupil) -> FloatArray:
+    """Part (n,) of the rays of a pupil, in focus, that meet a mirror within its outline."""
+    normal, outline = mirror.normal_in_rig, mirror.outline_in_rig_mm
+    middle, met = outline.mean(axis=0), np.zeros(len(normalized))
+    for x, y in places(pupil):
+        start = np.array([x, y, 0.0])
+        along = np.column_stack([normalized, np.ones(len(normalized))]) - start / pupil.focus_mm
+        at = start + along * ((middle - start) @ normal / (along @ normal))[:, None]
+        inside = np.ones(len(at), dtype=bool)
+        for corner, following in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+            side = np.cross(normal, following - corner)
+            inside &= (at - corner) @ side * ((middle - corner) @ side) > 0.0
+        met += inside
+    return met / RAYS
+
+
+def light(layout: Layout, border: Border, pupil: Pupil, random: np.random.Generator) -> BorderLight:
+    """What frames would show across a border, with noise; light fades along it by a tenth."""
+    shape = border.pixels.shape[:2]
+    normalized = border.normalized(layout).reshape(-1, 2)
+    served = traced(layout.mirrors[border.mirror], np.nan_to_num(normalized), pupil).reshape(shape)
+    fading = np.linspace(1.0, 0.9, shape[0])[:, None]
+    shown = 90.0 * fading * served + random.normal(0.0, NOISE, shape)
+    on_sensor = np.isfinite(normalized).all(axis=1).reshape(shape)
+    return BorderLight(border, np.where(on_sensor, shown, np.nan), np.where(on_sensor, NOISE, np.inf))
+
+
+def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> SeenPupil:
+    random = np.random.default_rng(seed)
+    given = layout.replaced(camera=layout.camera.with_pupil(assumed))
+    seen = seen_pupil(given, [light(layout, border, pupil, random) for border in borders(given)])
+    assert seen is not None
+    return seen
+
+
+@pytest.mark.parametrize(("true", "seed"), [(Pupil(1.8, 500.0), 1), (Pupil(2.4, 900.0), 2), (Pupil(1.2, 300.0), 3)])
+def test_diameter_and_focus_are_found_within_their_uncertainty(fold_90_layout: Layout, true: Pupil, seed: int) -> None:
+    seen = found(fold_90_layout, true, seed, Pupil(1.8, 500.0))
+    assert abs(seen.aperture_mm - true.aperture_mm) < 2.5 * seen.aperture_sigma_mm
+    assert abs(seen.nearness - 1.0 / true.focus_mm) < 2.5 * seen.nearness_sigma
+    assert seen.aperture_sigma_mm < 0.04 * true.aperture_mm
+    assert seen.shows_focus
+    assert not seen.is_pinhole
+
+
+def test_a_pinhole_is_found_to_be_one_and_its_focus_left_open(fold_90_layout: Layout) -> None:
+    seen = found(fold_90_layout, Pupil(0.0, 500.0), 4, Pupil(1.8, 500.0))
+    assert seen.is_pinhole
+    assert not seen.shows_focus
+    assert seen.aperture_mm < 0.15
+    assert 0.0 < seen.aperture_sigma_mm < 0.15
+    assert seen.nearness_sigma > 0.9 * NEARNESS_SIGMA
+
+
+def test_few_borders_and_dim_ones_tell_nothing(fold_90_layout: Layout) -> None:
+    random = np.random.default_rng(5)
+    lights = [light(fold_90_layout, border, Pupil(1.8, 500.0), random) for border in borders(fold_90_layout)[:4]]
+    assert seen_pupil(fold_90_layout, lights) is None
+    dim = [BorderLight(each.border, 0.02 * each.light, each.sigma) for each in lights] * 3
+    assert seen_pupil(fold_90_layout, dim) is None
+
+
+def test_a_border_that_shows_something_else_is_left_out(fold_90_layout: Layout) -> None:
+    random, true = np.random.default_rng(6), Pupil(1.8, 500.0)
+    lights = [light(fold_90_layout, border, true, random) for border in borders(fold_90_layout)]
+    clean = seen_pupil(fold_90_layout, lights)
+    wide = light(fold_90_layout, lights[4].border, Pupil(4.0, 500.0), random)
+    spoilt = seen_pupil(fold_90_layout, [*lights[:4], wide, *lights[5:]])
+    assert clean is not None
+    assert spoilt is not None
+    assert spoilt.borders == clean.borders - 1
+    assert spoilt.aperture_mm == pytest.approx(clean.aperture_mm, abs=clean.aperture_sigma_mm)
