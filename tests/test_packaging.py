@@ -147,7 +147,7 @@ def test_the_check_sees_what_is_missing_and_what_does_not_belong() -> None:
 def test_builds_start_anew_and_miss_a_folder_that_is_no_package(checkout: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(checkout, copy)
-    (copy / "optics" / "exports" / "__init__.py").unlink()
+    (copy / "optics" / "camera_files" / "write" / "__init__.py").unlink()
     left_by_an_earlier_version = copy / "build" / "lib" / "optics" / "__init__.py"
     left_by_an_earlier_version.parent.mkdir(parents=True)
     left_by_an_earlier_version.touch()
@@ -200,7 +200,7 @@ def test_packages_of_the_folders_names_come_and_go_without_harm(installed: Insta
 
 def test_an_editable_installation_is_the_checkout(editable: Installation, clone: Path, tmp_path: Path) -> None:
     built("editable", clone, tmp_path)  # once more: the links are there already
-    added = clone / "optics" / "base" / "added_later.py"
+    added = clone / "optics" / "geometry" / "added_later.py"
     added.touch()
     code = (
         "from importlib.util import find_spec\n"
@@ -210,7 +210,7 @@ def test_an_editable_installation_is_the_checkout(editable: Installation, clone:
     )
     *places, bare = editable.run(code).splitlines()
     added.unlink()
-    inside = ("src/mirrorcam/core/values.py", "optics/geometry/added_later.py", "cad/plan/dimension.py", "cli.py")
+    inside = ("core/values.py", "optics/geometry/added_later.py", "cad/plan/dimension.py", "cli.py")
     assert [Path(place) for place in places] == [clone / "src" / "mirrorcam" / name for name in inside]
     assert bare == "[]"
 
@@ -225,7 +225,7 @@ def test_a_checkout_in_the_working_directory_does_not_hide_the_installation(
     code = "import mirrorcam, mirrorcam.core.values as m; print(m.__file__, mirrorcam.Layout.__name__, sep='\\n')"
     for place in (clone.parent, clone):
         found, name = python(installation.python, "-c", code, cwd=place).stdout.splitlines()
-        assert (Path(found), name) == (packages / "mirrorcam" / "optics" / "base" / "values.py", "Layout")
+        assert (Path(found), name) == (packages / "mirrorcam" / "core" / "values.py", "Layout")
 
 
 def test_optics_and_the_public_names_need_nothing_of_the_extras(installed: Installation) -> None:
