@@ -153,13 +153,12 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
 
 def sweeping(folder: Path) -> subprocess.Popen[str]:
     """`mirrorcam sweep` over eight designs into folder/out, in a process group of its own."""
-    arguments = ["sweep", "--counts", "1x2", "2x1", "--tradeoffs", "0.3", "0.6", "--scales-mm", "80", "90"]
-    command = [sys.executable, "-m", "mirrorcam", *arguments, "--workers", "2"]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    grid = "counts = [[1, 2], [2, 1]]\ntradeoffs = [0.3, 0.6]\nscales_mm = [80, 90]\n"
+    (folder / "sweep.toml").write_text(grid, encoding="utf-8")
+    command = [sys.executable, "-m", "mirrorcam", "sweep", "sweep.toml", "--workers", "2"]
     return subprocess.Popen(
         [*command, "--out", "out"],
         cwd=folder,
-        env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
