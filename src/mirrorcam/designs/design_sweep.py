@@ -88,16 +88,16 @@ def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
 
 
 def _keep(spec: DesignSpec, got: Answer | Died, output: OutputFolder) -> Outcome:
-    """Write the layout of an answer, and store the answer: a failure is tried again the next time."""
+    """Store an answer and write its layout: a failure is not stored, so that it is tried again the next time."""
     outcome = outcome_of(spec, got)
     if isinstance(got, Died):
         got = Answer(file_text(outcome))
     if other := differing(got.made_with, program_of(CODE)):
         raise InputError(f"{other[0]} of a worker is not what this sweep began with, expected the same in all of them")
-    _write_layout(spec, got.layout, output)
     if outcome.status != "failed":
         contents = {_OUTCOME: got.outcome.encode(), _LAYOUT: got.layout.encode()}
         output.results.put(f"design-{_key(spec)}", program_of(CODE), contents)
+    _write_layout(spec, got.layout, output)  # last: a layout that is missing is written from the store
     return outcome
 
 
