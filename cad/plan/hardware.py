@@ -242,7 +242,7 @@ def require_same_camera(camera: Camera, body: CameraBody) -> None:
         expected = " x ".join(f"{angle:.1f}" for angle in body.field_of_view_deg)
         raise InputError(
             f"camera body {body.name}: {expected} deg field of view, the layout's camera {camera.name} has "
-            f"{field_of_view(camera)}: give the body of that camera (--camera), or design for this one"
+            f"{field_of_view(camera)}: give the body of that camera (--body), or design for this one"
         )
 
 

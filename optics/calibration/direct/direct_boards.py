@@ -77,7 +77,7 @@ def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mi
     count, number = max((len(some), -number) for number, some in enumerate(boards))
     if count <= 1 + mirrors**2:
         return ""
-    return f"; {names[-number]} shows {count} boards, expected more than --mirrors {mirrors}"
+    return f"; {names[-number]} shows {count} boards, expected more than --direct-view {mirrors}"
 
 
 def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:

@@ -202,9 +202,9 @@ def _check_tiles(picture: _Picture, grid: Grid) -> None:
     # Tiles of several views each are alike, too: the finest grid counts.
     down, across = max(others, key=lambda each: each[0] * each[1], default=grid)
     if (down, across) != grid:
-        raise InputError(f"{unlike}: the picture looks like --rows {down} --cols {across}")
+        raise InputError(f"{unlike}: the picture looks like rows = {down}, cols = {across}")
     if alike < _UNLIKE and not has_seams and _structure(views) > _STRUCTURE:
-        raise InputError(f"{unlike}, expected --rows and --cols of the views in the picture")
+        raise InputError(f"{unlike}, expected rows and cols of the views in the picture")
 
 
 def _fits_better(picture: _Picture, other: Grid, grid: Grid, alike: float) -> bool:
@@ -237,15 +237,15 @@ def _check_single(picture: _Picture, grid: Grid) -> None:
     if finer:
         down, across = max(finer, key=lambda each: each[0] * each[1])
         raise InputError(
-            f"tiles of {rows} rows and {cols} columns show several views each: the picture looks like --rows {down} "
-            f"--cols {across}"
+            f"tiles of {rows} rows and {cols} columns show several views each: the picture looks like rows = {down}, "
+            f"cols = {across}"
         )
 
 
 def _check_lenses(picture: _Picture, grid: Grid) -> None:
     if picture.seams(grid) > _SEAM and _likeness(picture.views(grid, "tiles")) > _ALIKE:
         raise InputError("the picture shows views beside each other and no lenslets, expected a name without _eslf")
-    for axis, (count, option) in enumerate(zip(grid, ("--rows", "--cols"), strict=True)):
+    for axis, (count, key) in enumerate(zip(grid, ("rows", "cols"), strict=True)):
         if not 1 < count <= _MOST_VIEWS:
             continue
         side = picture.grey.shape[axis]
@@ -258,7 +258,7 @@ def _check_lenses(picture: _Picture, grid: Grid) -> None:
         certain = picture.holds_lenses(count, size, axis) if count % size == 0 else not is_block
         certain = certain and not picture.repeats(grid, "eslf")
         if size != count and most > _LENS and found[count] < _LESS_LENS * most and certain:
-            raise InputError(f"the picture does not show lenslets with {option} {count}: it looks like {option} {size}")
+            raise InputError(f"the picture does not show lenslets with {key} = {count}: it looks like {key} = {size}")
 
 
 def _small(view: Any) -> Grey:

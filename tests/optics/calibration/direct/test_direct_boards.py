@@ -49,7 +49,7 @@ def test_exchanged_colours_are_told_by_the_mirrors(pictures: list[Grey]) -> None
 def test_more_boards_than_the_stated_mirrors_show_are_said(pictures: list[Grey]) -> None:
     boards = boards_in(pictures[:2], EVEN, most=2, progress=no_progress)
     first = [len(some) for some in boards].index(max(len(some) for some in boards))
-    said = f"; {'ab'[first]} shows {len(boards[first])} boards, expected more than --mirrors 1"
+    said = f"; {'ab'[first]} shows {len(boards[first])} boards, expected more than --direct-view 1"
     assert more_mirrors(boards, ["a", "b"], 1) == said
     assert more_mirrors(boards, ["a", "b"], 2) == ""
 

@@ -89,7 +89,7 @@ def test_lenslets_and_tiles_are_told_apart(grid: tuple[int, int]) -> None:
 )
 def test_tiles_of_other_numbers_are_refused(given: tuple[int, int]) -> None:
     picture = mosaic(scene(4, 4).samples, "tiles")
-    with pytest.raises(InputError, match="the picture looks like --rows 4 --cols 4"):
+    with pytest.raises(InputError, match="the picture looks like rows = 4, cols = 4"):
         check_division(picture, given, "tiles")
 
 
@@ -118,12 +118,12 @@ def test_lenslets_of_views_of_unequal_brightness_pass(cols: int) -> None:
 def test_tiles_cut_where_the_scene_has_an_edge_are_refused() -> None:
     samples = scene(3, 3).samples.copy()
     samples[:, :, : samples.shape[2] // 2] = 0.9 * samples[:, :, : samples.shape[2] // 2]
-    with pytest.raises(InputError, match="the picture looks like --rows 3 --cols 3"):
+    with pytest.raises(InputError, match="the picture looks like rows = 3, cols = 3"):
         check_division(mosaic(samples, "tiles"), (2, 3), "tiles")
 
 
 @pytest.mark.parametrize(
-    ("given", "message"), [((2, 4), "--rows 2: it looks like --rows 4"), ((4, 8), "--cols 8: it looks like --cols 4")]
+    ("given", "message"), [((2, 4), "rows = 2: it looks like rows = 4"), ((4, 8), "cols = 8: it looks like cols = 4")]
 )
 def test_lenslets_of_another_size_are_refused(given: tuple[int, int], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -131,5 +131,5 @@ def test_lenslets_of_another_size_are_refused(given: tuple[int, int], message: s
 
 
 def test_a_photograph_has_no_tiles() -> None:
-    with pytest.raises(InputError, match="not views of one scene, expected --rows and --cols"):
+    with pytest.raises(InputError, match="not views of one scene, expected rows and cols"):
         check_division(blurred(scene(1, 1).samples)[0, 0], (2, 2), "tiles")
