@@ -35,7 +35,6 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 # Which way a part stands when printed: rows are the bed's x, y and z in rig.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 Z_UP = np.eye(3)
 SCENE = np.array([0.0, 1.0, 0.0])
 

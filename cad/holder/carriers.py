@@ -174,7 +174,7 @@ def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatA
 
 
 def _what_fits(area: Polygon, hardware: Hardware) -> str:
-    """By how much larger the mirror would have to be, in words."""
+    """State the missing size of the mirror in words."""
     if not area.is_empty:
         corners = get_coordinates(area) - np.array(area.centroid.coords[0])
         for factor in LARGER:

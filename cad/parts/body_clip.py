@@ -216,7 +216,7 @@ def thread_cuts(screw: SprungScrew, around: float, hardware: Hardware) -> list[F
         seat = mouth + (screw.thread_mm + OUTSIDE_MM) * axis
         deep = screw.mouth_mm - screw.thread_mm + BEYOND_MM
         pocket = Hexagon(seat + deep * axis, -axis, up, table.nut_flats_mm + NUT_FIT_MM, deep)
-        # Higher than the pocket: what of an oblique shoulder is left over a hole wants support.
+        # Higher than the pocket: the rest of an oblique shoulder over a hole needs support.
         pockets, roof_deg = [pocket], float(np.degrees(np.arcsin(radius / (pocket.ridge_mm + NUT_FIT_MM))))
     through = screw.mouth_mm + OUTSIDE_MM + BEYOND_MM
     return [Bore(mouth, axis, radius, through, up, roof_deg=roof_deg), *pockets]

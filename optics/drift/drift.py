@@ -34,7 +34,7 @@ from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, paramet
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 LEAST_MIRRORS = 3
-"""With two mirrors, a turn of one cannot be told from a turn of the camera before both."""
+"""With two mirrors, a turn of one cannot be distinguished from a turn of the camera in front of both."""
 RECORDINGS = 10_000
 """One false alarm in so many recordings where nothing moved, at most."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006

@@ -108,10 +108,8 @@ def application(config: Path = Path(CONFIG)) -> App:
     app.register_install_completion_command(group=_SESSION)
     for number, (title, commands) in enumerate(COMMANDS.items()):
         group = Group(title, sort_key=number)
-        for name, (function, summary) in commands.items():
-            app.command(
-                f"mirrorcam.{function}", name=name, help=summary, group=group, sort_key=list(commands).index(name)
-            )
+        for place, (name, (function, summary)) in enumerate(commands.items()):
+            app.command(f"mirrorcam.{function}", name=name, help=summary, group=group, sort_key=place)
     return app
 
 

@@ -53,7 +53,7 @@ def test_the_layout_is_there_before_any_picture_of_it(
     def broken(*_: object) -> None:
         raise FloatingPointError("no picture")
 
-    monkeypatch.setattr("mirrorcam.designs.design_files.before_after", broken)
+    monkeypatch.setattr("mirrorcam.designs.design_figure.before_after", broken)
     with pytest.raises(FloatingPointError):
         write_design(DesignSpec(), tmp_path)
     assert Layout.load(tmp_path / "layout.json") == layout

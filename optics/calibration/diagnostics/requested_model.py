@@ -15,7 +15,7 @@ from typing import Literal, get_args
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
-ADDITIONS = ("sheet", "bend", "warp", "bow", "prism")
+LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "prism")
 """Additions to `joint`, besides lenses, that can be requested with a layout."""
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
 """Those that are tried where frames show their board directly and in mirrors at once."""
@@ -52,10 +52,10 @@ class RequestedModel:
         words = text.split("+")
         lenses = [word for word in get_args(LensName) if word in words]
         surfaces = [surface for word, surface in SURFACES.items() if word in words]
-        additions = tuple(word for word in words if word in ADDITIONS or word in DIRECT_ADDITIONS)
+        additions = tuple(word for word in words if word in LAYOUT_ADDITIONS or word in DIRECT_ADDITIONS)
         named = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
         if unknown := [word for word in words if word not in named]:
-            known = ("auto", "joint", "paper", *get_args(LensName), *dict.fromkeys(ADDITIONS + DIRECT_ADDITIONS))
+            known = ("auto", "joint", "paper", *get_args(LensName), *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS))
             raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*known, *SURFACES))}")
         paper, auto = "paper" in words, "auto" in words
         held = paper and (auto or additions or "joint" in words)
@@ -75,8 +75,10 @@ class RequestedModel:
         """Raise InputError where a word needs a direct view of the board, or another layout."""
         if self.surface is not None:
             raise InputError(f"model: {self.surface}_surface, expected it in the layout")
-        if direct := [name for name in self.additions if name not in ADDITIONS]:
-            raise InputError(f"model: {direct[0]} needs a direct view of the board, expected {', '.join(ADDITIONS)}")
+        if direct := [name for name in self.additions if name not in LAYOUT_ADDITIONS]:
+            raise InputError(
+                f"model: {direct[0]} needs a direct view of the board, expected {', '.join(LAYOUT_ADDITIONS)}"
+            )
 
     def check_direct(self) -> None:
         """Raise InputError where a word needs a layout."""

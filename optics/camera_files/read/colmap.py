@@ -1,6 +1,6 @@
 """COLMAP's sparse models, as text or binary: `cameras`, `images`, and `rigs` and `frames` of newer versions.
 
-A model has no scale of its own, and pixel (0, 0) of ours is at (0.5, 0.5) of COLMAP's. Cameras are told apart by the
+A model has no scale of its own, and pixel (0, 0) of ours is at (0.5, 0.5) of COLMAP's. Cameras are identified by the
 folders of their pictures, such as `view_0_1/0000.png`. Poses are those of a rig of several cameras where there is
 one, else of the picture that most cameras have.
 

@@ -19,7 +19,6 @@ NUMBERED: Mapping[LensName, type[Lens]] = MappingProxyType(
     {"brown_conrady": BrownConrady, "rational": Rational, "thin_prism": ThinPrism, "fisheye": Fisheye}
 )
 """Families with a few numbers, the same for every camera."""
-LENS_NAMES: tuple[LensName, ...] = (*NUMBERED, "spline")
 
 
 def lens_of(name: LensName, coefficients: FloatArray, grid: LensGrid | None = None) -> Lens:

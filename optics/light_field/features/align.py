@@ -46,7 +46,7 @@ UNSURE_SHARE = 0.4
 ORDERS = np.repeat(np.eye(3)[:, 1:], [2, 3, 4], axis=0)
 # w, d, e as matrices of slopes.
 SLOPES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-# Matrices of moves that no shape of a surface makes: across the view's position, and unlike ones along s and t.
+# Matrices of motions that no surface shape causes: across the view's position, and different ones along s and t.
 NO_SHAPES = np.array([[[0.0, 1.0], [-1.0, 0.0]], SLOPES[1], SLOPES[2]])
 # Of residuals of patches of length one: 8-bit pictures are no better, however alike they seem.
 LEAST_VARIANCE = 1e-7

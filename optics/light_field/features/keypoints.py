@@ -230,7 +230,7 @@ def stack_keypoints(
     inverse_range_mm
         Inverse distances between which they are sought.
     count
-        At most so many.
+        Largest number of keypoints.
     run
         `map`, or that of a pool of threads.
     """

@@ -1,4 +1,4 @@
-"""The recursive mean of a video, row by row: changes are told from noise, and static samples are averaged."""
+"""The recursive mean of a video, row by row: changes are distinguished from noise, and static samples are averaged."""
 
 from __future__ import annotations
 

@@ -48,13 +48,13 @@ def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) ->
         name, file = _pair(given, "NAME=FILE")
         evaluation = read_evaluation(Path(file))
         attempts.setdefault(name, []).extend(attempts_of(evaluation))
-        told = commands.setdefault(name, [])
-        if evaluation.command not in told:
-            told.append(evaluation.command)
+        tried = commands.setdefault(name, [])
+        if evaluation.command not in tried:
+            tried.append(evaluation.command)
     left_out = dict(_pair(given, "NAME=WHY") for given in not_run)
     if both := sorted(left_out.keys() & attempts.keys()):
         raise InputError(f"--not-run: {both[0]} has an evaluation, expected none")
-    lines = {name: shortened("; ".join(told), MOST_CHARS - 10) for name, told in commands.items()}
+    lines = {name: shortened("; ".join(tried), MOST_CHARS - 10) for name, tried in commands.items()}
     return leaderboard(attempts, lines, left_out)
 
 

@@ -27,7 +27,7 @@ from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
 SUSPECT_PX, FAR_BETTER = 5.0, 0.2
-"""A worse score than the first is tried with pictures flipped otherwise; one better by the second factor is told."""
+"""A worse score than the first is tried with other flips; one better by the second factor is reported."""
 OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from mirrorcam.core.bounds import PICTURES
-from mirrorcam.core.console.options import Scheduler, Workers, bounded
+from mirrorcam.core.console.options import Scheduler, Workers, bounded, check_place
 from mirrorcam.core.console.progress import long_work, print_table, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
@@ -64,8 +64,7 @@ def suite(
         mirrorcam suite standard --plan
         mirrorcam suite smoke --out suites
     """
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler: expected one of the two")
+    check_place(workers, scheduler)
     if name is None:
         if plan:
             raise InputError("--plan: expected the name of a suite, or a .toml file")

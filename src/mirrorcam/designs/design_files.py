@@ -12,7 +12,6 @@ from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_byt
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_turn
 from mirrorcam.core.values import with_tuples
-from mirrorcam.designs.design_figure import before_after, focus_figure
 from mirrorcam.optics.design import optimise
 from mirrorcam.optics.design.optimise import assessed_parabola
 from mirrorcam.optics.geometry.camera_library import read_camera
@@ -123,6 +122,7 @@ def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> Desi
     Where the camera is no pinhole, also focus.png, of the optimised layout. `calls` are those of `design`.
     Raises InfeasibleDesign, before anything is written, where no layout meets the spec.
     """
+    from mirrorcam.designs.design_figure import before_after, focus_figure
 
     found = compare_designs(spec, calls)
     found.optimised.save(folder / "layout.json")

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from mirrorcam.core.console.options import Force, Scheduler, Workers
+from mirrorcam.core.console.options import Force, Scheduler, Workers, check_place
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 
 if TYPE_CHECKING:
@@ -43,8 +42,7 @@ def sweep(
         mirrorcam sweep
         mirrorcam sweep sweep.toml --table parquet --out output/counts
     """
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler: expected one of the two")
+    check_place(workers, scheduler)
     if table == "parquet":
         require("parquet")
     if scheduler is not None:

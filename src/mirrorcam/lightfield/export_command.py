@@ -32,7 +32,7 @@ SURE = 0.5
 
 @Parameter(name="*")
 class ExportRequest(Value):
-    """The format of an exported light field, and what of its source is exported."""
+    """The format of an exported light field, and the frame and depth to export."""
 
     to: FormatName = Field(
         description="format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, "

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from mirrorcam.core.console.options import Scheduler, Workers
+from mirrorcam.core.console.options import Scheduler, Workers, check_place
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.simulation.render_request import RenderRequest
@@ -41,8 +40,7 @@ def render(
         mirrorcam render layout.json --renderer fast --sensor poor --as-built tilt_deg=0.5 --seed 7
         mirrorcam render verify set
     """
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler: expected one of the two")
+    check_place(workers, scheduler)
     from mirrorcam.optics.geometry.layout import Layout
 
     device = Layout.load(layout)

@@ -37,7 +37,7 @@ class Triangulated:
 
     @property
     def scale_error(self) -> float:
-        """By how much the found points lie farther apart than the true ones, relative; of the best similarity."""
+        """Relative scale error of the found points, by the best similarity."""
         true, found = self.true - self.true.mean(axis=0), self.found - self.found.mean(axis=0)
         sizes = np.linalg.svd(found.T @ true)[1]
         return float(sizes.sum() / np.sum(true**2) - 1.0)

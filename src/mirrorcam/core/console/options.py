@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter, Token
 
 from mirrorcam.core.bounds import WORKERS, Bounds
+from mirrorcam.core.errors import InputError
 
 
 def _whole(_: object, tokens: Sequence[Token]) -> int:
@@ -31,6 +32,12 @@ def bounded(bounds: Bounds, text: str, unset: str = "") -> Parameter:
     stated = f" [default: {unset}]" if unset else ""
     converter = _whole if isinstance(bounds.least, int) else None
     return Parameter(help=f"{text}, {bounds}{stated}", converter=converter, validator=check)
+
+
+def check_place(workers: int | None, scheduler: str | None) -> None:
+    """Raise InputError where options ask for this machine's processes and for a cluster's at once."""
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler: expected one of the two")
 
 
 Force = Annotated[bool, Parameter(help="replace files that this command did not write, or that were changed since")]

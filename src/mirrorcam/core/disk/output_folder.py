@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from glob import escape, has_magic
+from glob import has_magic
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -204,22 +204,6 @@ def output_folder(path: Path, command: str, *, force: bool | None = None) -> Ite
                 (hidden / name).unlink()
         lock.release()
         _remove_made(made)
-
-
-def refuse_texts(paths: Iterable[Path], command: str, *, force: bool) -> None:
-    """Raise InputError where one of several files, in folders of any kind, would replace one of the user's."""
-    for path in paths:
-        with output_folder(path.parent, command, force=force) as output:
-            output.refuse_others(escape(path.name))
-
-
-def write_texts(texts: Mapping[Path, str], command: str, *, force: bool) -> None:
-    """Write such files, each atomically, and leave alone what else their folders hold."""
-    for path, text in texts.items():
-        with output_folder(path.parent, command, force=force) as output:
-            output.refuse_others(escape(path.name))
-            with output.staged(complete=False) as folder:
-                (folder / path.name).write_text(text, encoding="utf-8")
 
 
 def _this_process(command: str) -> Holder:

@@ -160,7 +160,7 @@ class SetupThread:
     board
         board.toml; None where no calibration pictures are taken.
     meters
-        What is told where it fails.
+        Receive the message of a failure.
     """
 
     def __init__(self, layout: Path, board: Path | None, meters: LiveMeters) -> None:
