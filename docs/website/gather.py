@@ -132,8 +132,9 @@ def gather(folder: Path, written: dict[str, str]) -> None:
     for page, text in written.items():
         tree.write(page, text)
     tree.add_wanted()
-    for path in sorted((*docs.glob("*.json"), *docs.glob("*.toml"))):
-        shutil.copyfile(path, folder / path.name)
-    for name in ("images", "schemas"):
-        if (docs / name).is_dir():
-            shutil.copytree(docs / name, folder / name)
+    for path in sorted((*docs.rglob("*.json"), *docs.rglob("*.toml"))):
+        place = folder / path.relative_to(docs)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, place)
+    if (docs / "images").is_dir():
+        shutil.copytree(docs / "images", folder / "images")
