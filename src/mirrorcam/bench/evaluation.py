@@ -264,12 +264,12 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
 
     It is read in another process, which is killed after a time, and whose end by what it reads ends nothing else.
     """
-    worker.start()  # so that the time finds a process to kill
+    worker.send(_Reading.score, reads)  # before its time begins, so that it is this process which is killed
     began = time.monotonic()
     timer = threading.Timer(limit_s, worker.kill)
     timer.start()
     try:
-        found: tuple[ScoredSet, CalibrationScore] = worker.call(_Reading.score, reads)
+        found: tuple[ScoredSet, CalibrationScore] = worker.answer()
         return found
     except InputError as error:
         raise _NoScore(str(error).replace(f"{reads.kept}", f"${RESULT}")) from None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +21,8 @@ from mirrorcam.core.disk.fingerprint import digest, file_digest
 OURS = "mirrorcam"
 NOT_INSTALLED = "not installed"
 _REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:\[([^\]]*)\])?[^;]*(?:;(.*))?")
+_PARSING = threading.Lock()
+"""Python before 3.11.8 raises SystemError where two threads build syntax trees at once (python/cpython#106905)."""
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 
 
@@ -74,7 +77,8 @@ def _source(module: str) -> _Source:
     path = _path_of(module)
     if path is None:
         raise ModuleNotFoundError(f"no module {module!r} to take the digest of")
-    tree = ast.parse(path.read_bytes())
+    with _PARSING:
+        tree = ast.parse(path.read_bytes())
     tree.body = _effective(tree.body)
     nodes = list(ast.walk(tree))
     texts = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
