@@ -46,5 +46,5 @@ def test_a_text_that_is_none_is_refused() -> None:
         tolerances_of("tilt=1")
     with pytest.raises(ValueError, match="tilt_deg: "):
         tolerances_of("tilt_deg=wide")
-    with pytest.raises(InputError, match="expected ideal, c920"):
+    with pytest.raises(ValueError, match="expected ideal, c920"):
         sensor_of("film")
