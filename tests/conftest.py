@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 if find_spec("mirrorcam.optics") is None:
     sys.exit('The checkout is not installed. Run: pip install -e ".[all,dev]"')
@@ -30,6 +31,9 @@ from tests.small_suite import rendered_into, small_suite
 from tests.studio.browser import FLAGS, chromium
 
 ROOT = Path(__file__).parent.parent
+
+settings.register_profile("few", parent=settings.default, max_examples=20, deadline=None)
+settings.load_profile("few")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -192,6 +192,7 @@ def test_quiet_and_json_print_errors_or_results_alone(
     assert printed.err == "mirrorcam: a.png: no such file\n"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_the_completion_of_bash_names_commands_and_options(tmp_path: Path) -> None:
     environment = os.environ | {"HOME": str(tmp_path), "SHELL": "/bin/bash"}

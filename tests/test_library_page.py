@@ -42,6 +42,7 @@ def test_the_examples_are_listed() -> None:
     assert listed == {path.name for path in (ROOT / "examples").glob("*.py")}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 def test_the_programs_of_the_page_and_of_the_readme_run(tmp_path: Path) -> None:
     sure = run("".join(programs(PAGE)), tmp_path)

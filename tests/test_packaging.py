@@ -19,6 +19,8 @@ import pytest
 
 from tests.test_architecture import FOLDERS, ROOT
 
+pytestmark = pytest.mark.slow
+
 NOT_SHIPPED = ("__pycache__",)
 OUR_FOLDERS = ("optics", "cad", "render_scenes")
 

@@ -94,6 +94,7 @@ def test_a_set_that_fails_says_why_and_loses_no_other(
     assert list(found.scored) == others
 
 
+@pytest.mark.slow
 def test_a_command_that_takes_too_long_is_ended_with_all_that_it_started(suite: FinishedSuite, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     waits = f"import time; time.sleep(3); open({str(mark)!r}, 'w')"

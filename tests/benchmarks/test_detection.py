@@ -22,6 +22,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.slow
 def test_no_corner_is_false_in_a_frame_of_a_good_camera(tmp_path: Path) -> None:
     found = dict(stress(Layout.load(DEFAULT_LAYOUT), tmp_path / "set", sensor="c920", frames=1, seed=4))
     assert set(found) == set(EXPECTED) == set(CONDITIONS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.light_field_motion import error, film_by_mirrors, tracked
 from mirrorcam.optics.geometry.layout import Layout
@@ -13,6 +14,7 @@ from mirrorcam.optics.geometry.transforms import rigid
 LAYOUT = Path("tests/data/fold_90_layout.json")
 
 
+@pytest.mark.slow
 def test_the_mirror_cameras_own_frames_tell_how_it_moved() -> None:
     layout = Layout.load(LAYOUT)
     small = layout.replaced(camera=layout.camera.binned(0.5))

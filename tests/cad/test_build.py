@@ -36,6 +36,7 @@ def names(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_surface: Built, tmp_path: Path) -> None:
     layout, folder, _ = built_second_surface
     layout.save(tmp_path / "layout.json")
@@ -93,6 +94,7 @@ def copy_picture(folder: Path, out: Path, picture: DevicePicture) -> None:
     shutil.copy(folder / picture.path, out / picture.path)
 
 
+@pytest.mark.slow
 def test_unchanged_parts_are_taken_over(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -129,6 +129,7 @@ def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
         assert (layout.spec, layout.metrics) == (outcome.spec, outcome.metrics)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_finished_design_and_changes_none(
     finished: tuple[Path, list[Outcome]], tmp_path: Path
 ) -> None:

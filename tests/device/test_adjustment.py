@@ -56,6 +56,7 @@ def test_the_turns_found_bring_every_mirror_to_its_design() -> None:
         assert np.isnan(each.sigma_turns).all()
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_turns_follows_from_that_of_the_calibration() -> None:
     """Turns of mirrors drawn from the covariance scatter as stated."""
     rng, sigma = np.random.default_rng(0), 0.01

@@ -22,6 +22,8 @@ from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.run.pipeline import SETTINGS
 from tests.shared import built_once
 
+pytestmark = pytest.mark.slow
+
 
 def request(layout: Layout, frames: int, base_frames: int) -> SetRequest:
     """Frames at 1920 x 1080 through mirrors tilted by 0.3 deg and shifted by 0.3 mm (sigma), and frames without."""

@@ -23,6 +23,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.run.pipeline import SETTINGS, finish, quick_recipe, stages
 from tests.shared import path_without_slicer
 
+pytestmark = pytest.mark.slow
+
 STAGES = ("design", "cad", "set", "validation", "light_field", "page")
 
 

@@ -50,6 +50,7 @@ def test_examples_are_short_and_tested(path: Path) -> None:
     assert f"test_{path.stem}" in globals()
 
 
+@pytest.mark.slow
 def test_design_and_export_parts(tmp_path: Path) -> None:
     pytest.importorskip("build123d")
     trimesh = pytest.importorskip("trimesh")
@@ -74,6 +75,7 @@ def test_render_and_calibrate(tmp_path: Path) -> None:
     assert errors["distance_error_max_mm"].value < 0.05
 
 
+@pytest.mark.slow
 @rendering
 def test_decode_video(tmp_path: Path) -> None:
     assert "frame 3" in run("decode_video", tmp_path / "out")
@@ -95,6 +97,7 @@ def test_decode_video(tmp_path: Path) -> None:
     assert own.layout_identity == mirrorcam.Layout.load(truth).identity
 
 
+@pytest.mark.slow
 @rendering
 def test_depth_to_ply(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
@@ -110,6 +113,7 @@ def test_depth_to_ply(tmp_path: Path) -> None:
     assert np.percentile(np.abs(off_mm), 80) < 2.0
 
 
+@pytest.mark.slow
 def test_sweep_two_workers(tmp_path: Path) -> None:
     assert run("sweep_two_workers", tmp_path / "out").count("solved") == 6
     with (tmp_path / "out" / "sweep.csv").open(newline="") as file:
@@ -124,6 +128,7 @@ def test_sweep_two_workers(tmp_path: Path) -> None:
         assert layout.spec.tradeoff == float(row["tradeoff"])
 
 
+@pytest.mark.slow
 def test_desk_foot(tmp_path: Path) -> None:
     """The script makes the part that the program makes, of the default device."""
     build123d = pytest.importorskip("build123d")

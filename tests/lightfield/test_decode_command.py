@@ -118,6 +118,7 @@ def test_what_is_damaged_is_skipped_named_and_counted(here: Path, capfd: pytest.
     assert list(stored.lost) == [14, 15, 16, 17, 18, 19]
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_is_gone_on_with(here: Path, layout: Layout) -> None:
     count = 400
     write_mjpeg(here / "long.avi", pictures(40, 320, 192) * (count // 40))

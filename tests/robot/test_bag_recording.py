@@ -177,6 +177,7 @@ def test_a_video_that_is_interrupted_leaves_no_bag(here: Path, monkeypatch: pyte
     assert results(here) == ["layout.json", "video.avi"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_bag_of_a_camera_that_is_away(here: Path) -> None:
     write_mjpeg(here / "a.mjpeg", pictures(8, 320, 192))
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -203,6 +204,7 @@ def test_ctrl_c_keeps_the_bag_of_a_camera_that_is_away(here: Path) -> None:
     assert len(StoredBag(here / "stream.mcap")) >= 4
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_no_bag_of_a_video_and_no_other_file(here: Path) -> None:
     write_mjpeg(here / "long.avi", pictures(40, 320, 192) * 40)
     arguments = ["-m", "mirrorcam", "decode", "long.avi", "--layout", "layout.json", "--to", "mcap", "--out", "."]

@@ -74,6 +74,7 @@ def test_settings_come_from_a_file_and_the_options_beside_it(set_request: SetReq
     assert given.settings == read.replaced(renderer="mitsuba", sensor=SENSORS["poor"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ending", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_a_set_ended_in_the_middle_has_whole_files_and_is_continued(
     ending: signal.Signals, code: int, folder: Path, finished_set: Path

@@ -37,6 +37,7 @@ from mirrorcam.simulation.rendering import (
     overview,
     write_scene,
 )
+from tests.nightly import a_few
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 from tests.small_set import contents
 
@@ -45,7 +46,7 @@ rendered = pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering ne
 
 
 @rendered
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", a_few(1, [1, 2]))
 def test_the_bytes_do_not_depend_on_the_number_of_workers(
     workers: int, set_request: SetRequest, finished_set: Path, tmp_path: Path
 ) -> None:
@@ -53,6 +54,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(
     assert contents(tmp_path / "set") == contents(finished_set)
 
 
+@pytest.mark.slow
 @rendered
 @pytest.mark.parametrize("surface", ["first", "second"])
 def test_the_reference_gives_the_same_bytes_by_workers(surface: str, set_request: SetRequest, tmp_path: Path) -> None:
@@ -66,6 +68,7 @@ def test_the_reference_gives_the_same_bytes_by_workers(surface: str, set_request
     assert contents(tmp_path / "by workers") == contents(tmp_path / "here")
 
 
+@pytest.mark.slow
 @rendered
 def test_a_killed_worker_loses_nothing(set_request: SetRequest, finished_set: Path, tmp_path: Path) -> None:
     killed: list[int | None] = []
@@ -85,6 +88,7 @@ def leaving(task_json: str) -> dict[str, bytes]:
     os._exit(3)
 
 
+@pytest.mark.slow
 @rendered
 def test_a_frame_that_ends_all_its_workers_is_named(set_request: SetRequest, tmp_path: Path) -> None:
     run = partial(finished_frames, partial(run_local, workers=1, work=leaving))
@@ -92,6 +96,7 @@ def test_a_frame_that_ends_all_its_workers_is_named(set_request: SetRequest, tmp
         render_set(set_request, tmp_path / "set", run=run)
 
 
+@pytest.mark.slow
 @rendered
 def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], set_request: SetRequest, finished_set: Path, tmp_path: Path

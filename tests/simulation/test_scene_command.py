@@ -47,6 +47,7 @@ def here(fold_90_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["scene", *OPTIONS]) == 0
     assert "scene.json written" in capsys.readouterr().out

@@ -28,6 +28,7 @@ def designer() -> Iterator[Designer]:
     made.close()
 
 
+@pytest.mark.slow
 def test_what_was_solved_is_kept_and_previews_lie_near_it(designer: Designer) -> None:
     found = designer.solve(SMALL)
     assert isinstance(found, SolvedDesign)
@@ -175,6 +176,7 @@ def test_another_request_ends_a_search_and_the_next_one_works(advisor: Advisor) 
     assert list(advisor.suggestions(NARROW, refused(NARROW), Asker()))
 
 
+@pytest.mark.slow
 def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Advisor) -> None:
     refusal = refused(NARROW)
     search = advisor.suggestions(NARROW, refusal, Asker())
@@ -186,6 +188,7 @@ def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Advisor) -> None:
     assert len(again) > 1
 
 
+@pytest.mark.slow
 def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
     refusal, got = refused(NARROW), dict[str, list[SuggestedRequest]]()
 
@@ -200,6 +203,7 @@ def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
     assert len(got["one"]) > 1 and got["one"] == got["two"]
 
 
+@pytest.mark.slow
 def test_a_search_that_its_page_drops_frees_the_process(advisor: Advisor) -> None:
     refusal = refused(NARROW)
     search = advisor.suggestions(NARROW, refusal, Asker("one"))

@@ -18,6 +18,8 @@ from PIL import Image
 from tests.conftest import ROOT
 from tests.studio.browser import Watched, browser_page
 
+pytestmark = pytest.mark.slow
+
 SIZE = (1400, 900)
 COARSE = (70, 45)
 UNLIKE_GREY = 12.0

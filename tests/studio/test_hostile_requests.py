@@ -95,6 +95,7 @@ def server(request: pytest.FixtureRequest, tmp_path: Path, default_layout: Layou
         yield request.param, int(address.rstrip("/").rsplit(":", 1)[1]), errors
 
 
+@pytest.mark.slow
 def test_no_request_makes_a_server_fail(server: tuple[str, int, Path]) -> None:
     name, port, errors = server
     draw = random.Random(1)

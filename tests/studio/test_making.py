@@ -13,6 +13,8 @@ from mirrorcam.cad.plan.back_table import BACKS
 from mirrorcam.optics.geometry.layout import Layout
 from tests.studio.browser import Watched, browser_page
 
+pytestmark = pytest.mark.slow
+
 SMALL = "#rows=1&cols=2&depths_mm=300"
 
 

@@ -16,6 +16,8 @@ from mirrorcam.studio.page import PageStart, script_json, snapshot_page, studio_
 from tests.shared import built_once
 from tests.studio.browser import NARROW, WIDE, Watched, browser_page
 
+pytestmark = pytest.mark.slow
+
 SMALL = "#rows=1&cols=2&depths_mm=300"
 """A design that is solved in half a second."""
 

@@ -22,6 +22,7 @@ from mirrorcam.studio.serve import opened
 FROM_TERMINAL = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
 
 
+@pytest.mark.slow
 def test_it_ends_on_ctrl_c_with_all_its_processes(tmp_path: Path) -> None:
     run = f"{FROM_TERMINAL} from mirrorcam.cli import main; sys.exit(main({['studio', '--no-browser', '--port', '0']}))"
     process = subprocess.Popen(

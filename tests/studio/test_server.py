@@ -130,6 +130,7 @@ def post(address: str, spec: DesignSpec, page: str | None) -> HTTPConnection:
     return connection
 
 
+@pytest.mark.slow
 def test_ten_pages_get_each_its_design_and_one_that_is_closed_is_not_waited_for(studio: tuple[str, Path]) -> None:
     closed = post(studio[0], DesignSpec(rows=6, cols=6), None)
     time.sleep(1.0)

@@ -92,6 +92,7 @@ def test_a_carrier_in_the_light_is_refused(default_layout: Layout, monkeypatch: 
         plan_device(default_layout, HARDWARE)
 
 
+@pytest.mark.slow
 def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: Layout, device: Device) -> None:
     """Over a high hood it would have to be drawn into the camera; by choice there is none either."""
     assert device.cover is not None
@@ -99,6 +100,7 @@ def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: L
         assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None
 
 
+@pytest.mark.slow
 def test_a_cover_that_would_be_drawn_into_a_lens_barrel_is_left_out(default_layout: Layout, device: Device) -> None:
     """The barrel stands between the camera's body, past which the cover comes off, and the mirrors."""
     body = device.hardware.camera

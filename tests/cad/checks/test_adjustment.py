@@ -115,6 +115,7 @@ def test_poses_tilt_by_the_angle_about_axes_in_the_back() -> None:
         assert abs(moved @ frame[:3, 2]) == pytest.approx(0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: str, tmp_path: Path) -> None:
     made = make(pair(), with_screws(kind), tmp_path)

@@ -57,6 +57,7 @@ def checked(device: Device, folder: Path) -> dict[str, Metric]:
     return check_device(device, [built_part(plan, folder / "parts") for plan in parts_of(device)], folder)
 
 
+@pytest.mark.slow
 def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     device: Device, copied: Path, built_default: Built
 ) -> None:
@@ -97,6 +98,7 @@ def test_a_device_whose_files_do_not_belong_together_is_found(device: Device, co
     assert expected <= failed(checked(device, copied))
 
 
+@pytest.mark.slow
 def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_the_holder_is_missing(
     device: Device, copied: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

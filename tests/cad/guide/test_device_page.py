@@ -21,6 +21,8 @@ from mirrorcam.core.values import Metric
 from tests.cad.guide.conftest import CHECKS, Made, write_documents
 from tests.studio.browser import FLAGS, chromium
 
+pytestmark = pytest.mark.slow
+
 # What lies right of the window: the section it is in, and its text.
 BEYOND = """() => [...document.querySelectorAll("#files *, .guide *")]
   .filter((e) => !e.closest("pre") && e.getBoundingClientRect().right > innerWidth + 1)

@@ -43,6 +43,7 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.guide.test_annotation import Dimensions
 from tests.hostile_names import ACCEPTED
+from tests.nightly import a_few
 
 
 def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
@@ -200,7 +201,7 @@ def test_any_size_finds_its_scale_and_room(block: Callable[..., PartPlan], size_
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name", ACCEPTED)
+@pytest.mark.parametrize("name", a_few(5, ACCEPTED))
 def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[..., PartPlan], tmp_path: Path) -> None:
     part = block()
     sheet = draw(part.make(part.plan), part, HARDWARE.printer.replaced(plastic=name))
@@ -280,7 +281,7 @@ def drawn(device: Device, name: str) -> DrawingSheet:
     return draw(part.make(part.plan), part, HARDWARE.printer)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", a_few(5, ALL))
 def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Device, name: str) -> None:
     sheet = drawn(device, name)
     assert overlaps(sheet) == []
@@ -472,6 +473,7 @@ def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: st
         assert unknown == [], "xyz"[axis]
 
 
+@pytest.mark.slow
 def test_files_are_real_and_the_same_in_another_process(block: Callable[..., PartPlan], tmp_path: Path) -> None:
     part = block()
     svg, pdf = write_drawing(tmp_path / "a", part.make(part.plan), part, HARDWARE.printer)

@@ -79,6 +79,7 @@ def assert_sound(layout: Layout, plan: HolderPlan, part: Part, folder: Path) -> 
         assert seat_area_mm2(part, mirror, 0.0) == pytest.approx(3.0 * octagon, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_random_layout(make_parabola: Callable[..., Layout], tmp_path: Path, seed: int) -> None:
     layout = random_layout(seed, make_parabola)

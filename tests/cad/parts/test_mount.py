@@ -40,6 +40,7 @@ from mirrorcam.cad.plan.seats import keep_outs
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 
 BED = np.array(HARDWARE.printer.bed_mm[:2])
 
@@ -211,6 +212,7 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
     assert beside(holder, stiffer) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
     """Narrower than its screws need it cannot be; a heavy load is borne by more depth before more width."""
     layout, holder, clip, mount = planned
@@ -240,7 +242,7 @@ def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: P
         plan_mount(layout, holder, clip, soft)
 
 
-@pytest.mark.parametrize("off_mm", [-8.0, 0.0, 8.0])
+@pytest.mark.parametrize("off_mm", a_few(1, [-8.0, 0.0, 8.0]))
 def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_mm: float) -> None:
     """Also where the holder's screws are off the middle of the mount."""
     layout, holder, clip, _ = planned
@@ -294,6 +296,7 @@ def test_any_parabola_gets_a_mount_off_its_light(
     assert beside(holder, mount) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(
     default_layout: Layout, device: Device
 ) -> None:

@@ -50,6 +50,7 @@ def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bea
     assert all(hole.roof_deg <= 36.0 for hole in holes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 6.95), ("board_38", 7.15)])
 def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
     fold_90_layout: Layout, camera: str, longest_mm: float

@@ -219,6 +219,7 @@ def test_the_slicer_says_the_same_however_a_part_is_turned(
     assert check_slicing(path, PRINTER)["support_filament_mm"].passed == (lean_deg <= 45)
 
 
+@pytest.mark.slow
 @installed
 def test_a_holder_for_captive_nuts_needs_no_support(default_layout: Layout, tmp_path: Path) -> None:
     """Where walls end over the slots that nuts slide in by, nothing hangs."""

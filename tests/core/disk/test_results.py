@@ -245,6 +245,7 @@ USERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", USERS)
 def test_every_module_that_is_loaded_counts(module: str) -> None:
     code = f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('mirrorcam.')))"

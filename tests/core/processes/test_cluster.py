@@ -46,6 +46,7 @@ def test_where_no_scheduler_answers_it_is_said_in_one_line(
     assert said.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path) -> None:
     address, (_, first, _) = cluster
     yielded = 0

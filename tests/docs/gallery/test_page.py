@@ -16,6 +16,8 @@ from tests.docs.gallery.gallery_cards import CARDS, NINE, TWO
 from tests.run.test_run_page import Outline, outline
 from tests.studio.browser import NARROW, browser_page
 
+pytestmark = pytest.mark.slow
+
 PICTURE_PX = (1280, 720)
 DESKTOP = (1280, 900)
 

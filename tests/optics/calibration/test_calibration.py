@@ -176,6 +176,7 @@ def test_picture_files_are_read_as_they_are_needed(small_set: Set, tmp_path: Pat
         calibrate([tmp_path / "missing.png"], [], small_set.nominal, BOARD)
 
 
+@pytest.mark.slow
 def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_path: Path) -> None:
     frames, base = list(small_set.frames), list(small_set.base)
     paths = [tmp_path / "frame.png", tmp_path / "base.jpg"]

@@ -23,6 +23,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Perturbations, draw_perturbations
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from tests.nightly import a_few
 
 designed = cache(design)
 """A spec is designed once, however many tests ask for it."""
@@ -99,6 +100,7 @@ def test_the_central_mirror_folds_by_the_angle_at_the_scale(fold_deg: float) -> 
     assert np.abs(centre - 80.0 * np.array([0.0, -np.sin(fold), 1.0 - np.cos(fold)])).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_of_view(nominal: Layout) -> None:
     spec = DesignSpec(objective="depth")
     layout = designed(spec)
@@ -114,7 +116,7 @@ def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_o
         assert layout.metrics[f"fov_{axis}_deg"].value >= 0.97 * nominal.metrics[f"fov_{axis}_deg"].value
 
 
-@pytest.mark.parametrize("pattern", [None, Pattern.ring(5)], ids=["auto fold", "ring"])
+@pytest.mark.parametrize("pattern", a_few(1, [None, Pattern.ring(5)]), ids=["auto fold", "ring"])
 def test_designs_for_depth_of_other_specs(pattern: Pattern | None) -> None:
     asked = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}
     spec = DesignSpec.model_validate(asked)
@@ -135,6 +137,7 @@ def test_a_smaller_fold_sees_less(nominal: Layout) -> None:
         assert nominal.metrics[name].value >= 1.15 * layout.metrics[name].value
 
 
+@pytest.mark.slow
 def test_the_best_fold_is_limited_by_the_camera() -> None:
     folds, merits = [], []
     for clearance_mm in (8.0, 16.0):
@@ -163,14 +166,17 @@ def merit(layout: Layout) -> float:
 
 @pytest.mark.parametrize(
     ("rows", "cols", "worst_error", "least_efficiency"),
-    [
-        (1, 2, 0.02, 0.76),
-        (2, 2, 0.065, 0.61),
-        (2, 3, 0.07, 0.52),
-        (2, 4, 0.075, 0.47),
-        (3, 5, 0.085, 0.34),
-        (4, 4, 0.088, 0.33),
-    ],
+    a_few(
+        2,
+        [
+            (1, 2, 0.02, 0.76),
+            (2, 2, 0.065, 0.61),
+            (2, 3, 0.07, 0.52),
+            (2, 4, 0.075, 0.47),
+            (3, 5, 0.085, 0.34),
+            (4, 4, 0.088, 0.33),
+        ],
+    ),
 )
 def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency: float) -> None:
     spec = DesignSpec(rows=rows, cols=cols)
@@ -182,7 +188,8 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
 
 
 @pytest.mark.parametrize(
-    ("pattern", "worst_error", "least_efficiency"), [(Pattern.hexagonal(1), 0.055, 0.55), (Pattern.ring(6), 0.12, 0.45)]
+    ("pattern", "worst_error", "least_efficiency"),
+    a_few(1, [(Pattern.hexagonal(1), 0.055, 0.55), (Pattern.ring(6), 0.12, 0.45)]),
 )
 def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float) -> None:
     spec = DesignSpec(pattern=pattern)
@@ -209,6 +216,7 @@ def test_five_by_five() -> None:
     assert layout.metrics["usable_efficiency_300mm"].value >= 0.22
 
 
+@pytest.mark.slow
 def test_tradeoff_trades_efficiency_for_the_grid() -> None:
     figures = [
         designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)
@@ -228,18 +236,21 @@ def test_tradeoff_trades_efficiency_for_the_grid() -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"surface": "second", "thickness_mm": 3.0},
-        {"surface": "second", "thickness_mm": 2.0, "fold_deg": 105.0},
-        {"fold_deg": 75.0},
-        {"sides": 5},
-        {"sides": 6},
-        {"scale_mm": 40.0, "depths_mm": (150.0, 250.0), "spacing_mm": 0.5},
-        {"spacing_mm": 0.0},
-        {"depths_mm": (200.0, 400.0, 1000.0)},
-        {"fold_deg": 90.0, "camera": Camera.c920().replaced(distortion=[0.1, -0.2, 0.001, -0.001, 0.02])},
-        {"camera": Camera.c920().replaced(distortion=[-0.1, 0.02, 0.001, -0.001, 0.0], cx_px=940.0, cy_px=560.0)},
-    ],
+    a_few(
+        3,
+        [
+            {"surface": "second", "thickness_mm": 3.0},
+            {"surface": "second", "thickness_mm": 2.0, "fold_deg": 105.0},
+            {"fold_deg": 75.0},
+            {"sides": 5},
+            {"sides": 6},
+            {"scale_mm": 40.0, "depths_mm": (150.0, 250.0), "spacing_mm": 0.5},
+            {"spacing_mm": 0.0},
+            {"depths_mm": (200.0, 400.0, 1000.0)},
+            {"fold_deg": 90.0, "camera": Camera.c920().replaced(distortion=[0.1, -0.2, 0.001, -0.001, 0.02])},
+            {"camera": Camera.c920().replaced(distortion=[-0.1, 0.02, 0.001, -0.001, 0.0], cx_px=940.0, cy_px=560.0)},
+        ],
+    ),
     ids=[
         "second surface",
         "second surface, wider fold",
@@ -278,7 +289,7 @@ def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
 
 @pytest.mark.parametrize(
     ("name", "field", "asked"),
-    [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)],
+    a_few(1, [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)]),
 )
 def test_mirrors_are_as_large_as_asked_and_no_larger_than_that_costs(name: str, field: str, asked: float) -> None:
     free = designed(DesignSpec(rows=2, cols=4, fold_deg=90.0)).metrics
@@ -302,6 +313,7 @@ def test_sub_images_are_as_far_apart_as_asked_and_no_farther_than_that_costs() -
         assert less < more
 
 
+@pytest.mark.slow
 def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> None:
     alone = designed(DesignSpec(rows=2, cols=2, fold_deg=90.0))
     robust = designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, robust_tilt_deg=0.3, robust_offset_mm=0.3))
@@ -328,7 +340,7 @@ def _cost_as_built(layout: Layout, drawn: Perturbations) -> float:
     return float(0.3 * (layout.metrics["grid_error"].value / 0.25) ** 2 + 0.7 * (1.0 - np.mean(seen)))
 
 
-@pytest.mark.parametrize("objective", ["overlap", "depth"])
+@pytest.mark.parametrize("objective", a_few(1, ["overlap", "depth"]))
 def test_searches_in_two_processes_find_the_same_bytes(objective: str) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "objective": objective})
     worker = WorkerProcess(preload=["mirrorcam.optics.design.optimise"])

@@ -73,6 +73,7 @@ def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, me
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_tolerances_that_no_design_survives_are_refused() -> None:
     with pytest.raises(InfeasibleDesign, match="devices as built, mirrors tilted by 20°"):
         design(DesignSpec(rows=1, cols=2, robust_tilt_deg=20.0))

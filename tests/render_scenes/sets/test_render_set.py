@@ -183,6 +183,7 @@ def test_an_interrupted_set_is_continued(render: Render, finished: Path, tmp_pat
     assert contents(out) == contents(finished)
 
 
+@pytest.mark.slow
 def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
     render: Render, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

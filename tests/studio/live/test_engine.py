@@ -85,6 +85,7 @@ def test_focus_changes_at_any_time_and_bad_ones_are_refused(engine: LiveEngine) 
         engine.focus(float("nan"))
 
 
+@pytest.mark.slow
 def test_what_nobody_looks_at_is_not_made(engine: LiveEngine) -> None:
     engine.wait_for("depth", 0, LONG_S)
     engine.show(("views",))
@@ -110,6 +111,7 @@ def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path,
         assert engine.wait_for("views", last.serial, LONG_S) is not None
 
 
+@pytest.mark.slow
 def test_recording_and_pictures_are_files_of_new_names(engine: LiveEngine) -> None:
     path = engine.record()
     until(engine, lambda status: status.recording is not None and status.recording[1] >= 5)
@@ -124,6 +126,7 @@ def test_recording_and_pictures_are_files_of_new_names(engine: LiveEngine) -> No
     assert status.hint is not None and status.hint.picture == taken.name and status.hint.sentence.startswith("next: ")
 
 
+@pytest.mark.slow
 def test_the_mirrors_are_compared_with_the_layout_while_that_is_on(engine: LiveEngine) -> None:
     assert engine.status().alignment is None
     engine.align(True)

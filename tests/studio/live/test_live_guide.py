@@ -23,6 +23,8 @@ from tests.optics.drift.calibrated_device import turned
 from tests.studio.browser import browser_page, served
 from tests.studio.live.live_sets import repeated
 
+pytestmark = pytest.mark.slow
+
 SIZE = (1400, 1430)
 COARSE = (70, 72)
 UNLIKE_GREY = 12.0

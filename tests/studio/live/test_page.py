@@ -19,6 +19,8 @@ from tests.small_set import BOARD
 from tests.studio.browser import NARROW, WIDE, browser_page, served
 from tests.studio.live.live_sets import repeated, write_live_set
 
+pytestmark = pytest.mark.slow
+
 LONG_MS = 60_000
 
 

@@ -125,6 +125,7 @@ def whole_set(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) 
     return built_once(tmp_path_factory, "live_calibration_set", lambda out: render_set(request, out))
 
 
+@pytest.mark.slow
 def test_a_calibration_gives_its_report(whole_set: Path, tmp_path: Path) -> None:
     out = tmp_path / "calibrated"
     run = CalibrationRun(whole_set / "frames", whole_set / "board.toml", whole_set / "layout.json", out)

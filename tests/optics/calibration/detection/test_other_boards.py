@@ -17,6 +17,7 @@ from mirrorcam.optics.calibration.detection.other_boards import other_board, oth
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
+from tests.nightly import a_few
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, seen
 from tests.optics.calibration.detection.one_mirror import CAMERA as LARGER
@@ -176,7 +177,7 @@ def test_what_a_flipped_picture_of_a_checkerboard_does_not_tell() -> None:
     assert other_board(flipped(PLAIN, mirrored=False)[:1], PLAIN, mirrored=False, found=False) is None
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", a_few(1, [False, True]))
 def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     shown = pictures(MARKED.replaced(dictionary="DICT_5X5_100"), mirrored=mirrored)
     said = other_board(shown, MARKED, mirrored=mirrored, found=False)

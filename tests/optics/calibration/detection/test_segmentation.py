@@ -126,6 +126,7 @@ def as_second_surface(layout: Layout) -> Layout:
     )
 
 
+@pytest.mark.slow
 def test_the_coating_of_second_surface_mirrors_is_moved_as_far_as_its_image() -> None:
     meant, built = as_second_surface(MEANT), as_second_surface(BUILT)
     assert outlined_in(meant, seen_in(frames(6, meant))) == (meant, ())
