@@ -10,7 +10,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, served_sources
+from mirrorcam.optics.light_field.decoder import LEAST_SHARE, MOST_CROSSTALK, Decoder, choose_views, pupil_sources
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
@@ -71,7 +71,7 @@ def test_shares_and_places_are_those_of_rays_through_the_whole_pupil(lens_layout
     views = choose_views(lens_layout, DEPTH_MM, "union")
     at = divmod(index, lens_layout.cols)
     points = views.plane_points_in_rig(DEPTH_MM, views.pixel_grid(), at).reshape(-1, 3)
-    pixels, shares = served_sources(lens_layout, index, points, 2.0)
+    pixels, shares = pupil_sources(lens_layout, index, points, 2.0)
     partial, whole, none = (np.flatnonzero(mask) for mask in ((shares > 0) & (shares < 1), shares == 1, shares == 0))
     random = np.random.default_rng(index)
     chosen = np.concatenate([random.choice(partial, 100), random.choice(whole, 20)])
@@ -94,7 +94,7 @@ def test_shares_and_places_are_those_of_rays_through_the_whole_pupil(lens_layout
 def test_a_place_out_of_focus_is_not_where_its_chief_ray_is(lens_layout: Layout) -> None:
     views = choose_views(lens_layout, 600.0, "common")
     points = views.plane_points_in_rig(600.0, views.pixel_grid(), (0, 0))
-    pixels, shares = served_sources(lens_layout, 0, points, 2.0)
+    pixels, shares = pupil_sources(lens_layout, 0, points, 2.0)
     moved = np.abs(pixels - lens_layout.project(points, 0))
     assert moved[shares == 1.0].max() < 1e-9
     assert 0.02 < moved[(shares > 0.0) & (shares < 0.7)].max() < 1.0
