@@ -22,8 +22,8 @@ from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
-from mirrorcam.optics.calibration.detection.frame_choice import most_telling
-from mirrorcam.optics.calibration.detection.joint_numbering import numbered_together
+from mirrorcam.optics.calibration.detection.frame_choice import most_informative
+from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.detection.other_boards import MOST_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
@@ -118,7 +118,7 @@ def calibrate(
     pictures = taken.read(base_frames, mirrored=False)
     found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
     if isinstance(target, Checkerboard):
-        found = numbered_together(found, found_in_base, layout, target)
+        found = number_jointly(found, found_in_base, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
     chosen = [_chosen(detected, number, *size) for detected, number in zip((found, found_in_base), most, strict=True)]
     seen, base = (
@@ -163,7 +163,7 @@ def _chosen(
         [Corners(rows.corner[rows.view == view], rows.pixels[rows.view == view]) for view in np.unique(rows.view)]
         for rows in (frame.corners for frame in detected)
     ]
-    return most_telling(boards, corners_in_board_mm, width_px=width_px, most=most)
+    return most_informative(boards, corners_in_board_mm, width_px=width_px, most=most)
 
 
 def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:

@@ -20,7 +20,7 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import direct_view
-from mirrorcam.optics.calibration.detection.frame_choice import most_telling
+from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -131,7 +131,7 @@ def calibrate_with_direct_view(
     used = list(range(len(pictures)))
     if most is not None and len(pictures) > most:
         each = [[board.any for board in some if board.any is not None] for some in boards]
-        used = most_telling(each, corners_mm, width_px=width, most=most)
+        used = most_informative(each, corners_mm, width_px=width, most=most)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {names_together([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]

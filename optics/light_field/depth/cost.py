@@ -54,9 +54,9 @@ def channels(colours: Float32) -> Float32:
     The last row and column are repeated, so that each sample has a next one.
     """
     grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
-    slopes = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
+    gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
     return np.stack(
-        [cv2.copyMakeBorder(each, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for each in (*cv2.split(colours), *slopes)]
+        [cv2.copyMakeBorder(each, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for each in (*cv2.split(colours), *gradients)]
     )
 
 
@@ -238,16 +238,16 @@ def _compare_row(
     if row < 0 or row > height - 1:
         return
     # Restrict to places scale x + across from 0 to width - 1.
-    trifle = np.float32(1e-4)
-    x = max(first, int(np.ceil(-across / scale - trifle)))
-    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + trifle)) + 1)
+    tolerance = np.float32(1e-4)
+    x = max(first, int(np.ceil(-across / scale - tolerance)))
+    x1 = min(last, int(np.floor((np.float32(width - 1) - across) / scale + tolerance)) + 1)
     y0 = int(np.floor(row))
     near_row = int(row + np.float32(0.5))
     share, grows = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
     other = pictures.others[view]
     while x < x1:
         # A run of pixels whose samples in the view are adjacent, too.
-        shift = int(np.floor(grows * np.float32(x) + across + trifle))
+        shift = int(np.floor(grows * np.float32(x) + across + tolerance))
         end = x1
         if grows > 0:
             end = min(end, int(np.floor((np.float32(shift + 1) - across) / grows)) + 1)

@@ -27,7 +27,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     matching_gain,
     patches,
 )
-from mirrorcam.optics.light_field.depth.refine import JUMP_PX, Match, Refiner, SlopePicture, follow_edges
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, follow_edges
 from mirrorcam.optics.light_field.depth.search import MOST_SEARCHED, Size, search
 from mirrorcam.optics.light_field.depth.semiglobal import Cheapest
 from mirrorcam.optics.light_field.depth.sweep import range_around
@@ -172,9 +172,9 @@ class DepthEstimator:
         others = [other.brighter(gain) for other, gain in zip(others, gains, strict=True)]
         found, others = self._searched(reference, others)
         planes = follow_edges(found.cheapest.planes, reference.colours, JUMP_PX / self._full.sweep.reach_px, self._run)
-        own, *slopes = self._run(lambda each: SlopePicture.of(each.brightness, each.seen), [reference, *others])
+        own, *gradients = self._run(lambda each: GradientPicture.of(each.brightness, each.seen), [reference, *others])
         steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smooth = self._refiner.refined(planes, own, slopes, steps, iterations)
+        planes, match, smooth = self._refiner.refined(planes, own, gradients, steps, iterations)
         return self._depth_map(planes, match, smooth, found, reference.known)
 
     def _searched(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_Found, list[ViewPicture]]:

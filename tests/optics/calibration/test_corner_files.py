@@ -134,7 +134,7 @@ def test_a_bad_sigma_or_use_is_refused(line: str, expected: str, tmp_path: Path)
 
 @pytest.mark.parametrize("heads", ["picture,view,corner,x,y", f"{HEADS},weight", f"{HEADS},x_px", "a,0-0,0,1,2"])
 def test_other_heads_are_refused(heads: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"t\.csv, line 1: expected the heads picture, view, corner, x_px, y_px and"):
+    with pytest.raises(InputError, match=r"t\.csv, line 1: expected the columns picture, view, corner, x_px, y_px and"):
         read(table(tmp_path / "t.csv", heads=heads))
 
 

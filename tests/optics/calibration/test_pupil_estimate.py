@@ -1,4 +1,4 @@
-"""Corners that the pupil sees partly, and what is said of the pupil."""
+"""Vignetted corners, and the note on the pupil."""
 
 from __future__ import annotations
 
@@ -46,9 +46,7 @@ def test_the_whole_pupil_sees_every_corner_that_is_left_and_some_around_it(defau
     corners = grid_of(layout, 4)
     kept, notes = unvignetted(layout, corners)
     left_out = int((~kept).sum())
-    assert notes == (
-        f"{left_out} of {len(corners)} corners left out: near mirrors' edges, which the pupil sees partly",
-    )
+    assert notes == (f"{left_out} of {len(corners)} corners left out: vignetted, near mirrors' edges",)
     mirror, camera = layout.mirrors[4], layout.camera
     around = 0.9 * MARGIN_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     served = [traced(mirror, camera.normalized_from_pixels(corners.pixels + step), PUPIL) for step in around]
@@ -71,7 +69,7 @@ def test_a_mirror_that_hardly_serves_a_whole_pupil_keeps_its_corners(default_lay
     layout = with_pupil(default_layout, Pupil(40.0, 500.0))
     kept, notes = unvignetted(layout, grid_of(layout, 4))
     assert kept.all()
-    assert notes == ("mirror 1-1: hardly any corner is seen by the whole pupil, all are used",)
+    assert notes == ("mirror 1-1: hardly any corner is unvignetted, so all are used",)
 
 
 def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layout) -> None:
@@ -88,9 +86,9 @@ def test_a_frame_keeps_its_corners_where_few_would_be_left(default_layout: Layou
 @pytest.mark.parametrize(
     ("seen", "expected", "words"),
     [
-        (None, (1.8, 500.0), "do not show the blur of enough mirrors' edges to tell the pupil: 1.8 mm wide"),
+        (None, (1.8, 500.0), "show the blur of too few mirror edges to estimate the pupil: 1.8 mm wide"),
         (SeenPupil(0.01, 0.02, 0.002, 0.002, 20), (0.0, 500.0), "0.10 ± 0.07 mm wide, by the blur of 20 mirror edges"),
-        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not tell the distance in focus"),
+        (SeenPupil(4.0, 0.2, 0.001, 0.002, 20), (2.0, 500.0), "do not determine the distance in focus"),
         (SeenPupil(4.0, 0.2, 0.001, 0.0003, 20), (2.0, 1000.0), "in focus at 1000 mm (1.00 ± 0.30 per metre)"),
     ],
 )

@@ -17,10 +17,10 @@ from mirrorcam.optics.calibration.detection.checkerboard import (
     Grey,
     board_ends,
     cell_px,
+    complete_board,
     confirm,
     find_checkerboards,
     spread_out,
-    whole_board,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -253,9 +253,9 @@ def test_all_corners_are_found_under_strong_distortion(*, flipped: bool) -> None
 
 def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_whole() -> None:
     picture, _ = through_fisheye(flipped=False)
-    assert whole_board(picture, UPRIGHT) is not None
-    assert whole_board(picture, UPRIGHT.replaced(rows=9)) is None
+    assert complete_board(picture, UPRIGHT) is not None
+    assert complete_board(picture, UPRIGHT.replaced(rows=9)) is None
     hidden = picture.copy()
     hidden[:, :270] = 128
-    assert whole_board(hidden, UPRIGHT) is None
+    assert complete_board(hidden, UPRIGHT) is None
     assert find_checkerboards(np.full((300, 400), 90, np.uint8), UPRIGHT) == []

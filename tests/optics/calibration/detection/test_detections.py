@@ -106,7 +106,7 @@ def test_a_grid_in_a_mirror_is_that_of_the_print(turn: int) -> None:
 def test_parts_together_are_numbered_where_each_alone_is_not() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:4], 0, mirrored=False, ends=True)
     right, ids = part(ODD, np.s_[:], np.s_[2:], 0, mirrored=False)
-    whole = SeenGrid.together([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
+    whole = SeenGrid.join([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
     numbered = [corners.ids[-len(ids) :].tolist() for corners in whole.numberings(ODD, mirrored=False)]
     assert numbered == [ids.tolist()]
 
@@ -115,8 +115,8 @@ def test_an_end_that_another_view_goes_beyond_is_none() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:3], 0, mirrored=False)
     false_end = SeenGrid(left.places, left.corners, np.array([[-np.inf, -np.inf], left.places.max(axis=0)]))
     right, _ = part(ODD, np.s_[:], np.s_[1:], 0, mirrored=False)
-    assert np.isinf(SeenGrid.together([false_end, right]).limits[1, 0])
-    assert np.isfinite(SeenGrid.together([false_end]).limits[1, 0])
+    assert np.isinf(SeenGrid.join([false_end, right]).limits[1, 0])
+    assert np.isfinite(SeenGrid.join([false_end]).limits[1, 0])
 
 
 @pytest.mark.parametrize("middles", [np.zeros(2), np.zeros((1, 3)), np.array([[0.0, np.nan]])])

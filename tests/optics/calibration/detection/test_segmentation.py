@@ -69,9 +69,7 @@ def test_an_outline_over_another_mirror_is_not_believed() -> None:
     wrong = widened(MEANT, 1, left_px=88.0)
     found, notes = outlined_in(wrong, seen)
     assert found == wrong
-    assert [note[: note.index(",")] for note in notes] == [
-        "mirror 0-0: 1 of 4 edges are seen up to 31 px beside their places"
-    ]
+    assert [note[: note.index(",")] for note in notes] == ["mirror 0-0: 1 of 4 edges are displaced by up to 31 px"]
     assert "not moved: " in notes[0]
     assert "outlines of mirrors 0-0 and 0-1 overlap" in notes[0]
 

@@ -94,7 +94,7 @@ def test_a_view_elsewhere_is_left_out_by_name(scene: Scene, device: Layout) -> N
     kept, notes = consistency.consistent_views(seen, left, [f"{n}.png" for n in range(15)], device.mirror_names)
     np.testing.assert_array_equal(kept, ~away)
     assert [note.partition(":")[0] for note in notes] == ["2.png, mirror 0-1"]
-    with pytest.raises(InputError, match="mirror 0-1 shows the board elsewhere"):
+    with pytest.raises(InputError, match="mirror 0-1 disagrees with the other views"):
         often = (seen.frame < 7) & (seen.view == 1)
         consistency.consistent_views(
             seen, np.where(often, 100.0, 0.0)[:, None] * np.ones(2), [""] * 15, device.mirror_names

@@ -102,7 +102,7 @@ def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_a
     assert abs(seen.thickness_mm - 2.0) < 3.0 * seen.sigma_mm < 0.3
     narrow, wide = (seen.sentence(factor).split("+-")[1].split()[0] for factor in (1.0, 3.0))
     assert float(wide) == pytest.approx(3.0 * float(narrow), rel=0.1)
-    assert found.alarms[0].startswith("mirrors as joint describes them leave 0.00")
+    assert found.alarms[0].startswith("the mirrors of joint leave 0.00")
     assert found.free_views is not None
     assert found.free_views.unexplained_px > 0.004
 
@@ -136,7 +136,7 @@ def test_the_paper_holds_the_camera(scene: Scene, device: Layout) -> None:
     found = selected(scene, device, 0, model="paper")
     assert found.level == "paper"
     assert found.alarms == (), "the camera it holds is the true one"
-    assert found.notes == ("the intrinsics are held: what they may be off is in no uncertainty",)
+    assert found.notes == ("the intrinsics are fixed: no uncertainty includes their errors",)
     assert found.solution.estimate.camera == device.camera
     assert len(found.solution.parameters) == 12
 
@@ -158,7 +158,7 @@ def test_a_camera_that_corners_do_not_determine_is_held_and_noted(scene: Scene, 
     start = Estimate.of(device.camera, device.mirrors, scene.poses[:1])
     found = select_model(start, first, BOARD.corners_in_board_mm)
     assert found.level == "paper"
-    assert found.notes[0].startswith("the corners leave the intrinsics open")
+    assert found.notes[0].startswith("the corners do not determine the intrinsics")
     with pytest.raises(UndeterminedError):
         select_model(start, first, BOARD.corners_in_board_mm, model=RequestedModel())
 

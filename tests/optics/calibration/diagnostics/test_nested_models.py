@@ -19,12 +19,12 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     extended,
     fit_as,
     fit_with,
-    foreseen_gain,
     free_intrinsics,
     further_lenses,
     joint_model,
     paper_model,
     plate_thickness,
+    predicted_gain,
     with_addition,
 )
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
@@ -102,8 +102,8 @@ def test_no_lens_is_foreseen_of_corners_without_noise(scene: Scene, addition: st
     nothing = np.zeros_like(fitted.solution.standardised)
     exact = replace(fitted, solution=replace(fitted.solution, standardised=nothing, scale=0.0))
     with np.errstate(all="raise"):
-        assert foreseen_gain(addition, exact, scene.clean) == 0.0
-        assert foreseen_gain(addition, fitted, scene.clean) <= 0.0
+        assert predicted_gain(addition, exact, scene.clean) == 0.0
+        assert predicted_gain(addition, fitted, scene.clean) <= 0.0
 
 
 def test_additions_lead_from_one_lens_to_the_next_and_keep_what_is_seen() -> None:
@@ -149,9 +149,9 @@ def fitted(camera: Camera, frames: int, base_frames: int) -> tuple[Fitted, Obser
 def test_a_field_is_foreseen_where_residuals_have_a_pattern_and_only_there() -> None:
     plain = nominal_layout().camera.replaced(distortion=LENSES["joint"][1])
     joint, seen = fitted(plain, 5, 3)
-    assert [foreseen_gain(name, joint, seen) > 0.0 for name in ("spline", "rational", "prism")] == [False] * 3
+    assert [predicted_gain(name, joint, seen) > 0.0 for name in ("spline", "rational", "prism")] == [False] * 3
     joint, seen = fitted(waving(plain), 5, 3)
-    assert foreseen_gain("spline", joint, seen) > 500.0
+    assert predicted_gain("spline", joint, seen) > 500.0
 
 
 @pytest.mark.slow

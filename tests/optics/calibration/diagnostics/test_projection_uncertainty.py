@@ -146,7 +146,7 @@ def test_the_working_range_is_where_the_board_was(scene: Scene, calibrated: Layo
 
 
 def test_a_layout_without_covariance_is_refused(device: Layout) -> None:
-    with pytest.raises(ValueError, match="carries no uncertainty"):
+    with pytest.raises(ValueError, match="has no uncertainty"):
         projection_map(device, 0, reference=3, range_mm=RANGE_MM)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.refine import Refiner, SlopePicture, follow_edges, jumps
+from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, follow_edges, jumps
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -28,10 +28,10 @@ def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
     light_field, depth, _ = photograph(views, [surface], noise=0.0)
     planes = sweep(views, INVERSE_DISTANCES)
     pictures = [ViewPicture.of(light_field, index) for index in ((1, 1), *other_views(views))]
-    slopes = [SlopePicture.of(picture.grey, picture.seen) for picture in pictures]
+    gradients = [GradientPicture.of(picture.grey, picture.seen) for picture in pictures]
     refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)])
     truth = (1.0 / (depth - views.reference_view_depth_mm) - INVERSE_DISTANCES[0]) / planes.step
-    return refiner, planes, slopes[0], slopes[1:], truth.astype(np.float32)
+    return refiner, planes, gradients[0], gradients[1:], truth.astype(np.float32)
 
 
 @pytest.mark.parametrize("wrong_px", [-0.3, 0.3])
@@ -62,7 +62,7 @@ def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
 
 def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
-    blank = SlopePicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
+    blank = GradientPicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
     found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2, 30)
     assert np.abs(found - truth).max() < 0.01
     assert (match.information == 0.0).all()
@@ -93,9 +93,9 @@ def test_noise_makes_information_count_for_less(slanted: Any) -> None:
     refiner, _, reference, others, truth = slanted
     random = np.random.default_rng(0)
 
-    def noisy(picture: SlopePicture) -> SlopePicture:
-        noise = random.normal(scale=2.0, size=picture.slopes.shape).astype(np.float32)
-        return SlopePicture(picture.slopes + noise, picture.seen)
+    def noisy(picture: GradientPicture) -> GradientPicture:
+        noise = random.normal(scale=2.0, size=picture.gradients.shape).astype(np.float32)
+        return GradientPicture(picture.gradients + noise, picture.seen)
 
     clear = refiner.match(truth, reference, others)[0]
     dim = refiner.match(truth, noisy(reference), [noisy(other) for other in others])[0]
