@@ -225,7 +225,7 @@ def test_two_boards_throughout_are_refused(good: Views, truth: Layout, fold_90_l
     other = second_board(truth)
     with pytest.raises(InputError, match="views disagree with others of their frames"):
         screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, fold_90_layout, CORNERS)
-    with pytest.raises(InputError, match="mirror 1-1 disagrees with .* in 6 of 6 frames"):
+    with pytest.raises(InputError, match=r"mirror 1-1 disagrees with .* in 6 of 6 frames"):
         screen(exchanged(good.seen, other, range(6), [4]), good.base, fold_90_layout, CORNERS)
 
 

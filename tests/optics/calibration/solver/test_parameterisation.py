@@ -13,7 +13,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, FrameTerms, Model, pair_prior, turned_like
+from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, FrameTerms, Model, pair_prior, rotated_like
 from mirrorcam.optics.calibration.solver.residuals import Board, global_names
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -110,7 +110,7 @@ def test_pictures_are_the_same_however_the_pair_is_turned() -> None:
 def test_a_turned_pair_is_turned_back() -> None:
     built = pair(true_layout())
     turned, _ = about_line(built, 0.03)
-    found, angle = turned_like(turned, built)
+    found, angle = rotated_like(turned, built)
     assert abs(angle) == pytest.approx(0.03, rel=1e-9)
     np.testing.assert_allclose(found.virtual_centres_in_rig_mm, built.virtual_centres_in_rig_mm, atol=1e-9)
     np.testing.assert_allclose(found.view_from_rig, built.view_from_rig, atol=1e-12)
@@ -141,7 +141,7 @@ def test_a_pair_is_calibrated_but_for_its_turn() -> None:
     assert any(note.startswith("two mirrors without a direct view") for note in found.notes)
     assert found.metrics["common_turn_sigma_deg"].value == pytest.approx(PAIR_DEG, rel=0.05)
     np.testing.assert_allclose(relative(found.layout.mirrors), relative(built.mirrors), atol=0.05)
-    turned, angle = turned_like(found.layout, built)
+    turned, angle = rotated_like(found.layout, built)
     assert abs(np.rad2deg(angle)) < 3.0 * PAIR_DEG
     for mirror, true in zip(turned.mirrors, built.mirrors, strict=True):
         assert np.degrees(np.linalg.norm(np.cross(mirror.normal_in_rig, true.normal_in_rig))) < 0.01

@@ -123,7 +123,7 @@ def test_the_way_around_stays_between_the_views() -> None:
     assert ((places >= low - 1e-9) & (places <= high + 1e-9))[:, :2].all()
     assert np.ptp(places[:, 0]) > 30.0
     assert np.ptp(places[:, 1]) > 30.0
-    with pytest.raises(InputError, match=r"place \(90, 0\) mm lies outside the views"):
+    with pytest.raises(InputError, match=r"position \(90, 0\) mm lies outside the views"):
         seen_from(light_field, true_depths(views, SCENE), np.array([90.0, 0.0, 0.0]))
 
 
@@ -174,5 +174,5 @@ def test_what_has_no_sample_stays_without() -> None:
 def test_too_many_views_are_refused() -> None:
     views = grid_views()
     light_field = photograph(views, SCENE)[0]
-    with pytest.raises(InputError, match="401x401 views of 120x90 px, expected 200 million px at most"):
+    with pytest.raises(InputError, match="401x401 views of 120x90 px, expected at most 200 million px"):
         with_views_between(light_field, true_depths(views, SCENE), 199)
