@@ -248,8 +248,8 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"min_views": 0}, "features in 0 views beside the reference view, expected 1 to 8"),
-        ({"min_views": 9}, "features in 9 views beside the reference view, expected 1 to 8"),
+        ({"min_views": 0}, "features in 0 views besides the reference view, expected 1 to 8"),
+        ({"min_views": 9}, "features in 9 views besides the reference view, expected 1 to 8"),
         ({"max_distance_px": 0.0}, "maximum distance is 0 px, expected a positive number"),
         ({"max_distance_px": np.nan}, "maximum distance is nan px"),
         ({"nearest_mm": 500.0, "farthest_mm": 400.0}, "depths 500 to 400 mm, expected the nearer one first"),
