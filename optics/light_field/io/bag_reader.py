@@ -1,7 +1,7 @@
-"""Light fields in ROS 2 bags: as `BagWriter` wrote them, or as they were recorded again from its topics.
+"""Light fields in ROS 2 bags: written by `BagWriter`, or recorded again from its topics.
 
 rosbags reads the messages. Like the `mcap` library, it decompresses an entire chunk of an MCAP file, however large the
-result, so chunks are checked first, before they are decompressed into memory (https://mcap.dev/spec).
+result, so chunks are checked before they are decompressed into memory (https://mcap.dev/spec).
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ METADATA = "metadata.yaml"
 TEXT, ARRAY, IMAGE = "std_msgs/msg/String", "std_msgs/msg/Float32MultiArray", "sensor_msgs/msg/Image"
 _NS_PER_S = 10**9
 _SHOWN = 3
-"""Names that a message lists."""
+"""Number of names that a message lists."""
 View = tuple[int, int]
 MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _CHANNEL, _CHUNK = 0x02, 0x04, 0x06
 LARGEST_TOPICS_BYTES = 400_000
-"""Of the descriptions of all topics, whose quality of service is YAML that rosbags takes seconds to read; those of a
-light field take less than 1 kB a view."""
+"""Largest size of the descriptions of all topics, whose quality of service is YAML that rosbags parses slowly; a light
+field's take less than 1 kB per view."""
 _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")
 _COMPRESSIONS = ("", "zstd", "lz4")
@@ -45,10 +45,10 @@ _PIECE_BYTES = 1 << 16
 
 
 class StoredBag(StoredFrames):
-    """The light fields of a bag, an MCAP file or a folder of rosbag2, read one by one as they are asked for.
+    """The light fields of a bag (an MCAP file or a rosbag2 folder), each read on access.
 
-    The images of all views with one stamp are a frame. Frames that lack a view are left out, as the first and last ones
-    of a bag that was recorded over a network may be.
+    A frame consists of the images of all views with one stamp. Frames that lack a view are left out; the first and last
+    ones of a bag recorded over a network may be incomplete.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ class StoredBag(StoredFrames):
     Attributes
     ----------
     stamps_ns
-        Stamps of the frames, ascending.
+        Stamps of the frames, ns, ascending.
     incomplete
-        Number of frames that are left out.
+        Number of incomplete frames, which are left out.
 
     Raises
     ------
     InputError
-        In one line for a bag that cannot be read, or holds no light field or those of several cameras.
+        In one line, if the bag cannot be read, or holds no light field or several cameras'.
     """
 
     def __init__(self, path: Path) -> None:
@@ -81,14 +81,14 @@ class StoredBag(StoredFrames):
         self._stored = sum(file.stat().st_size for file in files)
         for file in sorted(path.glob("*.db3")) if path.is_dir() else ():
             refuse_pointer(file)
-        whole_files = path.is_dir() and any(path.glob("*.zstd"))
+        compressed_files = path.is_dir() and any(path.glob("*.zstd"))
         with _reading(path):
             self._reader = Reader(path)
-            if not whole_files:
+            if not compressed_files:
                 self._reader.open()
                 weakref.finalize(self, self._reader.close)
             self._check_index(chunks)
-            if whole_files or self._reader.compression_mode:
+            if compressed_files or self._reader.compression_mode:
                 raise InputError(
                     f"{path}: its files or messages are compressed, expected none or the chunks of MCAP files"
                 )
@@ -119,15 +119,15 @@ class StoredBag(StoredFrames):
         return LightField.of(self._empty, samples, self._empty.weights)
 
     def _check_index(self, chunks: Mapping[str, frozenset[Chunk]]) -> None:
-        """Raise ValueError where the index of an MCAP file names chunks that are none of those that were checked."""
+        """Raise ValueError if the index of an MCAP file refers to chunks other than the checked ones."""
         for storage in getattr(self._reader.storage, "storages", [self._reader.storage]):
             for each in getattr(storage, "chunks", ()):
                 named = Chunk(each.chunk_start_offset, each.compression, each.uncompressed_size, each.compressed_size)
                 if named not in chunks[Path(storage.path).name]:
-                    raise ValueError(f"its index names a chunk at byte {named.start} that is not there")
+                    raise ValueError(f"its index refers to a chunk at byte {named.start} that does not exist")
 
     def _geometry(self) -> tuple[ViewsFile, str]:
-        """What the bag says of its light field, and the namespace of its topics."""
+        """Return the bag's description of its light field, and the namespace of its topics."""
         found: dict[str, ViewsFile] = {}
         texts = [each for each in self._reader.connections if each.topic.endswith(f"/{VIEWS_TOPIC}")]
         for connection, _, raw in self._messages([each for each in texts if each.msgtype == TEXT]):
@@ -146,11 +146,11 @@ class StoredBag(StoredFrames):
         return stated, space
 
     def _messages(self, connections: Sequence[Any], start: int | None = None, stop: int | None = None) -> Iterator[Any]:
-        """The messages of some connections; rosbags would take none for all."""
+        """Messages of some connections; for none, rosbags would return all."""
         return self._reader.messages(connections, start, stop) if connections else iter(())
 
     def _weights(self, topic: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """The weights (t, s, v, u), which are the same for all frames."""
+        """Read the weights (t, s, v, u), which are the same for all frames."""
         wanted = [each for each in self._reader.connections if each.topic == topic and each.msgtype == ARRAY]
         for _, _, raw in self._messages(wanted):
             message: Any = self._store.deserialize_cdr(raw, ARRAY)
@@ -158,27 +158,27 @@ class StoredBag(StoredFrames):
         raise InputError(f"{self.path}: has no message on {topic}, expected the weights of the views")
 
     def _images(self, start: int | None = None, stop: int | None = None) -> Iterator[tuple[int, View, bytes]]:
-        """Time in the bag in ns, view and data of the images of views, between two times."""
+        """Yield bag time in ns, view and data of the views' images, between two times."""
         wanted = [each for each in self._reader.connections if each.topic in self._topics and each.msgtype == IMAGE]
         for connection, time_ns, raw in self._messages(wanted, start, stop):
             yield time_ns, self._topics[connection.topic], raw
 
     def _frames(self) -> Mapping[int, tuple[int, int]]:
-        """The stamps of all frames, ascending, and the first and last time in the bag of their images."""
+        """Return the stamps of all frames, ascending, with the first and last bag time of their images."""
         found: dict[int, dict[View, int]] = {}
         for time_ns, view, raw in self._images():
             found.setdefault(_stamp_of(raw), {})[view] = time_ns
-        whole = {stamp: views.values() for stamp, views in sorted(found.items()) if len(views) == len(self._topics)}
-        self.incomplete = len(found) - len(whole)
-        if not whole:
+        complete = {stamp: views.values() for stamp, views in sorted(found.items()) if len(views) == len(self._topics)}
+        self.incomplete = len(found) - len(complete)
+        if not complete:
             seen = {view for views in found.values() for view in views}
             lacking = next((topic for topic, view in self._topics.items() if view not in seen), None)
             why = "no stamp that all views have" if lacking is None else f"no image on {lacking}"
             raise InputError(f"{self.path}: has {why}, expected an image of each view at every stamp")
-        return {stamp: (min(times), max(times)) for stamp, times in whole.items()}
+        return {stamp: (min(times), max(times)) for stamp, times in complete.items()}
 
     def _pixels(self, raw: bytes, shape: tuple[int, ...]) -> NDArray[Any]:
-        """The pixels (v, u, c) of an image message; raises ValueError for one of another size or encoding."""
+        """Decode the pixels (v, u, c) of an image message; raises ValueError for another size or encoding."""
         message: Any = self._store.deserialize_cdr(raw, IMAGE)
         height, width, channels = shape
         encoding = encoding_of(self._dtype, channels)
@@ -197,20 +197,20 @@ class StoredBag(StoredFrames):
 
 
 def _some(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
+    """List the first names, and the number of others."""
     shown = ", ".join(name[:60] for name in names[:_SHOWN]) or "none"
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
 
 
 def _stamp_of(raw: bytes) -> int:
-    """The stamp in ns in the header that a serialized message begins with."""
+    """Stamp in ns from the header at the start of a serialized message."""
     seconds, rest = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
     return int(seconds) * _NS_PER_S + int(rest)
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Turn what rosbags raises for a bag into an InputError of one line."""
+    """Convert exceptions of rosbags to an InputError of one line."""
     from rosbags.rosbag2 import ReaderError
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
@@ -223,7 +223,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 class Chunk(NamedTuple):
-    """A chunk of messages: where its record begins, how it is compressed, and its bytes before and after that."""
+    """A chunk of messages: start of its record, compression, and size in bytes before and after compression."""
 
     start: int
     compression: str
@@ -232,7 +232,7 @@ class Chunk(NamedTuple):
 
 
 def zstd() -> Any:
-    """The module of Zstandard that rosbags uses, too."""
+    """Return the Zstandard module that rosbags uses, too."""
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:
@@ -241,36 +241,36 @@ def zstd() -> Any:
 
 
 def checked_chunks(path: Path) -> frozenset[Chunk]:
-    """The chunks of an MCAP file.
+    """Return the chunks of an MCAP file.
 
-    Raises InputError for a file that was cut off, and for a chunk that would take more memory than it may.
+    Raises InputError if the file is truncated, or a chunk would take more memory than allowed.
     """
     stored, chunks, topics = stored_bytes(path), [], 0
     with refusing(path, "an MCAP file that can be read"), path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise ValueError("does not begin as one")
+            raise ValueError("does not begin like one")
         opcode = 0
         while opcode != _FOOTER:
             start, head = file.tell(), file.read(_RECORD.size)
             opcode, length = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, stored)
             after = file.tell() + length
             if after > stored:
-                raise InputError(f"{path}: is cut off, expected a whole MCAP file (`mcap recover` saves what is there)")
+                raise InputError(f"{path}: truncated, expected a complete MCAP file (`mcap recover` saves the rest)")
             topics += length if opcode == _CHANNEL else 0
             if topics > LARGEST_TOPICS_BYTES:
-                raise ValueError("topics are described by more text than they need")
+                raise ValueError("topics are described by more text than necessary")
             if opcode == _CHUNK:
                 chunks.append(_chunk(path, file, start, after, stored))
             file.seek(after)
         if file.read() != MAGIC:
-            raise ValueError("does not end as one")
+            raise ValueError("does not end like one")
     return frozenset(chunks)
 
 
 def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chunk:
-    """The chunk whose record ends at `end`, in a file of `stored` bytes.
+    """Read the chunk whose record ends at `end`, in a file of `stored` bytes.
 
-    Raises ValueError where it does not state truly how much it holds, and InputError where that is too much.
+    Raises ValueError if its stated size is wrong, and InputError if it is too large.
     """
     _, _, held, _, named = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
     compression = file.read(min(named, 16)).decode()
@@ -288,9 +288,9 @@ def _chunk(path: Path, file: BinaryIO, start: int, end: int, stored: int) -> Chu
 
 
 def _check_zstd(raw: bytes, stated: int) -> None:
-    """Raise ValueError unless raw data are one frame of Zstandard that holds as many bytes as stated.
+    """Raise ValueError unless the data are one Zstandard frame with the stated number of bytes.
 
-    A frame need not state its content size: ROS 2 writes none.
+    A frame need not state its content size: ROS 2 omits it.
     """
     try:
         held, size = zstd().get_frame_info(raw).decompressed_size, zstd().get_frame_size(raw)
@@ -304,7 +304,7 @@ def _check_zstd(raw: bytes, stated: int) -> None:
 
 
 def _check_pieces(decompressor: Any, raw: bytes, stated: int) -> None:
-    """Raise ValueError unless raw data are one frame that holds as many bytes as stated, with one piece in memory."""
+    """Raise ValueError unless the data are one frame with the stated number of bytes, decompressed piece by piece."""
     held = taken = 0
     while not decompressor.eof:
         piece = raw[taken : taken + _PIECE_BYTES] if decompressor.needs_input else b""

@@ -1,4 +1,4 @@
-"""ROS 2 bags, which `mirrorcam decode --to mcap` writes: read frame by frame, written with one frame at time 0."""
+"""ROS 2 bags, written by `mirrorcam decode --to mcap`: read frame by frame, written with one frame at time 0."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from mirrorcam.optics.light_field.light_field import LightField
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is an MCAP file by its name, or a folder of rosbag2."""
+    """Return whether a path is named as an MCAP file, or is a rosbag2 folder."""
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() == ".mcap"
 
 
 def write_bag(path: Path, light_field: LightField) -> None:
-    """Write one light field as a bag of one frame."""
+    """Write one light field as a bag with one frame."""
     with BagWriter(path) as bag:
         bag.write([*latched_messages(light_field, 0), *frame_messages(light_field, 0)], 0)
 

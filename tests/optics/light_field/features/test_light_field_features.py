@@ -241,7 +241,7 @@ def test_light_fields_of_other_views_are_refused(scene: tuple[LightField, FloatA
         {"focal_px": 801.0},
     ):
         finder = FeatureFinder(uneven_views(**changes), "ORB")
-        with pytest.raises(InputError, match="has other views than those of layout"):
+        with pytest.raises(InputError, match="has other views than layout"):
             finder.find(scene[0])
 
 

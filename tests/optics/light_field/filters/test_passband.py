@@ -56,7 +56,7 @@ def test_coherence_is_a_correlation(kind: FilterKind) -> None:
 @pytest.mark.parametrize(
     ("near_mm", "far_mm", "message"),
     [
-        (None, 500.0, "a hyperfan passes depths between two"),
+        (None, 500.0, "a hyperfan passes a range of depths"),
         (500.0, 400.0, "depths from 500 to 400 mm"),
         (-200.0, 400.0, "expected the nearest, more than"),
         (np.nan, 400.0, "depths from nan to 400 mm"),

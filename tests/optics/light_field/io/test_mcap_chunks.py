@@ -39,8 +39,8 @@ def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
     for content, message in (
         (b"", "does not begin as one"),
         (b"\x89PNG", "does not begin as one"),
-        (whole[:30], "is cut off, expected a whole MCAP file"),
-        (whole[: -len(MAGIC) - len(FOOTER)], "is cut off, expected a whole MCAP file"),
+        (whole[:30], "truncated, expected a complete MCAP file"),
+        (whole[: -len(MAGIC) - len(FOOTER)], "truncated, expected a complete MCAP file"),
         (whole[:-2], "does not end as one"),
     ):
         path.write_bytes(content)

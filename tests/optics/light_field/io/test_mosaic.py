@@ -80,7 +80,7 @@ def test_lenslets_and_tiles_are_told_apart(grid: tuple[int, int]) -> None:
     samples = scene(*grid).samples
     with pytest.raises(InputError, match=rf"shows lenslets of {grid[1]}x{grid[0]} px, expected a name with _eslf"):
         check_division(mosaic(samples, "eslf"), grid, "tiles")
-    with pytest.raises(InputError, match="shows views beside each other and no lenslets"):
+    with pytest.raises(InputError, match="shows adjacent views and no lenslets"):
         check_division(mosaic(samples, "tiles"), grid, "eslf")
 
 

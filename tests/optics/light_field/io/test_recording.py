@@ -156,7 +156,9 @@ def test_a_disk_that_fills_up_keeps_what_is_whole(
     record(decoder, video, begun, limit=5)
     with (
         files_no_longer_than(3000),
-        pytest.raises(InputError, match=r"cannot be written: File too large; 5 frames before are whole, and") as caught,
+        pytest.raises(
+            InputError, match=r"cannot be written: File too large; 5 frames written before are complete"
+        ) as caught,
     ):
         record(decoder, video, begun)
     assert "\n" not in str(caught.value)

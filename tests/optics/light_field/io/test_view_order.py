@@ -152,7 +152,7 @@ def test_a_texture_that_repeats_does_not_tell_the_direction() -> None:
 def test_a_column_that_is_given_as_a_row_becomes_a_column() -> None:
     true = with_samples(scene(4, 1).samples)
     found, note = in_order(with_samples(true.samples.swapaxes(0, 1)))
-    assert note == "the pictures show that views are in one column: read so"
+    assert note == "the pictures show that views are in one column: reordered"
     assert np.array_equal(found.samples, true.samples)
     assert np.array_equal(found.positions_mm, true.positions_mm)
 

@@ -106,5 +106,5 @@ def test_views_of_a_device_are_refused_by_their_kind(tmp_path: Path, schema: str
     """`evaluate` gives calibrators a `views.json`, too; once it had the schema of this one."""
     described = {"schema": schema, "width_px": 4, "height_px": 3, "flip_code": 0, "views": []}
     (tmp_path / "views.json").write_text(json.dumps(described), encoding="utf-8")
-    with pytest.raises(InputError, match=r"views\.json: has the views of a device for calibrators, expected those of"):
+    with pytest.raises(InputError, match=r"views\.json: has a device's views for calibrators, expected"):
         read_views(tmp_path / "views.json")

@@ -88,7 +88,7 @@ def test_another_scene_is_lost_and_the_old_one_found_again(filmed: list[LightFie
 
 def test_light_fields_of_other_views_are_refused(filmed: list[LightField]) -> None:
     tracker = LightFieldTracker(even_views(3, 11.0, **SIZE))
-    with pytest.raises(InputError, match="has other views than those of layout"):
+    with pytest.raises(InputError, match="has other views than layout"):
         tracker.track(filmed[0])
 
 

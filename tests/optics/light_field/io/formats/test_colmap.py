@@ -111,7 +111,7 @@ def test_models_that_are_no_light_field_are_refused(scene: tuple[LightField, Flo
         ("cameras.txt", "PINHOLE", "OPENCV", "is OPENCV, expected PINHOLE"),
         ("cameras.txt", "700.0", "900.0", "do not share a plane"),
         ("images.txt", "view_01_01/", "view_01_09/", "not a model of a grid"),
-        ("images.txt", "2 0.70", "2 0.80", "turned differently"),
+        ("images.txt", "2 0.70", "2 0.80", "different orientations"),
     ):
         path = tmp_path / "sparse" / name
         good = path.read_text(encoding="utf-8")

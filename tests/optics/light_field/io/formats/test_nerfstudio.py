@@ -73,7 +73,7 @@ def test_datasets_that_are_no_light_field_are_refused(scene: tuple[LightField, F
         (lambda frames: frames[0].update(k1=0.1), "have distortion"),
         (lambda frames: frames[0].update(cx=5.0), "do not share a plane"),
         (lambda frames: frames[0].pop("fl_x"), "not a dataset of a grid"),
-        (turn, "turned differently"),
+        (turn, "different orientations"),
     ):
         bad(change)
         with pytest.raises(InputError, match=message):

@@ -45,7 +45,7 @@ def test_plenopticams_viewpoints_are_enough(tmp_path: Path) -> None:
 
 
 def test_plenopticam_knows_square_grids_only(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="as many down as across"):
+    with pytest.raises(InputError, match="expected a square grid"):
         write_plenopticam(tmp_path, plane(2, 3, 1.0))
 
 

@@ -75,7 +75,7 @@ def test_folders_of_pictures_may_have_any_names(tmp_path: Path, name: str, first
     assert format_of(tmp_path).name == "stanford"
     contents = read_stanford(tmp_path, given)
     (found,) = contents.frames
-    assert contents.notes == ("1 picture left out, by name none of the 3x2 views, such as cover.png",)
+    assert contents.notes == ("1 picture left out, not named as one of the 3x2 views, such as cover.png",)
     assert np.allclose(found.positions_mm, light_field.positions_mm, atol=1e-6)
     assert np.abs(found.samples.astype(float) - light_field.samples).mean() < (8.0 if "JP" in name.upper() else 1e-9)
     if not places:
@@ -119,7 +119,7 @@ def test_row_and_column_in_names_may_be_exchanged_and_numbered_in_a_snake(tmp_pa
             tmp_path / f"IMG_0001_{number:03d}_{s + 1:02d}_{t + 1:02d}.png", light_field.samples[t, s].astype(np.uint8)
         )
     contents = open_light_fields(tmp_path, assumed=GIVEN)
-    assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: read so",)
+    assert contents.notes == ("the pictures show that views are column by column in 4 columns of 3: reordered",)
     assert np.array_equal(contents.frames[0].samples, light_field.samples)
     assert contents.frames[0].step_mm() == GIVEN.step_mm
 
