@@ -110,7 +110,7 @@ def test_columns_may_stand_in_any_order_and_few_corners_are_left_out(tmp_path: P
         ("a,0-0,1,1", "line 3: 4 cells, expected 5: picture, view, corner, x_px, y_px"),
         (",0-0,1,1,2", "line 3: picture '', expected a name"),
         ("a,0-0,0,1,2", "line 3: corner '0', expected each corner of a view once in a picture"),
-        ("a,direct,1,1,2", "line 3: view 'direct', expected pictures that show the board in mirrors, or directly"),
+        ("a,direct,1,1,2", "line 3: view 'direct', expected pictures that show the board in mirrors or directly"),
         ('a,0-0,"1,1,2', "line 3: unexpected end of data, expected cells between commas"),
     ],
 )
@@ -199,7 +199,7 @@ def test_corners_of_no_level_are_left_out(tmp_path: Path, ending: str) -> None:
         (["a.png 1 2 3 4"], "line 2: 5 values"),
         (lines("a.png", ending=" high"), "line 2: 'high', expected a level"),
         (lines("a.png", ending=" 1e9"), "line 2: '1e9', expected a level"),
-        (lines("view_0_1/a.png"), "is of a mirror, expected a table like corners.csv"),
+        (lines("view_0_1/a.png"), "is a mirror's view, expected a table like corners.csv"),
     ],
 )
 def test_what_mrcal_would_not_take_for_this_board_is_named(tmp_path: Path, content: list[str], complaint: str) -> None:

@@ -69,7 +69,7 @@ def test_corners_without_noise_support_no_conclusion(scene: Scene) -> None:
     assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
     found = diagnose(reached, scene.clean, scene.calibrated(reached.solution))
     assert found.alarms == ()
-    assert found.notes == ("not split: the corners have no noise that halves could differ by",)
+    assert found.notes == ("not split: the corners have no noise to compare halves by",)
 
 
 def test_halves_that_differ_make_everything_less_sure(device: Layout) -> None:

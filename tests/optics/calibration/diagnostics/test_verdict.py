@@ -62,6 +62,6 @@ def test_cells_name_the_views_that_have_them(views: tuple[ViewFigures, ...]) -> 
         return CellMeans(np.zeros((40, 2)), np.zeros((40, 2)), np.full(40, systematic))
 
     in_one = advice_on_cells([cells(place == 1) for place in range(len(views))], views)
-    assert in_one == f"See the red arrows of {views[1].called}: a mirror there may be bent, or have moved."
+    assert in_one == f"See the red arrows of {views[1].called}: a mirror there may be bent or displaced."
     in_all = advice_on_cells([cells(True) for _ in views], views)
     assert "in most views: the board may be bent, or the lens beyond its model" in in_all
