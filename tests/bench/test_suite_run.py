@@ -136,6 +136,7 @@ def test_a_manifest_of_others_is_not_replaced(suite_folder: Path, default_layout
     assert manifest.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_designs_without_a_solution_are_refused_by_the_name_of_their_set(tmp_path: Path) -> None:
     suite = Suite.model_validate(
         {"name": "s", "version": 1, "set": [{"name": "narrow", "design": {"rows": 1, "cols": 2, "spacing_mm": 500.0}}]}

@@ -112,6 +112,7 @@ def test_unchanged_parts_are_taken_over(
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_made_again(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -182,10 +182,8 @@ def alive(group: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    "kill",
-    [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kill", [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed")])
 def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     layouts = tmp_path / "out" / "layouts"
     process = sweeping(tmp_path)

@@ -39,6 +39,7 @@ def depths_mm(folder: Path) -> list[NDArray[np.float32]]:
     return [np.load(path)["depth_mm"] for path in sorted(folder.glob("*_depth.npz"))]
 
 
+@pytest.mark.slow
 def test_frames_of_a_recording_are_filtered_in_time_unless_kept_apart(tmp_path: Path) -> None:
     frames = noisy_walls(4)
     for name in ("first", "second"):

@@ -106,6 +106,7 @@ def test_a_solver_that_dies_is_said_and_replaced(designer: Designer) -> None:
     assert isinstance(designer.solve(SMALL), SolvedDesign)
 
 
+@pytest.mark.slow
 def test_what_is_near_is_solved_ahead(designer: Designer) -> None:
     designer.solve(SMALL)
     ahead = SMALL.replaced(rows=2)
@@ -153,6 +154,7 @@ def refused(spec: DesignSpec) -> RefusedDesign:
     return found
 
 
+@pytest.mark.slow
 def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
     found = list(advisor.suggestions(NARROW, refused(NARROW), Asker()))
     assert found
@@ -164,6 +166,7 @@ def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
     assert not isinstance(design_work.solve(smaller), RefusedDesign)
 
 
+@pytest.mark.slow
 def test_another_request_ends_a_search_and_the_next_one_works(advisor: Advisor) -> None:
     got: list[list[SuggestedRequest]] = []
     refusal = refused(MANY)

@@ -128,6 +128,7 @@ def test_a_camera_is_read_by_rtsp() -> None:
     assert_in_time(found)
 
 
+@pytest.mark.slow
 def test_a_stream_is_read_live() -> None:
     address = f"udp://127.0.0.1:{free_port()}"
     over = threading.Event()

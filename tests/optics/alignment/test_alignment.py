@@ -42,6 +42,7 @@ def test_a_view_turns_to_where_the_signs_say(default_layout: Layout) -> None:
             assert change[which] > 0.0
 
 
+@pytest.mark.slow
 def test_tilts_of_a_device_are_within_their_deviations(default_layout: Layout) -> None:
     pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
     errors = BuildErrors()
@@ -146,6 +147,7 @@ def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fi
     assert np.median(np.linalg.norm(seen - designed, axis=1)) < 0.6
 
 
+@pytest.mark.slow
 def test_a_fit_from_the_one_before_is_the_same(pinhole: Layout, fitter: EdgeFitter) -> None:
     picture = sheet(built(pinhole, BuildErrors(), drawn(fitter, 2)))
     first = fitter.fit(picture)

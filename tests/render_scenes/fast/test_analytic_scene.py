@@ -129,6 +129,7 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
 WHITE = Checkerboard(cols=6, rows=5, square_mm=300.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ink", "sensor", "limit"), a_few(1, [(1.0, "c920", 0.002), (0.05, "c920", 0.002), (0.05, "poor", 0.005)])
 )

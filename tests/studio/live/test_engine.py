@@ -138,6 +138,7 @@ def test_the_mirrors_are_compared_with_the_layout_while_that_is_on(engine: LiveE
     assert all(len(outline) > 8 for outline in outlines.values())
 
 
+@pytest.mark.slow
 def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path) -> None:
     """A set too small for a calibration, which says so."""
     layout, frames = finished_set / "layout.json", finished_set / "frames"
@@ -159,6 +160,7 @@ def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path)
         assert "corners" in ended.calibration.lines[-1]
 
 
+@pytest.mark.slow
 def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
     default_layout: Layout, tmp_path: Path
 ) -> None:

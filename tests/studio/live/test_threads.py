@@ -206,6 +206,7 @@ def test_frames_are_wanted_while_aligning_is_on_and_none_wait(thread: SetupThrea
     assert not thread.wants_frames and thread.aligning == "off"
 
 
+@pytest.mark.slow
 def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, device: Layout, tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", frame(device))
     thread.align(True)

@@ -110,6 +110,7 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
 
 
+@pytest.mark.slow
 def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
     """Markers tell the direct view from images; a picture without mirrors is one more view of the camera."""
     truth = corner_of_two_mirrors(90.0)
@@ -125,6 +126,7 @@ def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
         assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
 
 
+@pytest.mark.slow
 def test_aprilgrids_are_seen_directly_and_in_mirrors() -> None:
     truth = corner_of_two_mirrors(90.0)
     pictures = [picture_of(truth, lying(*pose), seed, Sheet()) for seed, pose in enumerate(POSES)]
