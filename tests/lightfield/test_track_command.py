@@ -65,6 +65,7 @@ def test_lost_light_fields_are_named_and_left_out(
     assert cli.main(["track", *files[:2], "--out", str(tmp_path / "two")]) == 1
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused_in_one_line(stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, out = str(stored / "a.npz"), ["--out", str(tmp_path / "out")]
     assert_refused_here(["track", first, *out], capsys, "1 light field, expected at least two")
