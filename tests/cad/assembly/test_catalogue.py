@@ -45,7 +45,7 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=a_few(2, (pytest.param(hardware, id=name) for name, hardware in CASES.items())))
+@pytest.fixture(scope="module", params=a_few(1, (pytest.param(hardware, id=name) for name, hardware in CASES.items())))
 def each_device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
     hardware: Hardware = request.param
     return plan_device(default_layout, hardware)
