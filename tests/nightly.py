@@ -10,6 +10,10 @@ import pytest
 
 def a_few(count: int, cases: Iterable[Any]) -> list[Any]:
     """Return the cases of a parametrised test, those past the first `count` marked as slow."""
-    listed = list(cases)
-    rest = [case if isinstance(case, tuple) else (case,) for case in listed[count:]]
-    return [*listed[:count], *(pytest.param(*case, marks=pytest.mark.slow) for case in rest)]
+    return [case if number < count else _slow(case) for number, case in enumerate(cases)]
+
+
+def _slow(case: Any) -> Any:
+    if hasattr(case, "marks"):
+        return pytest.param(*case.values, marks=[*case.marks, pytest.mark.slow], id=case.id)
+    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)

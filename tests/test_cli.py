@@ -28,6 +28,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
+from tests.nightly import a_few
 
 LIGHT = ("run", "doctor", "design", "sweep", "studio", "live")
 """Commands whose help needs neither numpy nor pydantic."""
@@ -280,11 +281,14 @@ def a_folder(frame: Path) -> None:
 
 @pytest.mark.parametrize(
     ("harm", "expected"),
-    [
-        (another_size, "bad.png: 960x540 px, expected 1920x1080 of layout.json's camera"),
-        (a_folder, "bad.png: is a folder, expected a file"),
-        (Path.unlink, "bad.png: no such file"),
-    ],
+    a_few(
+        1,
+        [
+            (another_size, "bad.png: 960x540 px, expected 1920x1080 of layout.json's camera"),
+            (a_folder, "bad.png: is a folder, expected a file"),
+            (Path.unlink, "bad.png: no such file"),
+        ],
+    ),
 )
 def test_one_bad_frame_among_good_ones_leaves_nothing_decoded(
     tmp_path: Path, frame: Path, harm: Callable[[Path], None], expected: str
@@ -295,6 +299,7 @@ def test_one_bad_frame_among_good_ones_leaves_nothing_decoded(
     assert_refused(tmp_path, "decode frame.png bad.png --layout layout.json --out out", expected)
 
 
+@pytest.mark.slow
 def test_two_frames_of_one_name_are_refused(tmp_path: Path, frame: Path) -> None:
     assert_refused(tmp_path, "decode frame.png ./frame.png --layout layout.json", "two frames are called 'frame'")
 

@@ -25,6 +25,7 @@ from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.sets.video import write_mjpeg
 from tests.command_line import assert_one_line
+from tests.nightly import a_few
 from tests.shared import built_once
 from tests.small_set import contents
 
@@ -194,7 +195,9 @@ def _began(*arguments: object, **named: object) -> None:
     raise AssertionError("the work began")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=needs_renderer if n in RENDERED else ()) for n in CASES])
+@pytest.mark.parametrize(
+    "name", a_few(5, [pytest.param(n, marks=needs_renderer if n in RENDERED else ()) for n in CASES])
+)
 def test_files_of_others_stay(
     name: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

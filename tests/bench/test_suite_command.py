@@ -51,6 +51,7 @@ def test_a_plan_renders_nothing(folder: Path, capfd: pytest.CaptureFixture[str])
     assert not list(folder.iterdir())
 
 
+@pytest.mark.slow
 @needs_renderer
 def test_copies_are_planned_as_sets_of_their_own(folder: Path) -> None:
     many = planned(suite_of("standard", 300), folder, "llvm_ad_mono")

@@ -99,6 +99,7 @@ def test_workers_that_share_no_disk_send_the_same_files(
     assert of_suite(tmp_path / "sent") == of_suite(suite_folder)
 
 
+@pytest.mark.slow
 def test_a_bad_set_and_a_dead_worker_lose_no_other(default_layout: Layout, tmp_path: Path) -> None:
     suite = small_suite(default_layout)
     tiny = BOARD.replaced(square_mm=1.0, marker_mm=0.7)
@@ -136,6 +137,7 @@ def test_a_manifest_of_others_is_not_replaced(suite_folder: Path, default_layout
     assert manifest.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_designs_without_a_solution_are_refused_by_the_name_of_their_set(tmp_path: Path) -> None:
     suite = Suite.model_validate(
         {"name": "s", "version": 1, "set": [{"name": "narrow", "design": {"rows": 1, "cols": 2, "spacing_mm": 500.0}}]}

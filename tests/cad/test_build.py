@@ -27,6 +27,7 @@ from mirrorcam.core.disk.results import Results
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 from tests.shared import no_slicer, path_without_slicer
 
 Built = tuple[Layout, Path, dict[str, Metric]]
@@ -112,6 +113,7 @@ def test_unchanged_parts_are_taken_over(
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_made_again(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,7 +159,7 @@ def test_a_folder_that_is_a_file_is_refused(small_layout: Layout, tmp_path: Path
         build_parts(small_layout, tmp_path / "parts")
 
 
-@pytest.mark.parametrize("missing", ["manifold3d", "build123d", "jinja2"])
+@pytest.mark.parametrize("missing", a_few(1, ["manifold3d", "build123d", "jinja2"]))
 def test_a_missing_extra_is_named_with_its_command(
     missing: str, small_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

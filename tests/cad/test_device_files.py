@@ -56,6 +56,7 @@ def test_every_check_and_figure_has_a_label(built_default: Built) -> None:
     assert figures - set(LABELS) == set()
 
 
+@pytest.mark.slow
 def test_second_surface_mirrors_pass_as_well(built_second_surface: Built) -> None:
     _, folder, checks = built_second_surface
     assert {name: check for name, check in checks.items() if not check.passed} == {}

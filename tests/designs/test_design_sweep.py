@@ -113,6 +113,7 @@ def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: 
     assert files_of(tmp_path) == {}
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
     finished: tuple[Path, list[Outcome]], tmp_path: Path
 ) -> None:
@@ -182,10 +183,8 @@ def alive(group: int) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    "kill",
-    [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kill", [pytest.param(False, id="Ctrl-C"), pytest.param(True, id="killed")])
 def test_an_interrupted_sweep_is_continued(kill: bool, finished: tuple[Path, list[Outcome]], tmp_path: Path) -> None:
     layouts = tmp_path / "out" / "layouts"
     process = sweeping(tmp_path)

@@ -15,6 +15,7 @@ from mirrorcam.core.values import Metric
 from mirrorcam.designs.sweep_figure import EFFICIENCY, FIELD_OF_VIEW, FRONT, GRID_ERROR, _front, counts_of, pareto
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from tests.nightly import a_few
 
 
 def made_up(rows: int, cols: int, number: int, farthest_mm: float = 900.0) -> Outcome:
@@ -36,7 +37,7 @@ def made_up(rows: int, cols: int, number: int, farthest_mm: float = 900.0) -> Ou
 COUNTS = [(rows, cols) for rows in range(1, 8) for cols in range(1, 8) if rows * cols > 1]
 
 
-@pytest.fixture(scope="module", params=[4, 192], ids=["few", "many"])
+@pytest.fixture(scope="module", params=a_few(1, [pytest.param(4, id="few"), pytest.param(192, id="many")]))
 def picture(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Outcome], Path]:
     each, counts = (2, COUNTS[:2]) if request.param == 4 else (4, COUNTS)
     outcomes = [made_up(*count, number) for count in counts for number in range(each)]

@@ -60,6 +60,7 @@ def test_tables_show_every_figure(found: Study, capsys: pytest.CaptureFixture[st
             assert text in printed
 
 
+@pytest.mark.slow
 def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> None:
     studies = [write_tolerance(pair, Tolerances.hobby(), tmp_path / name) for name in ("one", "two")]
     assert studies[0] == studies[1]
@@ -91,6 +92,7 @@ def command(
     return run
 
 
+@pytest.mark.slow
 def test_the_option_alone_describes_a_hobby_printer(
     command: Callable[[str], tuple[int, str, str]], tmp_path: Path
 ) -> None:

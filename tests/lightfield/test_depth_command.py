@@ -72,6 +72,7 @@ def test_every_frame_of_a_recording_gets_its_depth(inputs: Path, tmp_path: Path)
         assert arrays["confidence"].max() < 0.2
 
 
+@pytest.mark.slow
 def test_frames_are_decoded_with_their_layout(default_layout: Layout, tmp_path: Path) -> None:
     default_layout.save(tmp_path / "layout.json")
     size = default_layout.camera.height_px, default_layout.camera.width_px, 3

@@ -60,6 +60,7 @@ def test_a_light_field_goes_through_every_format_and_comes_back(
     assert back.layout_identity == scene[0].layout_identity
 
 
+@pytest.mark.slow
 def test_the_depth_command_reads_other_tools_files(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     paths = []
     for to in ("lftoolbox", "hci", "stanford"):

@@ -97,6 +97,7 @@ def test_the_body_of_a_camera_is_drawn_only_where_it_is_known(default_layout: La
     assert design_drawing(bare, SPEC, "preview").body_mm == []
 
 
+@pytest.mark.slow
 def test_bars_lie_around_their_median(default_layout: Layout) -> None:
     found = tolerance_bars(default_layout.replaced(spec=DesignSpec()))
     assert "0.3" in found.assumed

@@ -28,6 +28,7 @@ from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.write.test_part_export import named_planes
+from tests.nightly import a_few
 
 NUTS = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind="nut"))
 POCKETS = ("mount", "camera_clip", "adapter_saddle", "adapter_desk")
@@ -44,7 +45,7 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=list(CASES.values()), ids=list(CASES))
+@pytest.fixture(scope="module", params=a_few(1, (pytest.param(hardware, id=name) for name, hardware in CASES.items())))
 def each_device(request: pytest.FixtureRequest, default_layout: Layout) -> Device:
     hardware: Hardware = request.param
     return plan_device(default_layout, hardware)
@@ -194,6 +195,7 @@ def test_a_piece_of_a_part_has_the_faces_of_the_whole(device: Device) -> None:
 HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_desk")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hardware",
     [HARDWARE, NUTS, NUTS.replaced(camera=read_body("board_38"), back=back_of("gen2"))],
@@ -214,6 +216,7 @@ def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: L
         assert check_insertion(wrong, solids)["device.insertion_clash_mm3"].value > 100.0
 
 
+@pytest.mark.slow
 def test_a_nut_of_the_foot_leaves_by_the_nearer_side(small_layout: Layout) -> None:
     nuts = [item for item in bought_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
     assert len(nuts) == 4

@@ -56,6 +56,7 @@ def test_nothing_lies_over_anything(sheet: DrawingSheet) -> None:
     assert crossed(sheet) == []
 
 
+@pytest.mark.slow
 def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
     first, second = (
         write_assembly_drawing(tmp_path / name, made.device.layout, made.pieces, "0123456789ab") for name in "ab"

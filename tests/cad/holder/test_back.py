@@ -27,6 +27,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
+from tests.nightly import a_few
 
 
 def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
@@ -34,7 +35,7 @@ def on_back(plan: HolderPlan, loop: FloatArray) -> Polygon:
     return Polygon(loop @ plan.rig_from_mount[:3, :2])
 
 
-@pytest.mark.parametrize("kind", ["insert", "nut"])
+@pytest.mark.parametrize("kind", a_few(1, ["insert", "nut"]))
 def test_blind_holes_end_in_cones_that_print(default_layout: Layout, kind: Literal["insert", "nut"]) -> None:
     """Round the end of a hole there is material, and it closes steeper than the printer must be able to do."""
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))

@@ -28,6 +28,7 @@ def test_hardware_is_read_back_as_it_was(camera: str, tmp_path: Path) -> None:
     assert read_model(Hardware, tmp_path / "hardware.toml") == hardware
 
 
+@pytest.mark.slow
 def test_the_source_plans_the_same_device(small_layout: Layout, tmp_path: Path) -> None:
     write_source(tmp_path, small_layout, HARDWARE)
     layout = Layout.load(tmp_path / "source" / "layout.json")

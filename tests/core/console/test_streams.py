@@ -33,6 +33,7 @@ def test_a_refusal_is_ascii_and_one_line(tmp_path: Path) -> None:
     assert said.endswith(".json: no such file\n")
 
 
+@pytest.mark.slow
 def test_matplotlib_makes_no_remarks_on_its_folders(tmp_path: Path) -> None:
     (tmp_path / "home").write_text("no folder")
     program = (

@@ -128,6 +128,7 @@ def test_a_camera_is_read_by_rtsp() -> None:
     assert_in_time(found)
 
 
+@pytest.mark.slow
 def test_a_stream_is_read_live() -> None:
     address = f"udp://127.0.0.1:{free_port()}"
     over = threading.Event()
@@ -234,6 +235,7 @@ def test_other_kinds_of_address_are_refused(tmp_path: Path, address: str) -> Non
     assert opened == []
 
 
+@pytest.mark.slow
 def test_a_stream_is_read_by_its_description(tmp_path: Path) -> None:
     port, over = free_port(), threading.Event()
     (tmp_path / "a.sdp").write_text(

@@ -91,6 +91,7 @@ def times_of(stated: list[float], arrived: list[float]) -> list[float]:
     return [frame.time_s for frame in found if isinstance(frame, Frame)]
 
 
+@pytest.mark.slow
 def test_frames_that_arrive_at_once_or_late_keep_the_times_between_them() -> None:
     stated = np.arange(100) / 25
     at_once, late = np.full(100, 0.01), 1.5 * stated

@@ -67,6 +67,7 @@ def test_every_device_has_the_camera_that_it_is_designed_for(device: GalleryDevi
     assert device.purpose.isprintable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two-views", "arm-grasping"])
 def test_small_devices_of_the_list_can_be_planned(name: str) -> None:
     device = next(device for device in DEVICES if device.name == name)

@@ -42,6 +42,7 @@ def test_a_view_turns_to_where_the_signs_say(default_layout: Layout) -> None:
             assert change[which] > 0.0
 
 
+@pytest.mark.slow
 def test_tilts_of_a_device_are_within_their_deviations(default_layout: Layout) -> None:
     pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
     errors = BuildErrors()
@@ -129,6 +130,7 @@ def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) ->
     assert sigma[2] < 0.3  # roll is told best
 
 
+@pytest.mark.slow
 def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
     random = np.random.default_rng(0)
     found = fitter.fit(random.normal(3.0, 1.0, (1080, 1920)).clip(0.0).astype(np.float32))
@@ -139,6 +141,7 @@ def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
     assert len(designed) == len(seen) < 0.1 * found.own_px.size
 
 
+@pytest.mark.slow
 def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     found = fitter.fit(sheet(pinhole))
     designed, seen = found.seen_points
@@ -146,6 +149,7 @@ def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fi
     assert np.median(np.linalg.norm(seen - designed, axis=1)) < 0.6
 
 
+@pytest.mark.slow
 def test_a_fit_from_the_one_before_is_the_same(pinhole: Layout, fitter: EdgeFitter) -> None:
     picture = sheet(built(pinhole, BuildErrors(), drawn(fitter, 2)))
     first = fitter.fit(picture)

@@ -313,6 +313,7 @@ def test_two_base_frames_are_used_although_they_determine_no_camera(small_set: S
     assert found.layout.camera.fx_px == pytest.approx(small_set.truth.camera.fx_px, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detections: Path) -> None:
     second = small_set.nominal.replaced(
         mirrors=tuple(mirror.replaced(surface="second") for mirror in small_set.nominal.mirrors)

@@ -53,6 +53,7 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(views: Views) -> No
         calibrate_corners([seen.where(seen.view == 0)], [], alone, CORNERS_MM)
 
 
+@pytest.mark.slow
 def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_be(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

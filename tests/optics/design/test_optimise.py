@@ -274,6 +274,7 @@ def test_other_requests(changes: dict[str, object]) -> None:
         assert layout.metrics[f"pixel_efficiency_{depth:g}mm"].value > 0.5
 
 
+@pytest.mark.slow
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
     # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
@@ -282,11 +283,13 @@ def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
     assert blocked_light(layout.mirrors, 30.0, pupil=spec.camera.pupil) == []
 
 
+@pytest.mark.slow
 def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
     four, five = (merit(designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, sides=sides))) for sides in (4, 5))
     assert five < four - 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "field", "asked"),
     a_few(1, [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)]),
@@ -301,6 +304,7 @@ def test_mirrors_are_as_large_as_asked_and_no_larger_than_that_costs(name: str, 
     assert layout.metrics["usable_efficiency_300mm"].value < free["usable_efficiency_300mm"].value
 
 
+@pytest.mark.slow
 def test_sub_images_are_as_far_apart_as_asked_and_no_farther_than_that_costs() -> None:
     found = []
     for asked in (0.0, 1.0, 3.0):

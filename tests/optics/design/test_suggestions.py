@@ -43,6 +43,7 @@ def spec_of(constraint: str) -> DesignSpec:
     return DesignSpec.model_validate(CASES[constraint][0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constraint", a_few(1, CASES))
 def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) -> None:
     spec, expected = spec_of(constraint), CASES[constraint][1]
@@ -59,6 +60,7 @@ def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) 
         assert all(metric.passed for metric in design(mended).verdict.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constraint", a_few(1, CASES))
 def test_half_way_back_to_what_was_asked_for_there_is_none(constraint: str) -> None:
     spec = spec_of(constraint)
@@ -72,6 +74,7 @@ def test_half_way_back_to_what_was_asked_for_there_is_none(constraint: str) -> N
             design(spec.replaced(**{suggestion.parameter: value}))
 
 
+@pytest.mark.slow
 def test_fewer_mirrors_and_another_fold_mend_too() -> None:
     assert "cols" in {suggestion.parameter for suggestion in found("spacing")}
     spec = DesignSpec(rows=1, cols=2, scale_mm=20.0, fold_deg=150.0)

@@ -38,6 +38,7 @@ from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, arrange_tablet
 from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 from mirrorcam.render_scenes.truth.pixel_maps import pixel_rays
+from tests.nightly import a_few
 
 
 def test_objects_are_those_of_the_scene_with_textures_of_one_size(small_layout: Layout) -> None:
@@ -118,7 +119,7 @@ def light_of(layout: Layout) -> SensorLight:
     return sensor_light(layout.camera, mirror_views(layout, PUPIL, 0.92), traced_tabletop(arranged_tabletop(layout, 0)))
 
 
-@pytest.fixture(params=["distorted_layout", "plates"])
+@pytest.fixture(params=a_few(1, ["distorted_layout", "plates"]))
 def small(request: pytest.FixtureRequest) -> Layout:
     """A layout with a lens that distorts, and with plates, at 480 x 270 pixels."""
     layout: Layout = request.getfixturevalue(request.param)

@@ -228,6 +228,7 @@ def test_a_set_of_a_device_is_rendered_with_its_parts(
     assert not (tmp_path / "fast").exists()
 
 
+@pytest.mark.slow
 def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout: Layout, small_board: Charuco) -> None:
     """Its parts, its rough and bent mirrors, and all that is drawn by lot."""
     (tmp_path / "parts").mkdir()

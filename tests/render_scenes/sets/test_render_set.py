@@ -310,6 +310,7 @@ MOVING: dict[str, object] = {
 }
 
 
+@pytest.mark.slow
 def test_a_video_that_is_interrupted_is_encoded_again_from_the_finished_frames(render: Render, tmp_path: Path) -> None:
     def interrupt(done: int, total: int) -> None:
         assert total == 5 + 1 + 5

@@ -97,6 +97,7 @@ def test_what_nobody_looks_at_is_not_made(engine: LiveEngine) -> None:
     assert views is not None and engine.wait_for("views", views.serial, LONG_S) is not None
 
 
+@pytest.mark.slow
 def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path, Path], tmp_path: Path) -> None:
     request = LiveRequest(live_set[0], str(live_set[1]), frame_width_px=240, view_width_px=100, depth_width_px=80)
     with LiveEngine(request, out=tmp_path, idle_s=0.5) as engine:
@@ -138,6 +139,7 @@ def test_the_mirrors_are_compared_with_the_layout_while_that_is_on(engine: LiveE
     assert all(len(outline) > 8 for outline in outlines.values())
 
 
+@pytest.mark.slow
 def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path) -> None:
     """A set too small for a calibration, which says so."""
     layout, frames = finished_set / "layout.json", finished_set / "frames"
@@ -159,6 +161,7 @@ def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path)
         assert "corners" in ended.calibration.lines[-1]
 
 
+@pytest.mark.slow
 def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
     default_layout: Layout, tmp_path: Path
 ) -> None:

@@ -206,6 +206,7 @@ def test_frames_are_wanted_while_aligning_is_on_and_none_wait(thread: SetupThrea
     assert not thread.wants_frames and thread.aligning == "off"
 
 
+@pytest.mark.slow
 def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, device: Layout, tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", frame(device))
     thread.align(True)
@@ -316,6 +317,7 @@ def test_a_file_that_cannot_be_written_ends_what_it_was_for_alone(parts: Parts, 
     assert parts.status.failed is None and not parts.meters.ended
 
 
+@pytest.mark.slow
 def test_a_recording_ends_with_its_source_and_so_does_what_was_not_taken_in_time(
     tmp_path: Path, default_layout: Layout
 ) -> None:

@@ -211,7 +211,7 @@ def sized(cols: int, rows: int) -> Charuco:
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 6), (9, 6), (11, 8)])
+@pytest.mark.parametrize(("cols", "rows"), a_few(2, [(6, 6), (5, 8), (8, 6), (9, 6), (11, 8)]))
 def test_the_pattern_is_named_where_it_is_the_other_one(cols: int, rows: int, *, mirrored: bool) -> None:
     new = sized(cols, rows)
     old = new.replaced(legacy=True)
@@ -224,13 +224,16 @@ def test_the_pattern_is_named_where_it_is_the_other_one(cols: int, rows: int, *,
 @DIRECT_OR_MIRRORED
 @pytest.mark.parametrize(
     "board",
-    [
-        sized(6, 6).replaced(legacy=True),
-        sized(5, 8).replaced(legacy=True, first_marker=30),
-        sized(8, 6).replaced(dictionary="DICT_APRILTAG_36h11", first_marker=500),
-        sized(7, 5).replaced(dictionary="DICT_ARUCO_ORIGINAL"),
-        sized(7, 5).replaced(dictionary="DICT_7X7_50"),
-    ],
+    a_few(
+        4,
+        [
+            sized(6, 6).replaced(legacy=True),
+            sized(5, 8).replaced(legacy=True, first_marker=30),
+            sized(8, 6).replaced(dictionary="DICT_APRILTAG_36h11", first_marker=500),
+            sized(7, 5).replaced(dictionary="DICT_ARUCO_ORIGINAL"),
+            sized(7, 5).replaced(dictionary="DICT_7X7_50"),
+        ],
+    ),
     ids=lambda board: f"{board.dictionary} {board.cols} x {board.rows}",
 )
 def test_boards_are_found_as_they_are_stated(board: Charuco, *, mirrored: bool) -> None:
@@ -267,7 +270,7 @@ def test_the_numbers_of_the_second_board_of_a_series_are_not_taken_for_the_old_p
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize("found", [False, True])
+@pytest.mark.parametrize("found", a_few(2, [False, True]))
 @pytest.mark.parametrize("stated", [0.5, 0.68, 0.81, 0.9])
 def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, mirrored: bool) -> None:
     shown = marked_pictures(BOARD, mirrored=mirrored)
@@ -287,7 +290,7 @@ def test_a_print_in_white_on_black_is_named(*, mirrored: bool) -> None:
 
 
 @DIRECT_OR_MIRRORED
-@pytest.mark.parametrize("name", ["DICT_6X6_50", "DICT_APRILTAG_36h11"])
+@pytest.mark.parametrize("name", a_few(2, ["DICT_6X6_50", "DICT_APRILTAG_36h11"]))
 def test_another_dictionary_of_any_kind_is_named(name: str, *, mirrored: bool) -> None:
     shown = marked_pictures(BOARD.replaced(dictionary=name), mirrored=mirrored)
     said = other_markers(shown, BOARD, mirrored=mirrored, found=False)

@@ -34,6 +34,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, residuals
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.targets import Checkerboard
+from tests.nightly import a_few
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, Scene
 from tests.optics.calibration.solver.scenes import SIGMA_PX, nominal_layout, scene
 from tests.optics.geometry.lenses.cameras import points
@@ -163,7 +164,7 @@ def test_evidence_finds_a_field_that_no_formula_has() -> None:
     assert made.held_out_rms_px < 1.03 * SIGMA_PX
 
 
-@pytest.mark.parametrize("level", LENSES)
+@pytest.mark.parametrize("level", a_few(1, LENSES))
 def test_evidence_finds_the_lens_that_took_the_pictures(level: str) -> None:
     nominal = nominal_layout()
     model, distortion = LENSES[level]

@@ -160,6 +160,7 @@ def misses(seeds: range) -> list[str]:
     return missed
 
 
+@pytest.mark.slow
 def test_camera_and_planes_are_found_from_boards_alone() -> None:
     assert misses(range(40)) == []
 

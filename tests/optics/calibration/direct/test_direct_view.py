@@ -110,6 +110,7 @@ def test_what_does_not_suffice_is_refused_in_one_line() -> None:
         calibrate_with_direct_view(bare, BOARD, mirrors=2, names=["a", "b", "c"])
 
 
+@pytest.mark.slow
 def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
     """Markers tell the direct view from images; a picture without mirrors is one more view of the camera."""
     truth = corner_of_two_mirrors(90.0)
@@ -125,6 +126,7 @@ def test_charuco_boards_and_pictures_without_mirrors_take_part() -> None:
         assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
 
 
+@pytest.mark.slow
 def test_aprilgrids_are_seen_directly_and_in_mirrors() -> None:
     truth = corner_of_two_mirrors(90.0)
     pictures = [picture_of(truth, lying(*pose), seed, Sheet()) for seed, pose in enumerate(POSES)]
@@ -188,6 +190,7 @@ def photographed(two_mirror_photos: list[Path]) -> tuple[list[Grey], Calibration
     return pictures, calibrate_with_direct_view(pictures, PHOTOGRAPHED, mirrors=2, names=names)
 
 
+@pytest.mark.slow
 def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibration]) -> None:
     """One phone camera and two planes behind glass explain every board, and stand square to each other."""
     _, found = photographed
@@ -214,6 +217,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.05
 
 
+@pytest.mark.slow
 def test_photographs_predict_each_other_from_the_direct_view_alone(
     photographed: tuple[list[Grey], Calibration],
 ) -> None:

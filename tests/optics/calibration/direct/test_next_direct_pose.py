@@ -55,6 +55,7 @@ def followed() -> tuple[list[NextPose], FloatArray]:
     return [*advised, hint(poses)], poses
 
 
+@pytest.mark.slow
 def test_who_follows_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose], FloatArray]) -> None:
     advised, _ = followed
     worst = [float(each.sigma_deg.max()) for each in advised]

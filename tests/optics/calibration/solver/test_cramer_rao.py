@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit, minimise
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from tests.nightly import a_few
 from tests.optics.calibration.solver.peer import Peer
 from tests.optics.calibration.solver.scenes import (
     SIGMA_PX,
@@ -36,7 +37,7 @@ def trials() -> Trials:
     return run_trials(TRIALS, outliers=40)
 
 
-@pytest.mark.parametrize("what", [0, 1], ids=["normals", "distances"])
+@pytest.mark.parametrize("what", a_few(1, [0, 1]), ids=["normals", "distances"])
 def test_errors_are_those_of_cramer_and_rao(what: int) -> None:
     found = trials()
     ours, linear = over_bound(found, found.errors)[what], over_bound(found, found.linear)[what]
@@ -100,6 +101,7 @@ def test_corners_of_unlike_noise_count_by_their_variance() -> None:
     assert np.median(over_equal) < 0.7
 
 
+@pytest.mark.slow
 def test_every_wrong_start_leads_to_the_same_minimum() -> None:
     scene = small_scene()
     assert all(converges(scene, seed, tilt_deg=2.0, offset_mm=2.0) for seed in range(20))

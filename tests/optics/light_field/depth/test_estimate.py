@@ -203,6 +203,7 @@ def noisy(light_field: LightField, random: np.random.Generator) -> LightField:
     return LightField.of(light_field, np.clip(np.rint(samples), 0, 255).astype(np.uint8), light_field.weights)
 
 
+@pytest.mark.slow
 def test_what_does_not_move_keeps_its_depth(scene: Any) -> None:
     random = np.random.default_rng(1)
     estimator = DepthEstimator(scene[0], quality="fast", workers=1)

@@ -76,6 +76,7 @@ def test_key_frames_add_their_covariances(filmed: list[LightField], monkeypatch:
     assert np.linalg.norm(found[3].world_from_view[:3, 3] - true_poses()[3][:3, 3]) < 0.15
 
 
+@pytest.mark.slow
 def test_another_scene_is_lost_and_the_old_one_found_again(filmed: list[LightField]) -> None:
     other = light_field_of(Relief(seed=5), even_views(3, 10.0, **SIZE), subsamples=1)[0]
     tracker = LightFieldTracker(filmed[0])
