@@ -14,7 +14,7 @@ import pytest
 from mirrorcam.core.disk import array_files
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.bag_reader import StoredBag, checked_chunks
+from mirrorcam.optics.light_field.io.formats.mcap import StoredBag, checked_chunks
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.core.video.videos import pictures
 from tests.optics.light_field.io.bags import STEP_NS, needs_rosbags, write_bag
