@@ -1,4 +1,4 @@
-"""A camera with lens distortion, bare or behind a single mirror, and where it sees the corners of a board."""
+"""A camera with lens distortion, with or without a mirror, and the pixels of a board's corners."""
 
 from __future__ import annotations
 

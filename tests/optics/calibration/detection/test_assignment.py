@@ -1,4 +1,4 @@
-"""Boards to mirrors: exact corners, whatever their order, and boards that are no mirror's."""
+"""Assignment of boards to mirrors: exact corners in any order, and boards that belong to no mirror."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLAIN = Checkerboard(cols=9, rows=7, square_mm=6.0)
 
 
 def boards_of(layout: Layout, target: Checkerboard | Charuco, pose: FloatArray) -> dict[int, Corners]:
-    """What each mirror shows of a board at a pose."""
+    """Return the corners that each mirror shows of a board at a pose."""
     seen = mirrored_corners(layout, target, pose, 0.0, np.random.default_rng(0))
     views = np.unique(seen.view).tolist()
     return {view: Corners(seen.corner[seen.view == view], seen.pixels[seen.view == view]) for view in views}
@@ -29,7 +29,7 @@ def pose() -> FloatArray:
     return mirrored_poses(BOARD, 1, tilt_deg=10.0, seed=3)[0]
 
 
-def test_boards_are_given_to_their_mirrors_in_any_order(fold_90_layout: Layout, pose: FloatArray) -> None:
+def test_boards_are_assigned_to_their_mirrors_in_any_order(fold_90_layout: Layout, pose: FloatArray) -> None:
     shown = boards_of(fold_90_layout, BOARD, pose)
     assert len(shown) >= 6
     shuffled = np.random.default_rng(1).permutation(list(shown))
@@ -40,7 +40,7 @@ def test_boards_are_given_to_their_mirrors_in_any_order(fold_90_layout: Layout, 
 
 
 def test_a_board_that_stands_elsewhere_is_left_out(fold_90_layout: Layout) -> None:
-    """One mirror shows a second board, 200 mm beside the first, and no corner of it where the first has it."""
+    """One mirror shows a second board, 200 mm from the first, with no corner at the place of the first one's."""
     pose = mirrored_poses(WIDE, 1, tilt_deg=5.0, seed=3)[0]
     beside = pose.copy()
     beside[0, 3] += 200.0
@@ -53,7 +53,7 @@ def test_a_board_that_stands_elsewhere_is_left_out(fold_90_layout: Layout) -> No
     assert set(again) == set(shown)
 
 
-def test_boards_of_no_mirror_are_left_over_whole_and_once(fold_90_layout: Layout, pose: FloatArray) -> None:
+def test_boards_of_no_mirror_are_reported_complete_and_once(fold_90_layout: Layout, pose: FloatArray) -> None:
     shown = boards_of(fold_90_layout, BOARD, pose)
     boards = [(corners,) for corners in shown.values()]
     mirrors = fold_90_layout.mirrors
@@ -62,7 +62,7 @@ def test_boards_of_no_mirror_are_left_over_whole_and_once(fold_90_layout: Layout
     unknown = [corners.pixels.mean(axis=0) for view, corners in shown.items() if view % 3 == 2]
     assert len(unknown) >= 2
     assert unassigned_px(boards, assign(boards, without, BOARD), without).tolist() == np.array(unknown).tolist()
-    # A rest of a board is no board of a mirror of its own.
+    # The remaining part of a board is not the board of another mirror.
     rests = [(Corners(board.ids[:6], board.pixels[:6]),) for view, board in shown.items() if view % 3 == 2]
     known = [(board,) for view, board in shown.items() if view % 3 < 2]
     assert not len(unassigned_px([*known, *rests], assign([*known, *rests], without, BOARD), without))
@@ -101,7 +101,7 @@ def test_a_plain_board_is_numbered_as_in_the_largest_view(fold_90_layout: Layout
     assert all(rightly) or not any(rightly), "alike in all views"
 
 
-def test_nothing_is_given_to_nobody(fold_90_layout: Layout) -> None:
+def test_without_boards_nothing_is_assigned(fold_90_layout: Layout) -> None:
     assert assign([], fold_90_layout, BOARD) == []
     outside = Corners(np.arange(54), 5000.0 + 30.0 * np.random.default_rng(0).random((54, 2)))
     assert assign([(outside,)], fold_90_layout, BOARD) == []

@@ -1,4 +1,4 @@
-"""The frames of a video that are used: sharp ones, of all parts of it, that show different places and poses."""
+"""Selection of sharp frames from all parts of a video, with different places and poses."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def blurred(sigma_px: float) -> Grey:
 
 
 @pytest.mark.parametrize("frames", [1, 7, 8, 50, 137])
-def test_each_stretch_gives_its_sharpest_frame(frames: int) -> None:
-    """Every fifth frame is sharp; no more than eight are kept, from all of the video, and only sharp ones of many."""
+def test_each_section_contributes_its_sharpest_frame(frames: int) -> None:
+    """Every fifth frame is sharp; at most eight sharp frames are kept, from all parts of the video."""
     kept = SharpestFrames(8)
     for number in range(frames):
         kept.add(SharpFrame.of(number, blurred(0.5 if number % 5 == 3 else 2.0)))
@@ -41,7 +41,7 @@ def test_a_picture_is_less_sharp_the_more_it_is_blurred() -> None:
 
 
 def seen(x: float, y: float, turn_deg: float, size: float = 1.0, shortened: float = 1.0) -> Corners:
-    """A board at a place, turned and scaled in the picture, and shortened along its rows."""
+    """Return a board at a place, rotated and scaled in the picture, and foreshortened along its rows."""
     drawn = (BOARD[:, :2] - BOARD[:, :2].mean(axis=0)) * [shortened, 1.0] * size
     angle = np.radians(turn_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

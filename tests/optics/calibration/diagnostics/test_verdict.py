@@ -1,4 +1,4 @@
-"""Where a verdict says that corners lack, and with which noise it judges."""
+"""The regions without corners that a verdict names, and the noise that it uses."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ def calibration() -> Calibration:
 
 
 @pytest.mark.parametrize(("corner", "words"), [((0, 0), "at the top left"), ((1, 1), "at the bottom right")])
-def test_the_empty_region_is_where_no_corner_was_seen(
-    calibration: Calibration, corner: tuple[int, int], words: str
-) -> None:
+def test_the_empty_region_has_no_corners(calibration: Calibration, corner: tuple[int, int], words: str) -> None:
     seen, outline_px = calibration.observations, calibration.layout.outline_px(0)
     low, high = outline_px.min(axis=0), outline_px.max(axis=0)
     place = (seen.pixels - low) / (high - low)

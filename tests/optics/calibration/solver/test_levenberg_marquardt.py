@@ -1,4 +1,4 @@
-"""The solver on corners whose truth is known: minimum, noise, outliers, uncertainty."""
+"""The solver on corners with known truth: minimum, noise, outliers, uncertainty."""
 
 from __future__ import annotations
 

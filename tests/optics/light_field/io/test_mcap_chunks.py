@@ -37,11 +37,11 @@ def test_whole_files_pass(path: Path) -> None:
 def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
     whole = MAGIC + chunk(10, b"", bytes(10)) + FOOTER + MAGIC
     for content, message in (
-        (b"", "does not begin as one"),
-        (b"\x89PNG", "does not begin as one"),
+        (b"", "does not begin like one"),
+        (b"\x89PNG", "does not begin like one"),
         (whole[:30], "truncated, expected a complete MCAP file"),
         (whole[: -len(MAGIC) - len(FOOTER)], "truncated, expected a complete MCAP file"),
-        (whole[:-2], "does not end as one"),
+        (whole[:-2], "does not end like one"),
     ):
         path.write_bytes(content)
         with pytest.raises(InputError, match=message):
