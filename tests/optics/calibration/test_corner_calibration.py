@@ -1,4 +1,4 @@
-"""Calibration from corners: what is left out, refused, and refined once the mirrors are nearly known."""
+"""Calibration from corners: omissions, refusals, and refinement once the mirrors are nearly known."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(views: Views) -> No
 
 
 @pytest.mark.slow
-def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_be(
+def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirrors(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     nominal, true = (layout.with_surface("second", 2.0) for layout in (nominal_layout(), true_layout()))
@@ -90,7 +90,7 @@ def test_in_second_surface_mirrors_corners_are_refined_where_these_are_found_to_
     assert [note for note in found.notes if lost in note]
 
 
-def test_a_rational_lens_that_five_numbers_describe_as_well_is_calibrated_where_the_layout_has_it() -> None:
+def test_a_rational_lens_of_the_layout_is_calibrated_even_if_five_numbers_suffice() -> None:
     rational = true_layout().camera.replaced(
         lens_model="rational", distortion=[0.35, -0.13, 1e-4, -5e-4, 0.01, 0.45, -0.05, 0.02]
     )

@@ -456,9 +456,9 @@ def test_layouts_that_cannot_be_decoded_are_refused(parabola_layout: Layout) -> 
         InputError, match=r"^the views share no field at depth 120 mm, expected another --reference-depth-mm$"
     ):
         Decoder(parabola_layout, reference_depth_mm=120.0)
-    with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed, expected s to the right"):
+    with pytest.raises(InputError, match=r"^the mirrors' order along s is reversed"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (2, 1, 0, 5, 4, 3, 8, 7, 6))))
-    with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed, expected s to the right"):
+    with pytest.raises(InputError, match=r"^the mirrors' order along t is reversed"):
         Decoder(parabola_layout.replaced(mirrors=tuple(mirrors[i] for i in (6, 7, 8, 3, 4, 5, 0, 1, 2))))
     small = parabola_layout.camera.replaced(width_px=100, height_px=100)
     with pytest.raises(InputError, match=r"^mirror \d-\d lies outside the image, expected each mirror to be seen$"):

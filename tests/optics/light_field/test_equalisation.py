@@ -99,7 +99,7 @@ def test_what_cannot_be_measured_or_applied_is_refused(crooked_layout: Layout, p
     with pytest.raises(InputError, match=r"^frame has 1 colours, expected 3 of the equalisation"):
         Decoder(crooked_layout).equalised(found).decode(np.zeros((height, width), np.uint8))
     cut = Equalisation(layout_identity=found.layout_identity, gain=found.gain[:, :2])
-    with pytest.raises(InputError, match=r"^equalisation is of \(2, 2\) views, expected \(2, 3\)$"):
+    with pytest.raises(InputError, match=r"^equalisation has \(2, 2\) views, expected \(2, 3\)$"):
         Decoder(crooked_layout).equalised(cut)
 
 

@@ -1,4 +1,4 @@
-"""Refinement: planes found to a small part of a pixel, edges kept, and what tells nothing left alone."""
+"""Refinement: planes found to a small part of a pixel, edges kept, and pixels without information unchanged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INSIDE = (slice(15, -15), slice(15, -15))
 
 @pytest.fixture(scope="module")
 def slanted() -> tuple[Refiner, Sweep, Any, Any, Any]:
-    """A slanted plane: the refiner, the sweep, the reference picture, the others, and the true planes."""
+    """Return for a slanted plane the refiner, the sweep, the reference picture, the others, and the true planes."""
     surface = Surface(DISTANCE_MM, slope=(0.4, -0.2), grain_mm=1.5)
     views = grid_views()
     light_field, depth, _ = photograph(views, [surface], noise=0.0)
@@ -48,7 +48,7 @@ def test_a_few_steps_find_a_slanted_plane_to_a_hundredth_of_a_pixel(slanted: Any
     assert np.median(smooth[INSIDE]) > 0.95
 
 
-def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
+def test_the_change_of_a_map_is_limited(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     start = truth + np.float32(3.0 / planes.reach_px)
     found = refiner.refined(start, reference, others, 2, 30)[0]
@@ -60,7 +60,7 @@ def test_a_map_moves_no_farther_than_it_may(slanted: Any) -> None:
     assert np.abs(found - torn)[beside].max() * planes.reach_px <= 0.1501
 
 
-def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
+def test_pictures_without_texture_have_no_information(slanted: Any) -> None:
     refiner, _, _, others, truth = slanted
     blank = GradientPicture.of(np.full(truth.shape, 90.0, np.float32), others[0].seen)
     found, match, _ = refiner.refined(truth, blank, [blank] * len(others), 2, 30)
@@ -69,16 +69,16 @@ def test_pictures_without_texture_hold_no_information(slanted: Any) -> None:
     assert (match.residual[INSIDE] == 0.0).all()
 
 
-def test_a_view_that_something_hides_has_no_say(slanted: Any) -> None:
+def test_an_occluded_view_does_not_count(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     near = truth.copy()
     near[:, 50:70] += np.float32(8.0 / planes.reach_px)
     match, _ = refiner.match(near, reference, others)
-    # Beside the strip, views on one side are hidden; far from it, none is.
+    # Next to the strip, views on one side are occluded; far from it, none is.
     assert match.agreeing[40, 72] < match.agreeing[40, 95] - 1.5
 
 
-def test_the_match_after_a_small_step_is_foretold(slanted: Any) -> None:
+def test_the_match_after_a_small_step_is_predicted(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     away = np.float32(0.2)
     there, gradient = refiner.match(truth + away / np.float32(planes.reach_px), reference, others)
@@ -89,7 +89,7 @@ def test_the_match_after_a_small_step_is_foretold(slanted: Any) -> None:
     assert np.median(foretold.residual[INSIDE]) - after < 0.3 * (before - after)
 
 
-def test_noise_makes_information_count_for_less(slanted: Any) -> None:
+def test_noise_lowers_the_weight_of_information(slanted: Any) -> None:
     refiner, _, reference, others, truth = slanted
     random = np.random.default_rng(0)
 
@@ -103,7 +103,7 @@ def test_noise_makes_information_count_for_less(slanted: Any) -> None:
 
 
 def card() -> tuple[np.ndarray, np.ndarray]:
-    """A near card that is a pixel too wide, and the picture, whose edge is where the card's is."""
+    """Return a near card that is a pixel too wide, and the picture with its true edge."""
     picture = np.full((40, 60, 3), 60.0, np.float32)
     picture[:, 30:] = 180.0
     planes = np.full((40, 60), 2.0, np.float32)
@@ -119,7 +119,7 @@ def test_an_edge_moves_to_that_of_the_picture() -> None:
     assert np.array_equal(found, follow_edges(planes, picture, 1.2, ThreadPoolExecutor(2).map))
 
 
-def test_away_from_jumps_nothing_changes_and_without_a_picture_nothing_moves() -> None:
+def test_only_jumps_move_and_only_with_a_picture() -> None:
     planes, picture = card()
     slanted = (np.arange(60, dtype=np.float32) * 0.2)[None].repeat(40, axis=0)
     assert np.array_equal(follow_edges(slanted, picture, 1.2), slanted)

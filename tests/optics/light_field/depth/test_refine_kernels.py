@@ -1,4 +1,4 @@
-"""Pinholes in single precision and second differences, against `Parallax` and matrices written out."""
+"""Pinholes in single precision and second differences, against `Parallax` and explicit matrices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INVERSE_DISTANCES = np.linspace(1 / 700.0, 1 / 350.0, 60)
 SHAPE = (90, 120)
 
 
-def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax() -> None:
+def test_residuals_and_derivatives_match_linear_pictures_at_the_parallax() -> None:
     views = grid_views()
     planes = sweep(views, INVERSE_DISTANCES)
     index = other_views(views)[2]
@@ -61,7 +61,7 @@ def test_residuals_and_rises_are_those_of_slopes_at_the_places_of_the_parallax()
     assert (terms.seeing[outside] == 0.0).all()
 
 
-def test_the_normal_matrix_is_that_of_second_differences() -> None:
+def test_the_normal_matrix_equals_that_of_second_differences() -> None:
     random = np.random.default_rng(1)
     rows, columns = 5, 7
     size = rows * columns

@@ -1,4 +1,4 @@
-"""Aggregation, against the recursion written out pixel by pixel."""
+"""Aggregation, against the explicit recursion pixel by pixel."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LEVEL = (np.zeros((7, 9), np.float32), np.zeros((7, 9), np.float32))
 def plainly(
     volume: np.ndarray, next_plane: int, any_plane: int, picture: np.ndarray, slants: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """L(p, d) = C(p, d) + min(L(p', d'), L(p', d' +- 1) + next, min L(p', .) + any) - min L(p', .), over eight ways.
+    """L(p, d) = C(p, d) + min(L(p', d'), L(p', d' +- 1) + next, min L(p', .) + any) - min L(p', .), in 8 directions.
 
     d' is d less the rise of the surface from p' to p.
     """
@@ -86,7 +86,7 @@ def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) 
         summed(volume, picture, slants, (next_plane, any_plane)),
         summed(volume, picture, slants, (next_plane, any_plane), ThreadPoolExecutor(2).map),
     ):
-        # The penalty of an edge is rounded down in single precision: one at most on each of eight ways.
+        # The penalty of an edge is rounded down in single precision: by at most one in each of eight directions.
         assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 
@@ -104,19 +104,19 @@ def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning:
         across, down = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
         slants = (across, down)
     found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, slants, (3, 20))
-    # Far dearer than any path: never on the cheapest one.
+    # Far more expensive than any path: never on the cheapest one.
     expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, slants)
     assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
     best = cheapest(found, 400.0)
     assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not leaning
 
 
-def test_without_penalties_each_pixel_stands_alone() -> None:
+def test_without_penalties_pixels_are_independent() -> None:
     volume = np.random.default_rng(1).integers(0, 60, (7, 9, 5)).astype(np.uint16)
     assert np.array_equal(summed(volume, EVEN, LEVEL, (0, 0)), 8 * volume)
 
 
-def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
+def test_pixels_without_costs_follow_their_neighbours_slant() -> None:
     volume = np.full((7, 9, 9), 30, np.uint16)
     volume[:, :3, 2] = volume[:, 6:, 2] = 0
     assert (summed(volume, EVEN, LEVEL, (5, 100)).argmin(axis=2) == 2).all()
@@ -126,7 +126,7 @@ def test_what_is_told_nothing_follows_its_neighbours_along_their_lean() -> None:
     assert (summed(volume, EVEN, rising, (5, 100)).argmin(axis=2) == np.arange(9)).all()
 
 
-def test_the_least_plane_its_margin_and_its_rivals() -> None:
+def test_the_best_plane_its_margin_and_its_rivals() -> None:
     total = np.full((8, 8, 12), 900, np.uint16)
     total[..., 4] = 100
     total[..., [3, 5]] = [400, 200]
@@ -140,7 +140,7 @@ def test_the_least_plane_its_margin_and_its_rivals() -> None:
 SURELY = np.full((60, 80), SURE, np.float32)
 
 
-def test_leans_are_those_of_a_plane_and_ignore_a_jump() -> None:
+def test_slants_match_a_plane_and_ignore_a_jump() -> None:
     v, u = np.mgrid[:60, :80].astype(np.float32)
     planes = 0.3 * u - 0.7 * v + np.where(u > 60, np.float32(20.0), np.float32(0.0))
     across, down = slants_of(planes, SURELY)
@@ -150,7 +150,7 @@ def test_leans_are_those_of_a_plane_and_ignore_a_jump() -> None:
     assert (slants_of(np.zeros((60, 80), np.float32), SURELY)[0] == 0).all()
 
 
-def test_what_is_unsure_leans_as_what_is_sure_beside_it() -> None:
+def test_uncertain_pixels_get_the_slant_of_certain_neighbours() -> None:
     u = np.mgrid[:60, :80][1].astype(np.float32)
     planes = 0.3 * u
     planes[40:] = 24.0 - 0.4 * u[40:]

@@ -146,7 +146,7 @@ def test_a_texture_that_repeats_does_not_tell_the_direction() -> None:
     found, note = in_order(light_field)
     assert found is light_field
     assert note is not None
-    assert "repeats" in note
+    assert "repeating" in note
 
 
 def test_a_column_that_is_given_as_a_row_becomes_a_column() -> None:
@@ -223,7 +223,7 @@ def test_rows_and_columns_may_count_from_the_middle(text: str) -> None:
 
 def test_a_grid_of_a_few_of_the_pictures_is_refused() -> None:
     files = [Path(f"v_{t}_{s}.png") for t, s in np.ndindex(2, 2)] + [Path(f"photo {n}.png") for n in range(5)]
-    with pytest.raises(InputError, match="only 4 of 9 pictures make a grid"):
+    with pytest.raises(InputError, match="only 4 of 9 pictures form a grid"):
         named_views(Path("a"), files)
 
 
