@@ -82,11 +82,11 @@ def test_the_match_after_a_small_step_is_predicted(slanted: Any) -> None:
     refiner, planes, reference, others, truth = slanted
     away = np.float32(0.2)
     there, gradient = refiner.match(truth + away / np.float32(planes.reach_px), reference, others)
-    foretold = there.after(gradient, np.full_like(truth, -away))
+    predicted = there.after(gradient, np.full_like(truth, -away))
     found = refiner.match(truth, reference, others)[0]
     before, after = np.median(there.residual[INSIDE]), np.median(found.residual[INSIDE])
     assert before > 5.0 * after
-    assert np.median(foretold.residual[INSIDE]) - after < 0.3 * (before - after)
+    assert np.median(predicted.residual[INSIDE]) - after < 0.3 * (before - after)
 
 
 def test_noise_lowers_the_weight_of_information(slanted: Any) -> None:

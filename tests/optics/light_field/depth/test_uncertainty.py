@@ -64,8 +64,8 @@ def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -
     assert odds(alone) - odds(one) == pytest.approx(RIVALS * np.log(FEWEST_RIVALS / (1 + FEWEST_RIVALS)), rel=1e-3)
     assert probability(level, ALIKE, ONES, 0 * ONES, 0.5 * ONES, False)[15, 20] < one[15, 20]
     assert probability(level, ALIKE, ONES, 0 * ONES, ONES, True)[15, 20] < one[15, 20]
-    told_nothing = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
-    np.testing.assert_allclose(told_nothing, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
+    uninformative = probability(level, ALIKE, ONES, 9.0 * ONES, ONES, False)
+    np.testing.assert_allclose(uninformative, one / (1.0 + 9.0 - USUAL_RIVALS), rtol=1e-5)
     torn = level + np.where(np.arange(40) > 20, np.float32(5.0), np.float32(0.0))
     found = probability(torn, ALIKE, ONES, 0 * ONES, ONES, False)[15]
     assert found[20] == found[21] < found[18] < found[10]

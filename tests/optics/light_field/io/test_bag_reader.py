@@ -1,4 +1,4 @@
-"""Light fields come back from bags as they were, also from bags recorded again; bad ones are refused in one line."""
+"""Round trips of light fields through bags, also through bags recorded again; bad ones are refused in one line."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def recorded_again(bag: Path, folder: Path, change: Callable[[int, Any, int, Any
     return folder
 
 
-def test_light_fields_come_back_with_their_stamps(bag: Path, light_fields: list[LightField]) -> None:
+def test_light_fields_and_stamps_survive_the_round_trip(bag: Path, light_fields: list[LightField]) -> None:
     stored = StoredBag(bag)
     assert stored.stamps_ns == tuple(10**9 + number * STEP_NS for number in range(COUNT))
     assert stored.incomplete == 0
@@ -75,7 +75,7 @@ def test_a_bag_recorded_over_a_network_is_sorted_by_its_stamps(
     random = np.random.default_rng(2)
 
     def late(number: int, connection: Any, time_ns: int, raw: Any) -> Any:
-        """Up to one and a half frames late, below another namespace; of the first frame one view is lost."""
+        """Up to one and a half frames late, in another namespace; the first frame lacks a view."""
         if connection.topic.endswith("view_2_1/image_rect") and time_ns == 10**9:
             return None
         topic = connection.topic.replace("/mirrorcam/", "/robot/left/")
@@ -142,7 +142,7 @@ def test_an_image_of_another_size_or_encoding_is_refused(bag: Path, tmp_path: Pa
 
 
 def foreign(path: Path, bag: Path, compression: str) -> Path:
-    """The bag written again by the mcap library; its frames of zstd state no content size, as those of ROS 2."""
+    """Return the bag rewritten by the mcap library; its zstd frames state no content size, as in ROS 2."""
     writer_module = pytest.importorskip("mcap.writer", reason="needs mcap")
     zstandard = pytest.importorskip("zstandard", reason="needs zstandard")
     from mcap.reader import make_reader
@@ -197,7 +197,7 @@ def test_damaged_bags_are_refused_in_one_line_or_read_as_they_were(
 
 
 @pytest.mark.parametrize("compression", ["ZSTD", "LZ4", "NONE"])
-def test_bags_that_others_compressed_are_read(
+def test_bags_compressed_by_other_programs_are_read(
     bag: Path, light_fields: list[LightField], tmp_path: Path, compression: str
 ) -> None:
     path = foreign(tmp_path / "a.mcap", bag, compression)
@@ -216,7 +216,7 @@ def test_bags_that_others_compressed_are_read(
 
 
 def test_an_index_that_leads_elsewhere_is_refused(bag: Path, tmp_path: Path) -> None:
-    """To data that were not judged before they are decompressed."""
+    """To data that were not checked before they are decompressed."""
     raw = bytearray(bag.read_bytes())
     index = raw.index(b"\x08", raw.rindex(b"/mirrorcam/"))  # the first record of a chunk's index, after the channels
     while raw[index] != 8 or int.from_bytes(raw[index + 1 : index + 9], "little") > 2000:

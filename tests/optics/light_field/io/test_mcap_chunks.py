@@ -1,4 +1,4 @@
-"""MCAP files are judged before they are decompressed: what they hold, and whether they are whole."""
+"""MCAP files are checked before they are decompressed: their sizes, and whether they are complete."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "a.mcap"
 
 
-def test_whole_files_pass(path: Path) -> None:
+def test_complete_files_pass(path: Path) -> None:
     path.write_bytes(MAGIC + chunk(1000, b"", bytes(1000)) + FOOTER + MAGIC)
     assert checked_chunks(path) == {Chunk(len(MAGIC), "", 1000, 1000)}
 
 
-def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
+def test_truncated_and_other_files_are_refused(path: Path) -> None:
     whole = MAGIC + chunk(10, b"", bytes(10)) + FOOTER + MAGIC
     for content, message in (
         (b"", "does not begin like one"),
@@ -49,7 +49,7 @@ def test_files_that_are_cut_off_or_none_are_refused(path: Path) -> None:
 
 
 @needs_rosbags
-def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
+def test_chunks_with_too_large_or_wrong_sizes_are_refused(path: Path) -> None:
     zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
     small, large = zstd.compress(bytes(900)), zstd.compress(bytes(2000))
     path.write_bytes(MAGIC + chunk(900, b"zstd", small) + FOOTER + MAGIC)
@@ -69,7 +69,7 @@ def test_chunks_that_state_too_much_or_lie_are_refused(path: Path) -> None:
 
 
 def unsized_zstd(content: bytes) -> bytes:
-    """A frame that does not state its content size, as ROS 2 writes them."""
+    """Return a frame without its content size, as ROS 2 writes them."""
     zstd = pytest.importorskip("backports.zstd", reason="needs backports.zstd, as rosbags does before Python 3.14")
     compressor = zstd.ZstdCompressor()
     return bytes(compressor.compress(content) + compressor.flush())
