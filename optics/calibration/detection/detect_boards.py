@@ -53,7 +53,8 @@ def sub_images(grey: Grey, layout: Layout, target: Target, results: Results | No
     cached = _cached(
         grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most))
     )
-    boards = _boards_of(cached.corners)
+    parts = [cached.corners.where(cached.corners.view == place) for place in np.unique(cached.corners.view)]
+    boards = [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
     assigned = assign(boards, layout, target)
     views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
@@ -83,11 +84,6 @@ def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
         Observations.of_view(0, place, board.ids, board.pixels, board.sigma_px) for place, (board,) in enumerate(boards)
     ]
     return DetectedFrame(Observations.join(parts))
-
-
-def _boards_of(views: Observations) -> list[tuple[Corners, ...]]:
-    parts = [views.where(views.view == place) for place in np.unique(views.view)]
-    return [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
 
 
 def _checkerboards(found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:

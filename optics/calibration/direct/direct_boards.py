@@ -173,12 +173,9 @@ def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observa
 
     This completes partly hidden boards; boards with markers are already complete.
     """
-    if isinstance(target, Checkerboard):
-        return _confirmed(pictures, start.estimate, target)
-    return start.observations
-
-
-def _confirmed(pictures: Sequence[Grey], estimate: Estimate, target: Checkerboard) -> Observations:
+    if not isinstance(target, Checkerboard):
+        return start.observations
+    estimate = start.estimate
     board = Board.rigid(target.corners_in_board_mm)
     ids = np.arange(len(board.corners_in_board_mm))
     parts = []

@@ -169,7 +169,11 @@ def calibrate_with_direct_view(
         shutter = None
         if adjacent is not None:
             numbers = [used[number] for number in start.pictures]
-            velocity = _velocities(observations, [pictures[n] for n in start.pictures], adjacent(numbers))
+            triples = [
+                None if pair is None else (pair[0], pictures[n], pair[1])
+                for n, pair in zip(start.pictures, adjacent(numbers), strict=True)
+            ]
+            velocity = corner_velocities(observations, triples)
             shutter = rolling_shutter(selection, observations, velocity, height)
             if shutter is not None and shutter.supported:
                 observations = at_middle_row(observations, velocity, shutter.readout, height)
@@ -218,15 +222,6 @@ def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observat
         return flat, observations
     joined = Observations.join(parts)
     return fit_as("joint", estimate.with_poses(np.array(poses)), joined, flat.model), joined
-
-
-def _velocities(
-    observations: Observations, pictures: Sequence[Grey], adjacent: Sequence[tuple[Grey, Grey] | None]
-) -> FloatArray:
-    frames = [
-        None if pair is None else (pair[0], picture, pair[1]) for picture, pair in zip(pictures, adjacent, strict=True)
-    ]
-    return corner_velocities(observations, frames)
 
 
 def _compensated(

@@ -183,13 +183,13 @@ def test_damaged_pictures_are_left_out_named_and_counted(small_set: Set, tmp_pat
     for path in paths:
         write_image(path, frames[0])
         path.write_bytes(path.read_bytes()[:-1000])
-    whole = calibrate(frames, base, small_set.nominal, BOARD)
+    complete = calibrate(frames, base, small_set.nominal, BOARD)
     found = calibrate([*frames[:2], paths[0], *frames[2:]], [paths[1], *base], small_set.nominal, BOARD)
     assert found.metrics["damaged_pictures"].value == 2
-    assert "damaged_pictures" not in whole.metrics
+    assert "damaged_pictures" not in complete.metrics
     for path in paths:
         assert f"{path}: image is truncated; not used" in found.notes
-    assert np.array_equal(found.residuals_px, whole.residuals_px)
+    assert np.array_equal(found.residuals_px, complete.residuals_px)
 
 
 def test_without_a_readable_picture_the_first_damaged_one_is_named(small_set: Set, tmp_path: Path) -> None:
@@ -348,14 +348,14 @@ def test_the_first_pictures_of_each_kind_are_searched_for_other_boards(monkeypat
     changes = taken.extremes.changes()
     assert changes is not None
     assert int(changes[0].max()) == 30  # those without mirrors do not count
-    asked: list[tuple[list[int], bool, bool, bool]] = []
+    requests: list[tuple[list[int], bool, bool, bool]] = []
 
     def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
-        asked.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
+        requests.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
         return "another board" if mirrored and not fits else None
 
     monkeypatch.setattr(calibration, "other_board", other)
     taken.refuse_other_board(TINY_BOARD, seen=True, base=False, fits=True)
-    assert asked == [([50], False, True, False), ([10, 20], True, True, True)]
+    assert requests == [([50], False, True, False), ([10, 20], True, True, True)]
     with pytest.raises(InputError, match="another board"):
         taken.refuse_other_board(TINY_BOARD, seen=False, base=True, fits=False)

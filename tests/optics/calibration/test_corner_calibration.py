@@ -59,7 +59,7 @@ def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirror
 ) -> None:
     nominal, true = (layout.with_surface("second", 2.0) for layout in (nominal_layout(), true_layout()))
     views = views_of(true, BOARD, *board_poses(), noise_px=0.05)
-    asked: list[tuple[Layout, Mapping[int, FloatArray]]] = []
+    requests: list[tuple[Layout, Mapping[int, FloatArray]]] = []
 
     def shifted(
         seen: Sequence[Observations],
@@ -71,14 +71,14 @@ def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirror
         workers: int,
     ) -> list[Observations]:
         assert (len(seen), target, workers) == (len(pictures), BOARD, 3)
-        asked.append((layout, poses))
+        requests.append((layout, poses))
         return [replace(rows, pixels=rows.pixels + np.array([0.0, 0.25])) for rows in seen]
 
     monkeypatch.setattr(corner_calibration, "without_ghost_images", shifted)
     blank = np.zeros((nominal.camera.height_px, nominal.camera.width_px), dtype=np.uint8)
     pictures = BoardPictures([blank] * (len(views.seen) - 1) + [None], BOARD, workers=3)
     found = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, model=RequestedModel(), pictures=pictures)
-    ((layout, poses),) = asked
+    ((layout, poses),) = requests
     assert worst_deg(layout, true) < 0.2 * worst_deg(nominal, true)
     assert set(range(len(views.seen))) <= set(poses)
     plain = calibrate_corners(views.seen, views.base, nominal, CORNERS_MM, model=RequestedModel())

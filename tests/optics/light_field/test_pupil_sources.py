@@ -73,9 +73,9 @@ def test_parts_and_places_match_rays_through_the_complete_pupil(lens_layout: Lay
     at = divmod(index, lens_layout.cols)
     points = views.plane_points_in_rig(DEPTH_MM, views.pixel_grid(), at).reshape(-1, 3)
     pixels, shares = pupil_sources(lens_layout, index, points, 2.0)
-    partial, whole, none = (np.flatnonzero(mask) for mask in ((shares > 0) & (shares < 1), shares == 1, shares == 0))
+    partial, complete, none = (np.flatnonzero(mask) for mask in ((shares > 0) & (shares < 1), shares == 1, shares == 0))
     random = np.random.default_rng(index)
-    chosen = np.concatenate([random.choice(partial, 100), random.choice(whole, 20)])
+    chosen = np.concatenate([random.choice(partial, 100), random.choice(complete, 20)])
     found = traced(lens_layout, index, pixels[chosen])
     assert shares[chosen].min() < 0.6
     assert shares[chosen].min() > LEAST_SHARE

@@ -22,7 +22,7 @@ CAMERA = Camera(
 
 
 def one_mirror() -> Layout:
-    """A single mirror that folds the whole view by 90 degrees."""
+    """A single mirror that folds the entire view by 90 degrees."""
     plane = Mirror.from_plane(
         np.array([0.0, 0.0, 80.0]),
         np.array([0.0, 1.0, -1.0]),

@@ -42,9 +42,9 @@ def test_boards_are_assigned_to_their_mirrors_in_any_order(fold_90_layout: Layou
 def test_a_board_that_stands_elsewhere_is_left_out(fold_90_layout: Layout) -> None:
     """One mirror shows a second board, 200 mm from the first, with no corner at the place of the first one's."""
     pose = mirrored_poses(WIDE, 1, tilt_deg=5.0, seed=3)[0]
-    beside = pose.copy()
-    beside[0, 3] += 200.0
-    shown, other = boards_of(fold_90_layout, WIDE, pose), boards_of(fold_90_layout, WIDE, beside)
+    displaced = pose.copy()
+    displaced[0, 3] += 200.0
+    shown, other = boards_of(fold_90_layout, WIDE, pose), boards_of(fold_90_layout, WIDE, displaced)
     mirror = max(other, key=lambda view: len(other[view]) * (view in shown))
     boards = [(corners,) for view, corners in shown.items() if view != mirror]
     found = dict(assign([*boards, (other[mirror],)], fold_90_layout, WIDE))
@@ -77,11 +77,11 @@ def test_parts_and_repetitions_of_the_board_of_a_mirror_are_not_left_over(
     half = len(largest) // 2 + 1
     parts = [Corners(largest.ids[rows], largest.pixels[rows]) for rows in (np.s_[:half], np.s_[half:])]
     again = Corners(largest.ids, largest.pixels + 0.5)
-    beside = Corners(largest.ids, largest.pixels + np.array([120.0, 0.0]))
+    displaced = Corners(largest.ids, largest.pixels + np.array([120.0, 0.0]))
     for boards, count in (
         ([*others, *((part,) for part in parts)], 0),
         ([*others, (largest,), (again,)], 0),
-        ([*others, (largest,), (beside,)], 1),
+        ([*others, (largest,), (displaced,)], 1),
     ):
         assert len(unassigned_px(boards, assign(boards, fold_90_layout, BOARD), fold_90_layout)) == count
 
@@ -89,15 +89,15 @@ def test_parts_and_repetitions_of_the_board_of_a_mirror_are_not_left_over(
 def test_a_plain_board_is_numbered_as_in_the_largest_view(fold_90_layout: Layout) -> None:
     pose = mirrored_poses(PLAIN, 1, tilt_deg=10.0, seed=3)[0]
     shown = boards_of(fold_90_layout, PLAIN, pose)
-    whole = {view: corners for view, corners in shown.items() if len(corners) == len(PLAIN.corners_in_board_mm)}
-    assert len(whole) >= 2
+    complete = {view: corners for view, corners in shown.items() if len(corners) == len(PLAIN.corners_in_board_mm)}
+    assert len(complete) >= 2
     boards = []
-    for number, corners in enumerate(whole.values()):
+    for number, corners in enumerate(complete.values()):
         turned = Corners(corners.ids, corners.pixels[::-1])
         boards.append((corners, turned) if number == 0 else (turned, corners))
     found = assign(boards, fold_90_layout, PLAIN)
-    rightly = [np.array_equal(corners.pixels, whole[view].pixels) for view, corners in found]
-    assert len(found) == len(whole)
+    rightly = [np.array_equal(corners.pixels, complete[view].pixels) for view, corners in found]
+    assert len(found) == len(complete)
     assert all(rightly) or not any(rightly), "alike in all views"
 
 

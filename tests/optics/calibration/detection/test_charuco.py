@@ -56,9 +56,9 @@ def test_a_board_without_a_grid_is_found_by_its_markers_next_to_one_with_a_grid(
     picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
     twice = np.hstack([picture, picture])
     first, second = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
-    whole = linked_grids
+    original = linked_grids
     monkeypatch.setattr(
-        charuco, "linked_grids", lambda grey: [grid for grid in whole(grey) if grid[1][:, 0].max() < CAMERA.width_px]
+        charuco, "linked_grids", lambda grey: [grid for grid in original(grey) if grid[1][:, 0].max() < CAMERA.width_px]
     )
     found = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
     assert {len(board) for board in found} == {len(first), len(second)}

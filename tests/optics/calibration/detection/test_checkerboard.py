@@ -149,9 +149,9 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
     picture = render(CAMERA, None, PLAIN, DIRECT_POSE)
     truth = seen(PLAIN.corners_in_board_mm, DIRECT_POSE, None)
     near = truth + np.random.default_rng(0).normal(0.0, 1.0, truth.shape)
-    whole = confirm(picture, near, PLAIN)
-    assert len(whole) == 40
-    assert rms(whole.pixels - truth) < 0.05
+    complete = confirm(picture, near, PLAIN)
+    assert len(complete) == 40
+    assert rms(complete.pixels - truth) < 0.05
     hand = tuple(int(v) for v in truth[11])
     covered = picture.copy()
     cv2.circle(covered, hand, 45, (120,), -1)

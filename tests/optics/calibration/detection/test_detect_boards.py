@@ -89,14 +89,14 @@ def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_assigned_to_that_mirror(
 
 def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
-    whole = sub_images(grey, NOMINAL, BOARD).corners
+    complete = sub_images(grey, NOMINAL, BOARD).corners
     spoilt = grey.astype(np.float32)
     y, x = np.mgrid[:540, :960]
     for u, v, size in ((200.0, 150.0, 25.0), (650.0, 400.0, 40.0)):
         spoilt += 400.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2.0 * size**2))
     cv2.rectangle(spoilt, (100, 380), (260, 430), (90.0,), -1)
     seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD).corners
-    assert 0.6 * len(whole) < len(seen) < 0.97 * len(whole)
+    assert 0.6 * len(complete) < len(seen) < 0.97 * len(complete)
     assert errors(seen, truth).max() < 0.3
     hidden = (seen.pixels > [104, 384]).all(axis=1) & (seen.pixels < [256, 426]).all(axis=1)
     assert not hidden.any()

@@ -87,9 +87,9 @@ def test_saved_detections_are_loaded(tmp_path: Path) -> None:
 def test_invalid_content_is_ignored(arrays: dict[str, Any], tmp_path: Path) -> None:
     right: dict[str, Any] = {"view": np.array([0, 1]), "corner": np.array([3, 4]), "pixels": np.ones((2, 2))}
     right |= {"sigma_px": np.ones(2), "unassigned": np.empty((0, 2))} | GRID
-    for content, whole in ((right, True), (right | arrays, False)):
+    for content, valid in ((right, True), (right | arrays, False)):
         stream = io.BytesIO()
         np.savez_compressed(stream, **content)
         kept = {"frame.npz": stream.getvalue()}
         Results(tmp_path).put("a", program_of(detection_cache.CODE), kept)
-        assert (loaded(tmp_path) is not None) == whole
+        assert (loaded(tmp_path) is not None) == valid

@@ -31,8 +31,8 @@ def part(
     places[:, 0] += (places[0].sum() % 2 == 0) != white[0]
     limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     if ends:
-        whole = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
-        box = (whole * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
+        complete = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
+        box = (complete * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
         at = (pixels / 20.0).astype(np.int64)
         limits[0][at.min(axis=0) == box.min(axis=0)] = places.min(axis=0)[at.min(axis=0) == box.min(axis=0)]
         limits[1][at.max(axis=0) == box.max(axis=0)] = places.max(axis=0)[at.max(axis=0) == box.max(axis=0)]
@@ -106,8 +106,8 @@ def test_a_grid_in_a_mirror_is_unmirrored(turn: int) -> None:
 def test_parts_are_numbered_jointly_but_not_alone() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:4], 0, mirrored=False, ends=True)
     right, ids = part(ODD, np.s_[:], np.s_[2:], 0, mirrored=False)
-    whole = SeenGrid.join([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
-    numbered = [corners.ids[-len(ids) :].tolist() for corners in whole.numberings(ODD, mirrored=False)]
+    complete = SeenGrid.join([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
+    numbered = [corners.ids[-len(ids) :].tolist() for corners in complete.numberings(ODD, mirrored=False)]
     assert numbered == [ids.tolist()]
 
 

@@ -55,15 +55,15 @@ def test_corners_whose_ghost_image_may_end_at_the_mirrors_edge_are_left_out(plat
     pose, camera = plate_frames.rig_from_board[0], plate_frames.layout.camera
     mirror, corners = corners_in(plate_frames, 0)[0]
     plate = plate_frames.layout.mirrors[mirror]
-    whole = ghosted_view(corners, pose, camera, plate, BOARD)
-    assert whole is not None
+    complete = ghosted_view(corners, pose, camera, plate, BOARD)
+    assert complete is not None
     outline = plate.outline_in_rig_mm
     middle = outline.mean(axis=0)
     smaller = ghosted_view(
         corners, pose, camera, plate.replaced(outline_in_rig_mm=middle + 0.7 * (outline - middle)), BOARD
     )
     assert smaller is not None
-    assert set(smaller.ids) < set(whole.ids) <= set(corners.ids)
+    assert set(smaller.ids) < set(complete.ids) <= set(corners.ids)
     tiny = plate.replaced(outline_in_rig_mm=middle + 0.01 * (outline - middle))
     assert ghosted_view(corners, pose, camera, tiny, BOARD) is None
 

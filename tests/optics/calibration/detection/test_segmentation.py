@@ -163,5 +163,5 @@ def test_a_first_surface_mirror_shows_the_scene_up_to_its_edge_and_a_plate_does_
     mirror = MEANT.mirrors[0]
     np.testing.assert_array_equal(shown_in_plane_mm(mirror), mirror.apparent.outline_in_plane_mm)
     plate = mirror.replaced(surface="second", thickness_mm=2.0)
-    shown, whole = Polygon(shown_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
-    assert 0.8 * whole.area < shown.area < 0.99 * whole.area
+    shown, complete = Polygon(shown_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
+    assert 0.8 * complete.area < shown.area < 0.99 * complete.area

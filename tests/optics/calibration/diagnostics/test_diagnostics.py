@@ -104,5 +104,5 @@ def test_glass_raises_the_alarm_of_the_splits(device: Layout) -> None:
 def test_a_board_seen_directly_and_in_mirrors_makes_the_direct_view_the_reference(scene: Scene, device: Layout) -> None:
     seen = scene.clean
     assert reference_of(seen, device) == 3
-    beside = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
-    assert reference_of(Observations.join([seen, beside]), device) == DIRECT
+    direct = Observations.of_view(0, DIRECT, np.array([0]), np.zeros((1, 2)))
+    assert reference_of(Observations.join([seen, direct]), device) == DIRECT

@@ -78,8 +78,8 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
     for _ in range(2000):
         if len(found) == wanted:
             return Scene(camera, centres, target, found)
-        lean, spin = Rotation.from_euler("xy", random.uniform(-20, 20, 2), degrees=True), random.uniform(-180, 180)
-        lying = lean * Rotation.from_euler("XZ", [-90, spin], degrees=True)
+        tilt, spin = Rotation.from_euler("xy", random.uniform(-20, 20, 2), degrees=True), random.uniform(-180, 180)
+        lying = tilt * Rotation.from_euler("XZ", [-90, spin], degrees=True)
         middle = away * (np.array([0.0, 0.5, 0.7]) + np.array([0.2, 0.12, 0.15]) * random.uniform(-1, 1, 3))
         centred = target.corners_in_board_mm - target.corners_in_board_mm.mean(axis=0)
         board = looking_down.apply(lying.apply(centred) + middle)

@@ -56,8 +56,8 @@ POSES = [
 
 def lying(centre: tuple[float, ...], turns_deg: tuple[float, ...]) -> FloatArray:
     """Return rig_from_board (4, 4) of a board before the mirrors, with its print towards camera and mirrors."""
-    slope, spin, lean = turns_deg
-    turn = Rotation.from_euler("XYZ", [slope, lean, spin], degrees=True).as_matrix()
+    slope, spin, tilt = turns_deg
+    turn = Rotation.from_euler("XYZ", [slope, tilt, spin], degrees=True).as_matrix()
     return rigid(turn, centre - turn @ BOARD.corners_in_board_mm.mean(axis=0))
 
 

@@ -156,8 +156,8 @@ def test_shared_errors_enter_the_covariance_and_do_not_average_out() -> None:
     direct = scene.clean.view == DIRECT
     half = scene.clean.where(direct | (scene.clean.corner % 2 == 0))
     fewer = shared_covariance(scene.truth, half, scene.model)
-    whole = shared_covariance(scene.truth, scene.clean, scene.model)
-    assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(whole))) < 1.25
+    complete = shared_covariance(scene.truth, scene.clean, scene.model)
+    assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(complete))) < 1.25
 
 
 def test_corners_in_first_surface_mirrors_share_no_errors() -> None:

@@ -180,8 +180,8 @@ def test_missing_costs_of_a_neighbour_are_replaced_by_the_pixels_own() -> None:
         known[v, u, low : low + count] = costs[start : start + count]
     for v, u in np.ndindex(shape):
         low, count, start = (int(each[v, u]) for each in ranges)
-        beside = np.arange(-reach, reach + 1)
-        square_of = np.ix_(np.clip(v + beside, 0, shape[0] - 1), np.clip(u + beside, 0, shape[1] - 1))
+        offsets = np.arange(-reach, reach + 1)
+        square_of = np.ix_(np.clip(v + offsets, 0, shape[0] - 1), np.clip(u + offsets, 0, shape[1] - 1))
         for plane in range(low, low + count):
             square = known[square_of][..., plane]
             own = known[v, u, plane]

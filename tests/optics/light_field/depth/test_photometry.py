@@ -61,13 +61,13 @@ def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> Non
     samples = np.random.default_rng(0).integers(0, 255, (1, 2, 90, 120, 3), dtype=np.uint8)
     weights = np.ones((1, 2, 90, 120), np.float32)
     weights[0, 1, :5] = 0.0
-    whole = ViewPicture.of(LightField.of(views, samples, weights), (0, 1))
+    complete = ViewPicture.of(LightField.of(views, samples, weights), (0, 1))
     part = ViewPicture.of(LightField.of(views, (samples / 255).astype(np.float32), weights), (0, 1))
-    assert (whole.grey[:5] == NO_SAMPLE).all()
-    assert np.abs(whole.colours - part.colours).max() <= 0.51
-    assert (whole.seen[:6] == 0).all() and (whole.seen[6:] == 1).all()
+    assert (complete.grey[:5] == NO_SAMPLE).all()
+    assert np.abs(complete.colours - part.colours).max() <= 0.51
+    assert (complete.seen[:6] == 0).all() and (complete.seen[6:] == 1).all()
     # There is no false edge next to the samples: their mean continues.
-    assert np.abs(whole.colours[4] - whole.colours[5:7].mean(axis=0)).mean() < 60.0
+    assert np.abs(complete.colours[4] - complete.colours[5:7].mean(axis=0)).mean() < 60.0
     single = ViewPicture.of(LightField.of(views, samples[..., :1].copy(), weights), (0, 1))
     assert (single.colours[5:, :, 2] == samples[0, 1, 5:, :, 0]).all()
 

@@ -55,9 +55,9 @@ def test_the_change_of_a_map_is_limited(slanted: Any) -> None:
     assert np.abs(found - start).max() * planes.reach_px <= 1.001
     torn = start + np.where(np.arange(120) > 60, np.float32(2.0 / planes.reach_px), np.float32(0.0))
     found = refiner.refined(torn, reference, others, 2, 30)[0]
-    beside = jumps(torn * np.float32(planes.reach_px))
-    assert beside.sum() == 2 * 90
-    assert np.abs(found - torn)[beside].max() * planes.reach_px <= 0.1501
+    at_jumps = jumps(torn * np.float32(planes.reach_px))
+    assert at_jumps.sum() == 2 * 90
+    assert np.abs(found - torn)[at_jumps].max() * planes.reach_px <= 0.1501
 
 
 def test_pictures_without_texture_have_no_information(slanted: Any) -> None:

@@ -129,17 +129,17 @@ def test_views_and_parts_do_not_depend_on_each_other(
     facing: tuple[LightField, FloatArray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     light_field, expected = facing
-    whole = aligned(light_field, expected + 0.5)
+    complete = aligned(light_field, expected + 0.5)
     monkeypatch.setattr(alignment, "KEYPOINTS_AT_ONCE", 7)
-    assert np.allclose(aligned(light_field, expected + 0.5).pixels, whole.pixels, rtol=0, atol=1e-3)
+    assert np.allclose(aligned(light_field, expected + 0.5).pixels, complete.pixels, rtol=0, atol=1e-3)
     pyramid, views = ImagePyramid(grey(light_field)), np.array([8, 2])
     given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
     across = light_field.positions_mm.reshape(-1, 3)[views, :2]
     with ThreadPoolExecutor(2) as pool:
         two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
-    usual = (whole.alike[views] > 0.95) & (two.alike > 0.95)
+    usual = (complete.alike[views] > 0.95) & (two.alike > 0.95)
     assert usual.mean() > 0.5
-    assert np.median(np.linalg.norm(two.pixels - whole.pixels[views], axis=2)[usual]) < 0.01
+    assert np.median(np.linalg.norm(two.pixels - complete.pixels[views], axis=2)[usual]) < 0.01
 
 
 @pytest.mark.parametrize("slants", [(0.0, 0.0), (1.0, -0.6)])

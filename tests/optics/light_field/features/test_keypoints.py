@@ -45,11 +45,11 @@ RANGE = (1.0 / 700.0, 1.0 / 380.0)
 
 @pytest.fixture(scope="module")
 def light_field() -> LightField:
-    whole, _ = of_planes(uneven_views(), [(430.0, (0.2, 0.1), None, 1)])
-    samples, weights = whole.samples.copy(), whole.weights.copy()
+    complete, _ = of_planes(uneven_views(), [(430.0, (0.2, 0.1), None, 1)])
+    samples, weights = complete.samples.copy(), complete.weights.copy()
     weights[..., :100, :120] = 0
     samples[weights == 0] = 0
-    return LightField.of(whole, samples, weights)
+    return LightField.of(complete, samples, weights)
 
 
 @pytest.mark.parametrize("name", NAMES)
