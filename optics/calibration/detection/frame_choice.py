@@ -51,7 +51,10 @@ class SharpestFrames:
             self._best[-1] = frame
         self._count += 1
         if len(self._best) == 2 * self._most and self._count % self._length == 0:
-            self._best = [_sharper(*pair) for pair in zip(self._best[::2], self._best[1::2], strict=True)]
+            self._best = [
+                max(pair, key=lambda frame: frame.sharpness)
+                for pair in zip(self._best[::2], self._best[1::2], strict=True)
+            ]
             self._length *= 2
 
     def chosen(self) -> list[SharpFrame]:
@@ -63,10 +66,6 @@ class SharpestFrames:
             max((self._best[k] for k in np.flatnonzero(stretches == stretch)), key=lambda frame: frame.sharpness)
             for stretch in range(self._most)
         ]
-
-
-def _sharper(a: SharpFrame, b: SharpFrame) -> SharpFrame:
-    return a if a.sharpness >= b.sharpness else b
 
 
 def most_informative(

@@ -71,7 +71,7 @@ def _other_checkerboard(
     own = counts.pop((target.cols, target.rows), 0)
     # Parts of a board look like smaller boards, so once the stated size is found, smaller ones do not count.
     if own or found:
-        counts = Counter({size: count for size, count in counts.items() if _at_least(size, target)})
+        counts = Counter({size: n for size, n in counts.items() if size[0] >= target.cols and size[1] >= target.rows})
     # Occasionally, a board and its mirror image together look like a larger board.
     least = max(len(pictures), PARTS * max([*counts.values(), own], default=0))
     often = [size for size, count in counts.items() if count >= least]
@@ -95,10 +95,6 @@ def _size_like(target: Checkerboard, grid: SeenGrid) -> tuple[int, int]:
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
     sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
     return min(sizes, key=lambda size: abs(size[0] - target.cols) + abs(size[1] - target.rows))
-
-
-def _at_least(size: tuple[int, int], target: Checkerboard) -> bool:
-    return size[0] >= target.cols and size[1] >= target.rows
 
 
 def _size(target: Target) -> str:

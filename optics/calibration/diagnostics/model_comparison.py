@@ -81,7 +81,7 @@ def smallest_model(fitted: Fitted) -> ModelComparison:
         name=fitted.name,
         against=None,
         parameters=round(_parameters(solution)),
-        rms_px=_rms(solution),
+        rms_px=float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2))),
         sigma_px=solution.sigma_px,
         drop=np.nan,
         chance=np.nan,
@@ -94,10 +94,6 @@ def smallest_model(fitted: Fitted) -> ModelComparison:
 
 def _parameters(solution: Solution) -> float:
     return len(solution.parameters) + solution.frame_terms
-
-
-def _rms(solution: Solution) -> float:
-    return float(np.sqrt(np.mean(solution.residuals[solution.inliers] ** 2)))
 
 
 def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:

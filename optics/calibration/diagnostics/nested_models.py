@@ -213,8 +213,9 @@ def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> 
     centres = estimate.virtual_centres_in_rig_mm
     distance = np.linalg.norm(centres, axis=1) / 2.0
     foot = centres / 2.0
-    middles = estimate.middles_in_rig_mm
-    across = np.linalg.norm(middles - foot - _projected(middles - foot, centres), axis=1)
+    offset = estimate.middles_in_rig_mm - foot
+    along = np.sum(offset * centres, axis=1, keepdims=True) / np.sum(centres * centres, axis=1, keepdims=True) * centres
+    across = np.linalg.norm(offset - along, axis=1)
     rise = rise_mm(across / distance, thickness_mm, index)
     mirrors = len(centres)
     return replace(
@@ -223,11 +224,6 @@ def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> 
         thickness_mm=np.full(mirrors, thickness_mm),
         refractive_index=np.full(mirrors, index),
     )
-
-
-def _projected(vectors: FloatArray, axes: FloatArray) -> FloatArray:
-    """Project vectors (n, 3) onto axes (n, 3)."""
-    return np.asarray(np.sum(vectors * axes, axis=1, keepdims=True) / np.sum(axes * axes, axis=1, keepdims=True) * axes)
 
 
 def plate_thickness(fitted: Fitted) -> tuple[float, float]:
