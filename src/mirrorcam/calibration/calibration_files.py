@@ -327,7 +327,7 @@ def _grey(frame: Frame) -> Grey:
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
-    """Write a PNG: mean residuals in each part of the sensor, by view, beside their distribution.
+    """Write a PNG: mean residuals in each part of the sensor, by view, and their distribution.
 
     Averages over a cell show what the model misses; where it misses nothing, the directions of the arrows are random.
     """

@@ -39,9 +39,9 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
 
 @dataclass(frozen=True)
 class DriftReporter:
-    """Tells of each recording that is decoded whether mirrors moved, in a line and in a file beside it.
+    """Reports for each decoded recording whether mirrors moved, in a line and in a file next to it.
 
-    `reference_depth_mm` is that of decoding, None by default; `layout_path` is for the command that the line names.
+    `reference_depth_mm` is as for decoding; `layout_path` is for the command that the line names.
     """
 
     layout: Layout
@@ -58,7 +58,7 @@ class DriftReporter:
         try:
             drift = drift_of(self.layout, frames, self.reference_depth_mm)
         except InputError as error:  # views that are decoded with another field than the test needs
-            self.reporter.note("decode", f"whether mirrors have moved is not told: {error}")
+            self.reporter.note("decode", f"cannot check whether mirrors have moved: {error}")
             return
         with self.output.staged(complete=False) as folder:
             write_drift(self.layout, drift, folder / name)
@@ -81,7 +81,7 @@ def drift_check(
 
 
 def drift_line(layout: Layout, drift: Drift) -> str:
-    """What a recording tells, in one line."""
+    """The result for a recording, in one line."""
     names = layout.mirror_names
     if drift.moved:
         each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]

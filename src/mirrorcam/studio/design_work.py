@@ -39,7 +39,7 @@ def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
 
 
 def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
-    """The exact design of a request, or why there is none; `calls` are those of `design`."""
+    """The exact design of a request, or why there is none; `calls` as for `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:

@@ -93,7 +93,7 @@ class Designer:
             each.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
-        """Take a design that was solved before, such as that of a file."""
+        """Take a design that was solved before, such as an opened file's."""
         self._keep(spec, self._previewer.call(design_work.described, spec, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
@@ -145,7 +145,7 @@ class Designer:
             self._previewer.call(design_work.remember, found.layout)
 
     def preview(self, spec: DesignSpec) -> str | None:
-        """A drawing of about what a request leads to, at once, as JSON; None where nothing can be said."""
+        """An approximate drawing of a request's design, at once, as JSON; None where no preview exists."""
         found = self._kept.get(spec)
         if isinstance(found, SolvedDesign):
             return found.drawing.model_dump_json()
@@ -164,7 +164,7 @@ class Designer:
         """What devices of a solved design can be expected to reach, which takes seconds.
 
         Raises InputError for a design that is not solved, or that cannot be built so, and Superseded where the page has
-        asked for that of another design meanwhile.
+        requested another design meanwhile.
         """
         asker, layout = asker or Asker(), self.solved(spec).layout
         with self._studies.turn(asker, spec):

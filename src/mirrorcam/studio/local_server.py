@@ -1,4 +1,4 @@
-"""A server on the loopback address: who may ask, what is refused, files that are served, and its end."""
+"""A server on the loopback address: access, refusals, served files, and shutdown."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class LocalAccess:
 
     A page of another site that a browser shows could otherwise talk to this machine: by a name that leads here (the
     Host is that name then), or by a form or a script (the Origin is that site then). Answers tell the browser to fetch
-    nothing from anywhere else and to run no script but those of the page.
+    nothing from other origins and to run only the page's scripts.
     """
 
     def __init__(self, app: ASGIApp, port: int) -> None:
@@ -216,7 +216,7 @@ async def _too_large(request: Request, error: Exception) -> Response:
 
 
 REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
-"""How both servers answer what is wrong with a request: one line, as text."""
+"""The answer of both servers to a bad request: one line of text."""
 
 
 class ServedFiles(StaticFiles):

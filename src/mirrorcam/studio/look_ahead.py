@@ -40,7 +40,7 @@ CHANGES: tuple[Change, ...] = (
 
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
-    """Requests one step from this one, the likeliest first; none of more mirrors than are solved in a few seconds."""
+    """Requests one step from this one, the likeliest first, for designs small enough to solve in a few seconds."""
     found = []
     for change in CHANGES:
         fields = change(spec)

@@ -47,7 +47,7 @@ class Opened(Value):
 
 
 class JobRequest(Value):
-    """What to make of which design, and what is to carry the device."""
+    """The files to make of a design, and the device's back."""
 
     kind: JobKind
     adapter: Adapter = "none"
@@ -173,7 +173,7 @@ class DesignAnswers:
 
 
 class JobAnswers:
-    """Answers about what is made of designs."""
+    """Requests for files of designs."""
 
     def __init__(self, designer: Designer, jobs: Jobs) -> None:
         self._designer, self._jobs = designer, jobs

@@ -86,7 +86,7 @@ def _source(module: str) -> _Source:
     imported = set(_imported(nodes, module if path.name == "__init__.py" else module.rpartition(".")[0]))
     top = module.partition(".")[0]
     ours = {name for name in imported | texts if name.startswith(f"{top}.")}
-    if "iter_modules" in variables:  # it imports all modules beside it
+    if "iter_modules" in variables:  # it imports all modules of its folder
         ours |= {f"{module.rpartition('.')[0]}.{beside.stem}" for beside in path.parent.glob("*.py")}
     # Packages run before the modules in them; the top one only names what it offers.
     names = {

@@ -31,7 +31,7 @@ LARGEST_FILE_BYTES = 4 * LARGEST_PICTURE_PX
 """Bytes of the largest file: more than the pixels of the largest picture without compression."""
 
 _SIDE_ENDINGS = (".toml", ".json", ".yaml", ".yml", ".csv", ".npz", ".html", ".md", ".db", ".ini")
-"""Endings of files that belong beside pictures: boards, layouts, tables, results, and notes of file managers."""
+"""Suffixes of files that may lie among pictures: boards, layouts, tables, results, and notes of file managers."""
 _MOST_NAMES = 3
 _ORIENTATION = 0x0112
 _SIXTEEN = 16

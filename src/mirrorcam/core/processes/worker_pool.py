@@ -112,7 +112,7 @@ def _call(call: Call) -> Any:
 
 
 class _Queue:
-    """Order of tasks: a worker stays with its group; one without takes a whole group, then half of another's."""
+    """Order of tasks: a worker stays with its group; one without takes a complete group, then half of another's."""
 
     def __init__(self, groups: Sequence[Sequence[int]]) -> None:
         self._waiting = [list(group) for group in groups]

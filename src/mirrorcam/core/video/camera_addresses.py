@@ -174,7 +174,7 @@ def _opened_sdp(path: Path) -> Iterator[Any]:
 
 
 def _opened_stream(address: str) -> Any:
-    """A container of what a server gives; ValueError for an address of another kind than those of `_SCHEMES`."""
+    """The container that a server sends; ValueError for an address of a scheme outside `_SCHEMES`."""
     scheme = address.partition("://")[0] if "://" in address else ""
     if scheme not in _SCHEMES:
         raise ValueError("neither a file nor an address of a kind that is read")
@@ -212,7 +212,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, tell: Callable[[str], 
     import av
 
     stream = container.streams.video[0]
-    # Else an error in the data is painted over with what stands around it, and the frame passes for a whole one.
+    # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # threads for frames would give each some frames late
     begun, whole, bits = False, False, SampleBits()

@@ -62,7 +62,7 @@ class LiveCamera:
     retry_s
         Time between two attempts to open a camera that has gone.
     waiting
-        Number of frames that may wait to be used: with 1, what is given is always the newest.
+        Number of frames that may wait to be used: with 1, the newest frame is always the next.
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ class LiveWorker:
 
 
 class DepthThread:
-    """Puts pictures of depth; what is given while it works replaces what waits.
+    """Publishes pictures of depth; a newer input replaces the one that waits.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class DepthThread:
             return self._on and self._input is None and self._pictures.wanted("depth")
 
     def switch(self, on: bool) -> None:
-        """Measure depth, or do not: what waits is then dropped, and what is being measured is not shown."""
+        """Switch depth on or off; off drops waiting input and the measurement in progress."""
         with self._worker.changed:
             self._on = on
             if not on:
@@ -243,7 +243,7 @@ class SetupThread:
 
 
 OVER_S = 0.2
-"""Time between questions of what is new, once the source has ended."""
+"""Polling interval once the source has ended."""
 
 
 class DecodingThread:
@@ -292,7 +292,7 @@ class DecodingThread:
         self._worker.start()
 
     def order(self, **changes: Any) -> None:
-        """Change what is wanted of frames from the next one on, fields of `Orders`."""
+        """Change the orders, fields of `Orders`, from the next frame on."""
         with self._worker.changed:
             self._orders = replace(self._orders, **changes)
 

@@ -85,7 +85,7 @@ class Orders:
     reset_focus
         Whether the focus meter forgets the best so far.
     plays
-        How often a source that ends has been told to play: 0, it has not begun; once more than it has, it plays again
+        How often a finite source was started: 0, it has not begun; once more than it has, it plays again
         from its start, if it has ended. A camera always plays.
     timeout_s
         How long a frame is waited for.
@@ -163,7 +163,7 @@ class Answer:
 class LivePicture:
     """A JPEG picture of a frame, counted from 1 in its kind.
 
-    `depth_mm` (v, u) is beside a picture of depth, 0 where it is not known.
+    `depth_mm` (v, u) accompanies a picture of depth, 0 where unknown.
     """
 
     serial: int
