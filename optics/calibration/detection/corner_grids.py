@@ -273,7 +273,7 @@ def _closed(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarr
         at, side = corners[-1], turns[-1]
         good &= neighbour[at, side] != NO_NEIGHBOUR
         corners.append(neighbour[at, side])
-        # The way back is behind; the next side is on the right of going on.
+        # The reverse direction is behind; the next side is to the right of the forward direction.
         turns.append((back[at, side] + 3) % 4)
     good &= neighbour[corners[3], turns[3]] == rows
     lengths = [np.linalg.norm(pixels[corners[i]] - pixels[corners[(i + 1) % 4]], axis=2) for i in range(4)]

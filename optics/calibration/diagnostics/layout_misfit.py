@@ -82,7 +82,7 @@ class UnknownMirrors:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """The number of such frames, if there are any."""
+        """The number of frames with unknown mirrors, if there are any."""
         return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
 
     def explained(self, refusal: str) -> InputError:

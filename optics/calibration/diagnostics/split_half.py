@@ -101,7 +101,7 @@ class Split:
 
     @property
     def alarm(self) -> str | None:
-        """Description of what differs by more than `ALARM_RATIO` times the prediction; None if nothing does."""
+        """Description of the differences above `ALARM_RATIO` times the prediction; None without."""
         ratio, words = self._worst
         if not words:
             return None

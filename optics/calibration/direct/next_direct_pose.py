@@ -1,4 +1,4 @@
-"""Next best view with a direct view and without a layout: the pictures so far show what can be seen.
+"""Next best view with a direct view and without a layout: visibility is predicted from the pictures so far.
 
 The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to reach
 somewhat beyond the corners seen in it.

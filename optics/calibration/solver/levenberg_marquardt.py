@@ -168,7 +168,7 @@ def effective_frame_terms(estimate: Estimate, observations: Observations, model:
 
 
 def _inverse_information(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError, naming what is undetermined."""
+    """Inverse (g, g) of the reduced normal matrix; raises UndeterminedError, naming undetermined parameters."""
     parameters = model.parameters(estimate.camera, len(estimate.virtual_centres_in_rig_mm))
     normal = normal_equations(estimate, Grouped.of(observations, model), model)
     information = np.diag(normal.u)

@@ -31,7 +31,7 @@ OUTLIER_PASSES = 12
 OUTLYING = 14.0
 """Residual, in robust standard deviations, at which a sample's weight falls to a quarter."""
 LEAST_VARIANCE = (1.0 / 255.0) ** 2
-"""Least variance of residuals: below a grey level, none of them exceeds rounding."""
+"""Least variance of residuals: below a grey level, residuals do not exceed rounding."""
 MEDIAN_OF_SQUARES = {1: 0.455, 3: 2.366}
 """Medians of chi-squared distributions."""
 MARGIN_PX = 8
@@ -122,7 +122,7 @@ def _kept(samples: Float32, weights: Float32, passband: Passband, leave_out: boo
         power = measured_power(vectors, passband, frequencies.reshape(-1, 2), float(counted.mean()))
         passed = filtered_spectra(vectors, passband, frequencies.reshape(-1, 2), power)
         if number == last:
-            # Remove no more than noise; missing samples were filled with what the views share.
+            # Remove no more than noise; missing samples were filled with the common part of the views.
             share = power.noisy[rings_of(frequencies.reshape(-1, 2))].astype(np.float32)
             passed = vectors + share[:, None] * (passed - vectors)
         spectra = np.moveaxis(passed.reshape(*spectra.shape[1:3], *vectors.shape[1:]), 2, 0) * lag.conj()
@@ -181,7 +181,7 @@ class Power:
 
     @property
     def noisy(self) -> FloatArray:
-        """Share (rings, components) of noise in what views do not have in common, as `ratios` are limited from below.
+        """Share (rings, components) of noise in the differences between views, as `ratios` are limited from below.
 
         Below `LEAST_NOISE`, the views truly differ: at low frequencies, by what lies inside the borders of some views
         only.

@@ -65,7 +65,7 @@ def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
 
 
 def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightField:
-    """Read the light field of such a picture; NAME.json takes precedence over `order` and `assumed`.
+    """Read the light field of a picture of all views; NAME.json takes precedence over `order` and `assumed`.
 
     Raises InputError in one line if the geometry is unknown, the picture does not divide into the views, or its pixels
     contradict the division.

@@ -107,7 +107,7 @@ class Sink(Protocol):
         """Add the light field at an index that increases without gaps, for frame `number` of the source."""
 
     def close(self, folder: Path, about: dict[str, Any], entries: Entries) -> None:
-        """Write what is known only at the end."""
+        """Write the values that are known only at the end."""
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
         """Read the attributes of a recording and its frames, as written by `close`."""

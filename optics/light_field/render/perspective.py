@@ -98,7 +98,7 @@ def _rendered(
         theirs = at(known[index], u, v)
         trust = np.where(np.abs(theirs - nearness) <= apart, 1.0, np.where(np.isnan(theirs), UNKNOWN, OTHER))
         if index in own:
-            trust[...] = 1.0  # At its own position, a view shows exactly what is visible, whatever the depth.
+            trust[...] = 1.0  # At its own position, a view shows exactly the visible points, for any depth.
         elif guide is not None:
             trust *= _alike(_softened(shown), guide)
         shown *= trust[..., None].astype(np.float32)

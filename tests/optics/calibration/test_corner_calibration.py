@@ -29,7 +29,7 @@ def views() -> Views:
 
 
 def worst_deg(a: Layout, b: Layout) -> float:
-    """The largest angle between a mirror of one layout and that of the other."""
+    """Return the largest angle between corresponding mirrors of two layouts, in degrees."""
     crosses = np.cross([m.normal_in_rig for m in a.mirrors], [m.normal_in_rig for m in b.mirrors])
     return float(np.degrees(np.linalg.norm(crosses, axis=1)).max())
 

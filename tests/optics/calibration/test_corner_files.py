@@ -52,7 +52,7 @@ def test_written_corners_give_the_same_calibration(tmp_path: Path) -> None:
     np.testing.assert_allclose(difference.b_from_a, np.eye(4), atol=0.01)
 
 
-def test_the_file_states_its_conventions_and_what_was_left_out(tmp_path: Path) -> None:
+def test_the_file_states_its_conventions_and_omissions(tmp_path: Path) -> None:
     calibration = sound_calibration()
     inliers = calibration.inliers.copy()
     inliers[3] = False

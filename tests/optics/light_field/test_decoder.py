@@ -213,7 +213,7 @@ def test_frames_with_a_gamma_curve_are_brightened_by_its_exponent(lit_evenly: tu
     light_field = decoder.equalised(known).decode(curved)
     valid = light_field.valid
     assert np.abs(light_field.samples[valid] - 255.0 * (200.0 / 255.0) ** exponent).max() <= 6.0
-    # Taken for those of a linear camera, they are far too bright there.
+    # Decoded as from a linear camera, they are far too bright there.
     assert decoder.decode(curved).samples[valid].max() > 250
 
 

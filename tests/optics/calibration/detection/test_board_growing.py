@@ -1,4 +1,4 @@
-"""Growing a board from a few points, and dropping what does not lie on its surface."""
+"""Growing a board from a few points, and dropping corners off its surface."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def test_a_hand_hides_corners_and_gives_no_false_ones() -> None:
     assert rms(corners.pixels - truth[corners.ids]) < 0.1
 
 
-def test_a_picture_without_a_board_shows_none() -> None:
+def test_no_board_is_found_in_a_picture_without_one() -> None:
     random = np.random.default_rng(0)
     blocks = np.kron(random.integers(0, 255, (27, 48)), np.ones((10, 10))).astype(np.uint8)
     for picture in (np.full((270, 480), 90, np.uint8), random.integers(0, 255, (270, 480)).astype(np.uint8)):

@@ -59,7 +59,7 @@ class Surface:
 
 
 def grid_views(rows: int = 3, cols: int = 3, *, step_mm: float = 20.0, uneven: bool = True, **changes: Any) -> Views:
-    """Views like those of a camera of mirrors, 120x90 px, the reference view 80 mm behind and 90 above the pupil."""
+    """Return views of 120x90 px like a mirror camera's, the reference view 80 mm behind and 90 above the pupil."""
     s, t = np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2)
     positions = np.stack([s, t, 0 * s], axis=-1) * step_mm
     if uneven:

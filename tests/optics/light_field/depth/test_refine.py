@@ -111,7 +111,7 @@ def card() -> tuple[np.ndarray, np.ndarray]:
     return planes, picture
 
 
-def test_an_edge_moves_to_that_of_the_picture() -> None:
+def test_an_edge_moves_to_the_pictures_edge() -> None:
     planes, picture = card()
     found = follow_edges(planes, picture, 1.2)
     assert (found[:, :30] == 2.0).all()

@@ -32,7 +32,7 @@ def test_residuals_and_derivatives_match_linear_pictures_at_the_parallax() -> No
     rise = np.einsum("cavu,avu->cvu", derivatives, move)
     terms = Terms(*(np.zeros(SHAPE, np.float32) for _ in Terms._fields))
     nothing = np.full(SHAPE, -1e9, np.float32)
-    # So much noise that nothing is an outlier.
+    # So much noise that there are no outliers.
     variance = np.full(SHAPE, 1e6, np.float32)
     looked = View(gradients, np.ones(SHAPE, np.uint8), nothing)
     for band in ((0, 40), (40, 90)):

@@ -72,13 +72,13 @@ def plainly(
 
 
 @pytest.mark.parametrize(("next_plane", "any_plane"), [(3, 20), (0, 0), (10, 1000)])
-@pytest.mark.parametrize("leaning", [False, True])
-def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) -> None:
+@pytest.mark.parametrize("slanted", [False, True])
+def test_paths_are_the_cheapest(next_plane: int, any_plane: int, slanted: bool) -> None:
     random = np.random.default_rng(0)
     volume = random.integers(0, 60, (7, 9, 6)).astype(np.uint16)
     picture = random.uniform(0, 40, (7, 9, 3)).astype(np.float32)
     slants = LEVEL
-    if leaning:
+    if slanted:
         across, down = random.uniform(-1.3, 1.3, (2, 7, 9)).astype(np.float32)
         slants = (across, down)
     expected = plainly(volume, next_plane, any_plane, picture, slants)
@@ -90,8 +90,8 @@ def test_paths_are_the_cheapest(next_plane: int, any_plane: int, leaning: bool) 
         assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 
-@pytest.mark.parametrize("leaning", [False, True])
-def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning: bool) -> None:
+@pytest.mark.parametrize("slanted", [False, True])
+def test_paths_over_ranges_equal_those_of_a_search_limited_to_them(slanted: bool) -> None:
     random = np.random.default_rng(3)
     shape, planes = (7, 9), 12
     low = random.integers(0, 7, shape).astype(np.int32)
@@ -100,7 +100,7 @@ def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning:
     plane = np.arange(planes)
     inside = (plane >= low[..., None]) & (plane < (low + count)[..., None])
     slants = LEVEL
-    if leaning:
+    if slanted:
         across, down = random.uniform(-1.3, 1.3, (2, *shape)).astype(np.float32)
         slants = (across, down)
     found = aggregate(Volume(Ranges.of(low, count), costs[inside]), EVEN, slants, (3, 20))
@@ -108,7 +108,7 @@ def test_paths_over_ranges_are_those_of_a_search_that_cannot_leave_them(leaning:
     expected = plainly(np.where(inside, costs.astype(int), 5000), 3, 20, EVEN, slants)
     assert np.abs(found.costs.astype(int) - expected[inside]).max() <= 8
     best = cheapest(found, 400.0)
-    assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not leaning
+    assert np.abs(best.planes - np.where(inside, expected, 10**6).argmin(axis=2)).max() <= 0.5 or not slanted
 
 
 def test_without_penalties_pixels_are_independent() -> None:

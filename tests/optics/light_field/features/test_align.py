@@ -143,7 +143,7 @@ def test_views_and_parts_do_not_depend_on_each_other(
 
 
 @pytest.mark.parametrize("slants", [(0.0, 0.0), (1.0, -0.6)])
-def test_slants_are_those_of_the_plane(slants: tuple[float, float]) -> None:
+def test_slants_match_the_plane(slants: tuple[float, float]) -> None:
     """w = (1 - slants.a) / d of a plane Z = d + slants.(X, Y)."""
     views, distance = uneven_views(), 450.0
     light_field, _ = of_planes(views, [(distance, slants, None, 1)])

@@ -15,7 +15,7 @@ def test_a_scale_is_on_the_nearest_level_of_half_its_size() -> None:
     assert pyramid.level_of(np.array([1.0, 2.8, 3.0, 4.0, 8.0, 1000.0])).tolist() == [0, 0, 1, 1, 2, 3]
 
 
-def test_samples_are_those_of_the_cubic_spline_through_the_pixels() -> None:
+def test_samples_follow_the_cubic_spline_through_the_pixels() -> None:
     """Against SciPy's, except at the rim, where it uses another spline."""
     random = np.random.default_rng(4)
     image = np.rint(gaussian_filter(random.uniform(0, 1000, (60, 80)), 0.7)).clip(0, 255).astype(np.uint8)

@@ -41,7 +41,7 @@ def assert_same(found: LightField, expected: LightField) -> None:
 
 
 def recorded_again(bag: Path, folder: Path, change: Callable[[int, Any, int, Any], Any]) -> Path:
-    """A folder of rosbag2 with what `change(number, connection, time, raw)` makes of each message, if it makes any."""
+    """Write a rosbag2 folder with the messages that `change(number, connection, time, raw)` returns, if any."""
     from rosbags.rosbag2 import Reader, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -265,7 +265,7 @@ def test_bags_whose_files_or_messages_are_compressed_are_refused(bag: Path, tmp_
             StoredBag(tmp_path / mode.name)
 
 
-def test_what_is_missing_is_refused(tmp_path: Path) -> None:
+def test_missing_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere\.mcap: no such file"):
         StoredBag(tmp_path / "nowhere.mcap")
 

@@ -91,7 +91,7 @@ def frames() -> Frames:
     return Frames(photograph(grid_views(width_px=12, height_px=9), [Surface(500.0)])[0])
 
 
-def test_indices_are_those_of_a_list_and_nothing_else_is_read(frames: Frames) -> None:
+def test_indices_work_like_those_of_a_list_and_read_only_their_frames(frames: Frames) -> None:
     numbers = list(range(COUNT))
     for index in (0, 3, COUNT - 1, -1, -COUNT):
         assert frames[index].layout_identity == str(numbers[index])

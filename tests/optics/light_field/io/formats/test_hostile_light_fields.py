@@ -1,4 +1,4 @@
-"""Hostile light fields: each of them is refused, and reads nothing outside."""
+"""Hostile light fields: each is refused, and no file outside of its folder is read."""
 
 from __future__ import annotations
 
