@@ -161,9 +161,9 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
 def _inside_for_whole_pupil(
     mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, ray: Expression
 ) -> Expression:
-    """At least 0 where all rays of the pupil that belong to a chief ray (3, z of the rig 1) pass an edge inside.
+    """At least 0 if all rays of the pupil with a chief ray (3, z = 1 in rig) pass inside an edge.
 
-    The rays from the points p of the pupil pass it at constant + slope . p (see `optics.geometry.pupil.served_by`).
+    Rays from the points p of the pupil have the clearance constant + slope . p (`geometry.pupil.edge_clearance`).
     """
     away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)

@@ -14,7 +14,7 @@ from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
-from mirrorcam.optics.geometry.nearest_lens import nearest_lens, whole_picture
+from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 
 GLASS_AND_PUPIL = 4
 """Numbers of all mirrors: thickness, refractive index, pupil's radius, 1 / focus."""
@@ -118,7 +118,7 @@ def expressible(camera: Camera) -> Camera:
     """
     if camera.lens_model != "spline":
         return camera
-    near, error_px = nearest_lens(camera, "thin_prism", whole_picture(camera))
+    near, error_px = nearest_lens(camera, "thin_prism")
     edge = int(np.ceil(error_px))
     return near.replaced(
         width_px=near.width_px - 2 * edge,

@@ -52,7 +52,7 @@ def test_a_grid_holds_specs_and_nothing_derived_from_them() -> None:
         ({"counts": [(2, 2), (3, 3), (2, 2)]}, "^counts: 2x2 is named twice"),
         ({"scales_mm": [80.0, -1.0]}, "^scales_mm: -1.0: scale_mm: Input should be greater than or equal to 0.001"),
         ({"tradeoffs": [2.0]}, "^tradeoffs: 2.0: tradeoff: Input should be less than or equal to 1"),
-        ({"depth_sets_mm": [(300.0, 300.0)]}, r"^depth_sets_mm: \(300.0, 300.0\): depths_mm .* names a depth twice"),
+        ({"depth_sets_mm": [(300.0, 300.0)]}, r"^depth_sets_mm: \(300.0, 300.0\): depths_mm .* a depth twice"),
         ({"depth_sets_mm": [()]}, r"^depth_sets_mm: \(\): depths_mm"),
     ],
 )

@@ -64,14 +64,14 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no measure of a body"),
-        ({"guessed": ("name",)}, "guessed: name is no measure of a body"),
+        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no dimension of a body"),
+        ({"guessed": ("name",)}, "guessed: name is no dimension of a body"),
         ({"end_radius_mm": 12.6}, "end_radius_mm 12.6, expected at most half of 90 x 25"),
         ({"foot_mm": (1.0, 0.0, 1.0)}, "foot_mm"),
         ({"lens_protrusion_mm": -1.0}, "lens_protrusion_mm"),
-        ({"rest_mm": (1.0, 2.0)}, "rest_mm is for a lens on a board"),
-        ({"rest_mm": (3.0, 5.0), **BOARD}, "rest_mm 3 to 5, expected upwards to at most lens_protrusion_mm 4"),
-        ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected upwards"),
+        ({"rest_mm": (1.0, 2.0)}, "rest_mm is given for a body held by lips"),
+        ({"rest_mm": (3.0, 5.0), **BOARD}, "rest_mm 3 to 5, .* at most lens_protrusion_mm 4"),
+        ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected increasing"),
     ],
 )
 def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:

@@ -132,9 +132,9 @@ def test_an_own_camera_is_a_profile_or_the_optics_or_the_body_alone(tmp_path: Pa
         ("fx_px = 1000.0", "fx_px = -1.0", r"mine\.toml: optics\.fx_px: "),
         ("width_px = 1000", "width_px = 0", r"mine\.toml: optics\.width_px: "),
         ("width_px = 1000\n", "", r"mine\.toml: optics\.(width|cx)_px: "),
-        ("fx_px = 1000.0", "fx_px = 1000.0\nbody_mm = [[0, 0, 0], [1, 1, 1]]", "optics.body_mm is given, expected it"),
-        ('name = "mine"', 'name = "mine"\nguessed = ["lens"]', "guessed: lens is no figure of the optics"),
-        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is no measure of a body"),
+        ("fx_px = 1000.0", "fx_px = 1000.0\nbody_mm = [[0, 0, 0], [1, 1, 1]]", "optics.body_mm is given"),
+        ('name = "mine"', 'name = "mine"\nguessed = ["lens"]', "guessed: lens is not a field"),
+        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is no dimension of a body"),
         ("[published]", '[set_aside]\nvertical_deg = "why"\n[published]', "set_aside: vertical_deg is not published"),
         ("https://example.org/ruler", "a ruler", r"mine\.toml: sources\.0\.url: "),
         ('"a ruler"', '"a \\u001b[31m ruler"', r"sources\.0\.title: .*cannot be printed"),
@@ -161,9 +161,9 @@ def test_a_camera_is_taken_by_a_known_name_alone(name: str) -> None:
 
 def test_a_board_for_any_lens_has_a_body_and_no_optics() -> None:
     assert read_body("board_38").field_of_view_deg is None
-    with pytest.raises(InputError, match=r"38 mm USB board, M12 lens: its lens has any focal length"):
+    with pytest.raises(InputError, match=r"38 mm USB board, M12 lens: the focal length is unknown"):
         read_camera("board_38")
-    with pytest.raises(ValueError, match="fx_px is no figure of the optics"):
+    with pytest.raises(ValueError, match="fx_px is not a field of the optics"):
         read_profile("board_38").replaced(guessed=("fx_px",))
 
 

@@ -169,7 +169,7 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
         (
             ["camera", "distortion"],
             [0, 0, 0, 0],
-            "camera.distortion: 4 numbers of distortion, expected the 5",
+            "camera.distortion: 4 distortion coefficients, expected 5",
         ),
         (["kind"], "measured", "kind: Input should be 'nominal', 'as-built' or 'calibrated'"),
         (["rows"], 2, "9 mirrors, expected rows x cols = 6"),

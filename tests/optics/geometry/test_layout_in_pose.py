@@ -66,8 +66,8 @@ def test_a_table_is_the_same_from_its_file(table: GravityTable, tmp_path: Path) 
 
 def test_other_mirrors_and_impossible_gravities_are_refused(default_layout: Layout, table: GravityTable) -> None:
     one = table.replaced(mirrors={"0-0": table.mirrors["0-0"]})
-    with pytest.raises(InputError, match=r"gravity table: mirrors 0-0, expected those of the layout, 0-0, 0-1"):
+    with pytest.raises(InputError, match=r"gravity table: mirrors 0-0, .* 0-0, 0-1"):
         layout_in_pose(default_layout, one, DOWN)
     for gravity in (np.zeros(2), np.array([0.0, np.nan, 0.0]), 9.81 * DOWN):
-        with pytest.raises(InputError, match="expected 3 numbers in g"):
+        with pytest.raises(InputError, match="expected a vector of 3 numbers"):
             layout_in_pose(default_layout, table, gravity)

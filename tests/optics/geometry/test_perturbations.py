@@ -89,7 +89,7 @@ def test_no_device_is_drawn_around_bent_mirrors(default_layout: Layout) -> None:
     mirrors = list(default_layout.mirrors)
     mirrors[3] = mirrors[3].replaced(curvature_per_m=[0.0, 0.1, 0.0])
     bent = default_layout.replaced(mirrors=tuple(mirrors))
-    with pytest.raises(InputError, match=r"^mirror 1-0 has a curvature_per_m, expected flat mirrors"):
+    with pytest.raises(InputError, match=r"^mirror 1-0 has a curvature_per_m, .* flat mirrors"):
         draw_as_built(bent, Tolerances.none(), np.random.default_rng(0))
 
 

@@ -13,7 +13,7 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import Pupil, served_by
+from mirrorcam.optics.geometry.pupil import Pupil, outline_aperture
 from mirrorcam.optics.geometry.sub_images import (
     clipped,
     common_region,
@@ -142,7 +142,7 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
         middles = (outline + np.roll(outline, -1, axis=0)) / 2.0
         for border in (outline, middles):
             np.testing.assert_allclose(
-                served_by(mirror, border, PUPIL.focus_mm).distance.min(axis=1), PUPIL.radius_mm, atol=1e-3
+                outline_aperture(mirror, border, PUPIL.focus_mm).distance.min(axis=1), PUPIL.radius_mm, atol=1e-3
             )
         shares.append(Polygon(outline).area / Polygon(mirror.outline_normalized).area)
     assert 0.8 < min(shares) < max(shares) < 0.95

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.optics.geometry.lenses.brown_conrady import BrownConrady
 from mirrorcam.optics.geometry.lenses.fisheye import Fisheye
+from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady
 
 
 def test_only_a_lens_without_distortion_is_the_identity() -> None:
