@@ -1,4 +1,4 @@
-"""The folder of exports: what other tools read of a layout, and the pictures that go with it."""
+"""The export folder: a layout in the formats of other tools, with matching pictures."""
 
 from __future__ import annotations
 
@@ -44,34 +44,41 @@ FILES = (
     *("anipose/calibration.toml", "deeplabcut/camera_matrix/stereo_params.pickle"),
     *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
-"""Files of the exports of all cameras together."""
+"""Exported files that describe all cameras."""
 
 
 def picture_names(pictures: Sequence[Path]) -> list[str]:
-    """Names of frames in the files of COLMAP, where a name ends at a blank; raises InputError for two alike."""
+    """Names of frames for COLMAP's files, without spaces; raises InputError for duplicates."""
     names = [word(f"{path.stem}.png") for path in pictures]
     if len(set(names)) < len(names):
-        raise InputError(f"pictures share a name, expected each of {', '.join(sorted(names))} once")
+        raise InputError(f"pictures share a name, expected distinct names: {', '.join(sorted(names))}")
     return names
 
 
 def export_names(layout: Layout, pictures: Sequence[Path] = ()) -> tuple[str, ...]:
-    """Names of all files that `write_exports` writes, before it does."""
-    names, found = picture_names(pictures), list(FILES)
+    """Names of all files that `write_exports` will write."""
+    names, files = picture_names(pictures), list(FILES)
     for view in (view_name(*divmod(number, layout.cols)) for number in range(len(layout.mirrors))):
-        found += [f"ros/{view}.yaml", f"nerfstudio/masks/{view}.png"]
-        found += [f"colmap/masks/{view}/{name}.png" for name in names or [PICTURE]]
-        found += [f"colmap/images/{view}/{name}" for name in names]
-        found += [f"nerfstudio/images/{view}.png"] if names else []
-    return tuple(found)
+        files += [f"ros/{view}.yaml", f"nerfstudio/masks/{view}.png"]
+        files += [f"colmap/masks/{view}/{name}.png" for name in names or [PICTURE]]
+        files += [f"colmap/images/{view}/{name}" for name in names]
+        files += [f"nerfstudio/images/{view}.png"] if names else []
+    return tuple(files)
 
 
 def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -> None:
-    """Write the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut, with a README.md.
+    """Export the layout for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut, with a README.md.
 
-    `pictures` are frames of this camera: COLMAP gets all of them, as frames of one rig, nerfstudio the first, for a
-    picture is one moment of a rig whose motion only COLMAP finds. Raises InputError where a mirror shows nothing and
-    where a picture has another size or shares its name with another.
+    Parameters
+    ----------
+    layout : the layout to export.
+    folder : the folder to write to.
+    pictures : frames of this camera. COLMAP, which estimates the motion of the rig, gets all of them as frames of one
+        rig; nerfstudio gets the first.
+
+    Raises
+    ------
+    InputError : a mirror shows nothing, or a picture has a wrong size or the name of another.
     """
     views = virtual_cameras(layout)
     names = picture_names(pictures)
@@ -81,9 +88,9 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
     write_text(folder / "mirrorcam_calibrated.urdf", urdf(views))
     for view in views:
         write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
-    animals = pose_cameras(layout, views)
-    write_text(folder / "anipose" / "calibration.toml", calibration_toml(animals))
-    write_bytes(folder / "deeplabcut" / "camera_matrix" / "stereo_params.pickle", stereo_params(animals))
+    cropped = pose_cameras(layout, views)
+    write_text(folder / "anipose" / "calibration.toml", calibration_toml(cropped))
+    write_bytes(folder / "deeplabcut" / "camera_matrix" / "stereo_params.pickle", stereo_params(cropped))
     cameras = rig_cameras(views)
     write_text(colmap / "rig_config.json", rig_config(cameras, layout.central_index))
     for name, text in sparse_model(cameras, layout.central_index, (names or [PICTURE])[0]).items():
@@ -112,14 +119,14 @@ def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:
 
 
 def readme(layout: Layout, views: tuple[VirtualCamera, ...]) -> str:
-    """Description of the content of each file and of the picture that belongs to it."""
+    """Description of the exported files and their pictures."""
     flip = views[0].flip
     option = "hflip" if flip == "left-right" else "vflip"
     rows = ""
     for view in views:
         cut = view.sub_image
-        found = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
-        errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in found)
+        errors_px = (view.pinhole_error_px, *(lens.of(view).error_px for lens in FORMATS.values()))
+        errors = " | ".join(f"{error:.2g}" if error > 1e-6 else "0" for error in errors_px)
         rows += f"| {view.name} | {cut.x}, {cut.y} | {cut.width} x {cut.height} | {errors} |\n"
     depths = " to ".join(f"{mm:.4g}" for mm in fitted_distances_mm(layout))
     return f"""# A mirror camera for other tools

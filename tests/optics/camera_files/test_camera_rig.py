@@ -59,7 +59,7 @@ def test_a_camera_that_cannot_be_is_refused_in_one_line() -> None:
     assert camera_of("here", [1.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, (640, 480)).width_px == 640
     with pytest.raises(InputError, match=r"^here: fx_px: .*greater than or equal"):
         camera_of("here", [0.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, None)
-    with pytest.raises(InputError, match=r"^here: distortion: .*expected the 4 of a fisheye lens"):
+    with pytest.raises(InputError, match=r"^here: distortion: .*expected 4 for a fisheye lens"):
         camera_of("here", [1.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 3, None)
 
 

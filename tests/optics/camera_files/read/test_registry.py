@@ -100,7 +100,7 @@ def test_aliases_of_yaml_do_not_multiply(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="more than 300000 values"):
         read_rig(tmp_path / "a.yaml")
     (tmp_path / "a.yaml").write_text("a: &a [1, *a]")
-    with pytest.raises(InputError, match="an alias 'a' of nothing"):
+    with pytest.raises(InputError, match="an alias 'a' without an anchor"):
         read_rig(tmp_path / "a.yaml")
 
 
@@ -156,7 +156,7 @@ def test_a_pose_of_colmap_that_cannot_be_is_refused(exported: Path, tmp_path: Pa
     words = lines[place].split()
     lines[place] = " ".join([words[0], numbers, *words[8:]])
     images.write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"pose|not what COLMAP writes"):
+    with pytest.raises(InputError, match=r"pose|invalid file of COLMAP"):
         read_rig(tmp_path / "sparse")
 
 
@@ -169,14 +169,14 @@ def test_a_layout_with_a_large_covariance_is_read(tmp_path: Path) -> None:
 def test_a_folder_of_large_files_is_refused_before_they_are_read(tmp_path: Path) -> None:
     for number in range(2):
         (tmp_path / f"{number}.yaml").write_text("a" * 3_000_000)
-    with pytest.raises(InputError, match="holds more than 5 MB of YAML"):
+    with pytest.raises(InputError, match="more than 5 MB of YAML"):
         read_rig(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["ost.txt", "ost.ini", "head_camera.ini"])
 def test_other_files_of_a_ros_calibrator_are_named(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("# oST version 5.0 parameters\n")
-    with pytest.raises(InputError, match="what camera_calibration writes as"):
+    with pytest.raises(InputError, match="camera_calibration's"):
         read_rig(tmp_path / name)
 
 

@@ -96,7 +96,7 @@ def test_a_mirror_outside_the_sensor_is_refused() -> None:
 
 def test_a_mirror_beyond_the_lens_model_is_refused(parabola_layout: Layout) -> None:
     folding = parabola_layout.camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="view_0_0 reaches beyond where the lens model is defined"):
+    with pytest.raises(InputError, match="view_0_0 reaches beyond the range of the lens model"):
         virtual_cameras(parabola_layout.replaced(camera=folding))
 
 

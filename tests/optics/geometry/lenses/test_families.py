@@ -20,9 +20,7 @@ def test_a_family_takes_as_many_numbers_as_it_names(name: LensName) -> None:
 def test_a_spline_has_a_grid_and_no_other_lens_has_one() -> None:
     grid = LensGrid(cols=5, rows=4, reach_x=0.5, reach_y=0.4)
     assert len(lens_of("spline", np.zeros(5 + 2 * 20), grid).names) == 45
-    with pytest.raises(
-        ValueError, match=r"9 distortion coefficients, expected 45 for a spline lens: k1, .* 2 x 20 of"
-    ):
+    with pytest.raises(ValueError, match=r"9 distortion coefficients, expected 45 for a spline lens: k1, .* 2 x 20 of"):
         lens_of("spline", np.zeros(9), grid)
     with pytest.raises(ValueError, match="a spline lens without lens_grid"):
         lens_of("spline", np.zeros(5))
