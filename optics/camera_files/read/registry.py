@@ -85,7 +85,7 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
         found = [each for each in found if each.format == format] or _in_subfolder(path, format)
     if not found:
         expected = " or ".join(FORMATS) if format is None else format
-        why = _reason_unread(path)
+        why = reason_unread(path)
         known = f"no calibration in a known format, expected {expected}"
         raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
     if len(found) > 1:
@@ -109,7 +109,7 @@ def _detect(path: Path) -> list[Detected]:
     return _in_folder(path) if path.is_dir() else _of_file(path)
 
 
-def _reason_unread(path: Path) -> str:
+def reason_unread(path: Path) -> str:
     """Why a file, or a file in a folder, is known to contain no cameras to score; "" if it is not known."""
     names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MOST_FILES]
     return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
