@@ -25,7 +25,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.build_errors import CAMERA, BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_profiles import Stations, edges_light, profiles, stations
-from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, understood
+from mirrorcam.optics.drift.drift import LEAST_POINTS, deflated, explained_matches
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -382,7 +382,7 @@ class SceneAligner:
         shown = np.bincount(matches.view, minlength=len(mirrors))
         if (shown >= LEAST_POINTS).sum() < 2:
             return self._nothing()
-        matches = understood(layout, matches, prior)
+        matches = explained_matches(layout, matches, prior)
         shown = np.bincount(matches.view, minlength=len(mirrors))
         if (shown >= LEAST_POINTS).sum() < 2:
             return self._nothing()

@@ -102,7 +102,7 @@ def test_what_cannot_relieve_the_constraint_is_not_tried() -> None:
         yield from ()
 
     assert list(suggestions(spec_of("size"), refusal("size"), noted)) == []
-    parameters = {PARAMETERS[what].parameter if isinstance(what, int) else what for _, (_, what) in tried}
+    parameters = {PARAMETERS[what].name if isinstance(what, int) else what for _, (_, what) in tried}
     assert parameters == {"scale_mm", "min_edge_mm", "min_area_mm2"}
 
 

@@ -24,7 +24,7 @@ def drift_in(layout: Layout, frames: list[Any]) -> Drift:
 def test_nothing_moved(frames: list[Any]) -> None:
     drift = drift_in(device().calibrated, frames)
     assert not drift.moved
-    assert not drift.untold
+    assert not drift.undetermined
     assert drift.frames == 2
     assert max(mirror.statistic for mirror in drift.mirrors) < 0.3
     assert not drift.change.any()
@@ -51,21 +51,21 @@ def test_without_texture_nothing_is_told(frames: list[Any]) -> None:
     layout = device().calibrated
     drift = drift_in(layout, [np.full_like(frames[0], 120)])
     assert not drift.moved
-    assert len(drift.untold) == len(layout.mirrors)
-    assert all(mirror.tells_deg > WANTED_DEG for mirror in drift.mirrors)
+    assert len(drift.undetermined) == len(layout.mirrors)
+    assert all(mirror.detectable_deg > WANTED_DEG for mirror in drift.mirrors)
     assert not any(mirror.tested for mirror in drift.mirrors)
     noise = np.random.default_rng(0).normal(120.0, 3.0, frames[0].shape).astype(np.uint8)
-    assert not drift.unlike
-    assert not drift_in(layout, [noise]).unlike
+    assert not drift.mismatched
+    assert not drift_in(layout, [noise]).mismatched
 
 
 def test_detail_that_other_views_do_not_show_is_of_another_device(frames: list[Any]) -> None:
     layout = device().calibrated
-    assert not drift_in(layout, frames[:1]).unlike
+    assert not drift_in(layout, frames[:1]).mismatched
     drift = drift_in(layout, [np.roll(frames[0], 150, axis=1)])
-    assert drift.unlike
+    assert drift.mismatched
     assert not drift.moved
-    assert drift.untold
+    assert drift.undetermined
 
 
 def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
@@ -76,7 +76,7 @@ def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
         frame[low[1] : high[1], low[0] : high[0]] = 90
     drift = drift_in(layout, hidden)
     assert not drift.moved
-    assert 6 in [mirror.index for mirror in drift.untold]
+    assert 6 in [mirror.index for mirror in drift.undetermined]
 
 
 def resolved(layout: Layout, frames: list[Any]) -> Layout:

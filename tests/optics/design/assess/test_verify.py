@@ -211,7 +211,7 @@ def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None
         ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
         ("shortest_edge_mm", 2.0, "edge", "a mirror has an edge of 2 mm, 1 mm too short"),
         ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too few"),
-        ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors are not those requested"),
+        ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors differ from the spec"),
     ],
 )
 def test_a_failed_figure_becomes_a_refusal_in_words(
