@@ -134,10 +134,10 @@ def view_turns(layout: Layout, index: int) -> FloatArray:
     frame, normal = mirror.rig_from_plane, mirror.normal_in_rig
     ray = frame[:3, 3] / np.linalg.norm(frame[:3, 3])
     signs = np.ones(2)
-    for place, (axis, which) in enumerate(((1, 0), (0, 1))):
+    for k, (axis, which) in enumerate(((1, 0), (0, 1))):
         change = np.cross(frame[:3, axis], normal)
         turned = -2.0 * ((change @ ray) * normal + (normal @ ray) * change)
-        signs[place] = 1.0 if (layout.view_from_rig @ turned)[which] >= 0.0 else -1.0
+        signs[k] = 1.0 if (layout.view_from_rig @ turned)[which] >= 0.0 else -1.0
     return signs
 
 

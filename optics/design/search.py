@@ -66,10 +66,10 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 
 
 def check_at_once(spec: DesignSpec) -> None:
-    """Refuse what needs no search.
+    """Raise InfeasibleDesign for specs that are infeasible without a search.
 
-    A depth nearer than the middles of the seed's mirrors, gaps wider than the sensor, and mirrors so thick that they
-    reach the pupil.
+    These have a depth nearer than the centres of the seed's mirrors, gaps wider than the sensor, or mirrors so thick
+    that they reach the pupil.
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)

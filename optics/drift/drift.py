@@ -279,7 +279,7 @@ class _Test:
 
     @property
     def limit(self) -> float:
-        """Twice the logarithm of the likelihood ratio that chance exceeds in one recording of RECORDINGS at most."""
+        """Threshold for twice the log-likelihood ratio: chance exceeds it in at most one of RECORDINGS cases."""
         return 2.0 * float(np.log(RECORDINGS * len(self.layout.mirrors)))
 
     def _marginal(self, moved: dict[int, FloatArray]) -> _Marginal:
@@ -382,8 +382,8 @@ def _uncertainty(layout: Layout, drift: Drift) -> Uncertainty | None:
     known = layout.uncertainty
     if known is None:
         return None
-    places = [(place, drift.names.index(name)) for place, name in enumerate(known.parameters) if name in drift.names]
-    rows, columns = np.array(places, dtype=np.int64).T
+    pairs = [(index, drift.names.index(name)) for index, name in enumerate(known.parameters) if name in drift.names]
+    rows, columns = np.array(pairs, dtype=np.int64).T
     covariance = known.covariance.copy()
     covariance[np.ix_(rows, rows)] = drift.covariance[np.ix_(columns, columns)]
     return Uncertainty(parameters=known.parameters, covariance=(covariance + covariance.T) / 2.0)

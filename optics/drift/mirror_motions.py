@@ -85,7 +85,7 @@ def calibration_covariance(layout: Layout, names: tuple[str, ...]) -> FloatArray
     covariance = np.zeros((len(names),) * 2)
     known = layout.uncertainty
     if known is not None:
-        pairs = [(names.index(name), place) for place, name in enumerate(known.parameters) if name in names]
-        rows, places = np.array(pairs, dtype=np.int64).T
-        covariance[np.ix_(rows, rows)] = known.covariance[np.ix_(places, places)]
+        pairs = [(names.index(name), index) for index, name in enumerate(known.parameters) if name in names]
+        rows, columns = np.array(pairs, dtype=np.int64).T
+        covariance[np.ix_(rows, rows)] = known.covariance[np.ix_(columns, columns)]
     return covariance

@@ -71,7 +71,7 @@ class Layout(Value):
     provenance : dict of str to str
         The function that made the layout, and the layout that it was made from.
     uncertainty : Uncertainty or None
-        Covariance of what was calibrated.
+        Covariance of the calibrated parameters.
     """
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")

@@ -81,7 +81,7 @@ def nearest_lens(
     fitted = with_lens(camera, model)
     names = fitted.intrinsic_names
     fitted = fitted.with_intrinsics(np.where([name in zero for name in names], 0.0, fitted.intrinsics))
-    free = [place for place, name in enumerate(names) if name not in zero]
+    free = [index for index, name in enumerate(names) if name not in zero]
     if _worst(fitted, rays, pixels) < EXACT_PX:
         return fitted, 0.0
     with np.errstate(all="ignore"):  # intermediate lenses may be absurd

@@ -141,23 +141,23 @@ class Charuco(_Grid):
 
     @property
     def name(self) -> str:
-        """What such boards are called."""
+        """Name of this type of board."""
         return "ChArUco"
 
     @cached_property
     def black(self) -> NDArray[np.bool_]:
-        """Which squares (rows, cols) are black; the others hold markers."""
+        """Mask (rows, cols) of the black squares; the others hold markers."""
         row, col = np.mgrid[: self.rows, : self.cols]
         return np.asarray((row + col) % 2 == (self.legacy and self.rows % 2 == 0))
 
     @cached_property
     def marker_squares(self) -> NDArray[np.int64]:
-        """Row and column (m, 2) of the square of each marker, in the order of their ids."""
+        """Row and column (m, 2) of each marker's square, by increasing id."""
         return np.argwhere(~self.black)
 
     @cached_property
     def markers(self) -> NDArray[np.bool_]:
-        """White modules (m, modules, modules) of the markers, with their black borders."""
+        """Masks (m, modules, modules) of the markers' white modules, including their black borders."""
         drawn = dictionaries.white_modules(self.dictionary)
         return drawn[self.first_marker : self.first_marker + len(self.marker_squares)]
 

@@ -192,5 +192,5 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     return float(text) if _FLOAT.fullmatch(text) else text
 
 
-def _refusal(what: str, event: yaml.Event) -> InputError:
-    return InputError(f"not valid YAML: line {event.start_mark.line + 1}: {what}")
+def _refusal(reason: str, event: yaml.Event) -> InputError:
+    return InputError(f"not valid YAML: line {event.start_mark.line + 1}: {reason}")

@@ -188,14 +188,14 @@ def _urdf_frame(robot: Element, name: str, parent: str, parent_from_frame: Float
 def camchain_yaml(views: tuple[VirtualCamera, ...]) -> str:
     """`camchain.yaml`: cam0 is the first view; T_cn_cnm1 transforms points from the previous camera to this one."""
     text = ""
-    for place, view in enumerate(views):
+    for index, view in enumerate(views):
         lens = KALIBR.of(view)
         camera = lens.camera
         model = "equidistant" if camera.lens_model == "fisheye" else "radtan"
-        others = ", ".join(str(other) for other in range(len(views)) if other != place)
-        text += f"cam{place}:\n"
-        if place > 0:
-            from_previous = view.camera_from_rig @ inverse(views[place - 1].camera_from_rig)
+        others = ", ".join(str(other) for other in range(len(views)) if other != index)
+        text += f"cam{index}:\n"
+        if index > 0:
+            from_previous = view.camera_from_rig @ inverse(views[index - 1].camera_from_rig)
             from_previous[:3, 3] /= 1000.0
             text += "  T_cn_cnm1:\n" + "".join(f"  - [{numbers(row)}]\n" for row in from_previous)
         text += (

@@ -249,7 +249,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     best = NearestPinhole(camera, turn, shift, _worst(camera, images, seen))
     if best.error_px < EXACT_PX:
         return best
-    free = [place for place, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
+    free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE]
     for _ in range(STEPS):
         turned = images @ turn.T + shift
         found, by_point, by_intrinsic = camera.project_with_jacobians(turned)

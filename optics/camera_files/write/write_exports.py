@@ -100,13 +100,13 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
         write_image(nerfstudio / "masks" / f"{view.name}.png", view.mask[view.sub_image.slices])
         for name in names or [PICTURE]:
             write_image(colmap / "masks" / view.name / f"{name}.png", view.mask)
-    for place, (path, name) in enumerate(zip(pictures, names, strict=True)):
+    for index, (path, name) in enumerate(zip(pictures, names, strict=True)):
         frame = _frame(path, layout)
         for view in views:
             flipped = view.flipped(frame)
             shown = np.where(view.mask.reshape(*view.mask.shape, 1) > 0, flipped, 0).astype(np.uint8)
             write_image(colmap / "images" / view.name / name, shown)
-            if place == 0:
+            if index == 0:
                 write_image(nerfstudio / "images" / f"{view.name}.png", flipped[view.sub_image.slices])
     write_text(folder / "README.md", readme(layout, views))
 
@@ -138,20 +138,20 @@ Here each mirror is a separate camera. A mirror reverses the image, so the pictu
 
 | file | picture | pixel (0, 0) is | unit |
 |---|---|---|---|
-| `opencv.yaml` | whole flipped frame; `roi` is the view's part | the centre of the top-left pixel | mm |
-| `ros/VIEW.yaml` | whole flipped frame, or only its `roi` as CameraInfo has it | the centre of the top-left pixel | |
+| `opencv.yaml` | entire flipped frame; `roi` is the view's part | the centre of the top-left pixel | mm |
+| `ros/VIEW.yaml` | entire flipped frame, or only its `roi` as in CameraInfo | the centre of the top-left pixel | |
 | `mirrorcam_calibrated.urdf` | | | m |
-| `kalibr_camchain.yaml` | whole flipped frame, one topic for each view | the centre of the top-left pixel | m |
-| `colmap/` | whole flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
-| `nerfstudio/` | flipped frame cut to the view, in `images/` | the corner of the top-left pixel | m |
-| `anipose/calibration.toml` | frame flipped, then cut, by the table below | the centre of the top-left pixel | mm |
+| `kalibr_camchain.yaml` | entire flipped frame, one topic for each view | the centre of the top-left pixel | m |
+| `colmap/` | entire flipped frame in `images/VIEW/`, with `masks/` | the corner of the top-left pixel | m |
+| `nerfstudio/` | flipped frame cropped to the view, in `images/` | the corner of the top-left pixel | m |
+| `anipose/calibration.toml` | frame flipped, then cropped, by the table below | the centre of the top-left pixel | mm |
 | `deeplabcut/camera_matrix/stereo_params.pickle` | the same | the centre of the top-left pixel | mm |
 
 OpenCV: x_camera = R x_rig + T; the rig's origin is the pupil, x right, y down, z along the optical axis.
-ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, which is the
-frame rig. The driver has to copy `frame_id` and `roi` of each file into its messages; the parser of ROS ignores them.
+ROS: in the URDF, the parent of each `mirrorcam_VIEW_optical_frame` is `mirrorcam_camera_optical_frame`, the rig frame.
+The driver must copy `frame_id` and `roi` of each file into its messages; ROS's parser ignores them.
 
-COLMAP, with the cameras as they are calibrated:
+COLMAP with fixed, calibrated cameras:
 
     mkdir points
     colmap feature_extractor --database_path database.db --image_path images --ImageReader.mask_path masks \\
@@ -170,21 +170,20 @@ Anipose (also lightning-pose) and DeepLabCut 3-D: the pictures of each camera ar
 | camera | `{FFMPEG} ... NAME.mp4` | error of k1 k2 p1 p2 k3, px |
 |---|---|---|
 {pictures_table(pose_cameras(layout, views))}
-`-noautorotate` keeps frames as they lie on the sensor. Pictures that are cut from a video which is marked as turned
-keep the mark, by which players and OpenCV turn them: for such a video, put `-display_rotation 0` (ffmpeg 6 or newer)
-before `-i`, too.
+`-noautorotate` keeps frames in the sensor's orientation. Pictures cropped from a video with a rotation flag keep the
+flag, by which players and OpenCV rotate them: for such a video, also put `-display_rotation 0` (ffmpeg 6 or newer)
+before `-i`.
 
-A point at (u, v) of the frame is at (W - 1 - u - x, v - y) of a picture made with `hflip,crop=w:h:x:y`, at
-(u - x, H - 1 - v - y) with `vflip`, of frames of W x H px. For another crop, subtract the change of
-x and y from the third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME", and gives points in the frame
-of the first.
+For frames of W x H px, the point (u, v) of the frame is (W - 1 - u - x, v - y) in a picture made with
+`hflip,crop=w:h:x:y`, and (u - x, H - 1 - v - y) with `vflip`. For another crop, subtract the change of x and y from the
+third column of `matrix`. DeepLabCut names a pair of cameras "NAME-NAME" and gives points in the frame of the first.
 
 The last columns give the largest error of each camera within its view, in px: as a pinhole with the layout's lens
 ({layout.camera.lens_model}), and in the lens models of each format. OpenCV has k1 k2 p1 p2 k3, k4 k5 k6 and s1 s2 s3
-s4, or the k1 k2 k3 k4 of a fisheye; ROS and COLMAP the same without s1 to s4; nerfstudio k1 k2 p1 p2 k3, or a fisheye;
-Kalibr the same without k3. Any other lens is written as the nearest one over the view. A flat first-surface mirror is
-exactly a pinhole. A second-surface or bent mirror is not: the camera here is the pinhole that fits it best over its
-view, at {depths} mm from its virtual centre.
+s4, or the k1 k2 k3 k4 of a fisheye; ROS and COLMAP have the same without s1 to s4; nerfstudio has k1 k2 p1 p2 k3, or a
+fisheye; Kalibr has the same without k3. Any other lens is replaced by the nearest one over the view. A flat
+first-surface mirror is exactly a pinhole. A second-surface or bent mirror is not: the camera here is the pinhole that
+fits it best over its view, at {depths} mm from its virtual centre.
 
 | view | first pixel of the flipped frame | size px | pinhole | {" | ".join(FORMATS)} |
 |---|---|---|---|{"---|" * len(FORMATS)}

@@ -166,9 +166,9 @@ def _inside_for_whole_pupil(
     """
     away = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inwards = ca.cross(mirror.normal, b - a)
-    along, beside, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
-    constant = away * beside - along * reach
-    slope = (along - away * optics.nearness) * inwards - (beside - optics.nearness * reach) * mirror.normal
+    along, across, reach = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
+    constant = away * across - along * reach
+    slope = (along - away * optics.nearness) * inwards - (across - optics.nearness * reach) * mirror.normal
     return constant - optics.radius * optics.along_pupil(slope)
 
 

@@ -16,7 +16,7 @@ DIVISOR_SIGMA = 0.3
 class BrownConrady(Lens):
     """Lens with the coefficients (k1, k2, p1, p2, k3).
 
-    With r^2 = x^2 + y^2, distorted x is x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y alike.
+    With r^2 = x^2 + y^2, distorted x is x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and likewise y.
     """
 
     NAMES: ClassVar[tuple[str, ...]] = ("k1", "k2", "p1", "p2", "k3")

@@ -58,7 +58,7 @@ class LensGrid(Value):
 class _Weights:
     """The 16 control points (16, n) of each ray, their weights, and derivatives by stereographic coordinates."""
 
-    place: NDArray[np.int64]
+    index: NDArray[np.int64]
     weight: FloatArray
     by_u: FloatArray
     by_v: FloatArray
@@ -93,9 +93,9 @@ class Spline(Lens):
         col, across, across_by = _basis(u, self.grid.reach_x, self.grid.cols)
         row, down, down_by = _basis(v, self.grid.reach_y, self.grid.rows)
         step = np.arange(4)[:, None]
-        place = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
+        index = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
         return _Weights(
-            place,
+            index,
             (down[:, None] * across[None]).reshape(16, -1),
             (down[:, None] * across_by[None]).reshape(16, -1),
             (down_by[:, None] * across[None]).reshape(16, -1),
@@ -105,7 +105,7 @@ class Spline(Lens):
         xd, yd = self._plain.distorted(x, y)
         half = 2.0 / (1.0 + np.sqrt(1.0 + x * x + y * y))
         at = self._weights((half * x).ravel(), (half * y).ravel())
-        dx, dy = np.einsum("akn,kn->an", self._field[:, at.place], at.weight)
+        dx, dy = np.einsum("akn,kn->an", self._field[:, at.index], at.weight)
         return xd + dx.reshape(np.shape(x)), yd + dy.reshape(np.shape(y))
 
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
@@ -113,14 +113,14 @@ class Spline(Lens):
         root = np.sqrt(1.0 + x * x + y * y)
         half, bend = 2.0 / (1.0 + root), -2.0 / (root * (1.0 + root) ** 2)  # `bend` is d half / dx, divided by x
         at = self._weights(half * x, half * y)
-        controls = self._field[:, at.place]
+        controls = self._field[:, at.index]
         dx, dy = np.einsum("akn,kn->an", controls, at.weight)
         (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (at.by_u, at.by_v))
         u_x, cross, v_y = half + bend * x * x, bend * x * y, half + bend * y * y
         rows, count = np.arange(len(x)), self.grid.count
-        for place, weight in zip(at.place, at.weight, strict=True):
-            out[rows, 0, 5 + place] = focal[0] * weight
-            out[rows, 1, 5 + count + place] = focal[1] * weight
+        for index, weight in zip(at.index, at.weight, strict=True):
+            out[rows, 0, 5 + index] = focal[0] * weight
+            out[rows, 1, 5 + count + index] = focal[1] * weight
         return Linearized(
             plain.x + dx,
             plain.y + dy,
