@@ -1,4 +1,4 @@
-"""Tilts by the edges of sub-images, in words, and what is refused."""
+"""Tilts measured by the edges of sub-images, their words, and refusals."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_turn_of_the_camera_is_none_of_the_mirrors(default_layout: Layout) -> 
     units[3:6] = 1.5, 0.0, -1.5
     found = EdgeAligner(pinhole).align([sheet(built(pinhole, BuildErrors(), units)).round().astype(np.uint8)])
     told = [value for each in found.mirrors for value in (each.right_deg, each.down_deg) if np.isfinite(value)]
-    assert told and np.sqrt(np.mean(np.square(told))) < 0.3  # they share a little of it: .75 deg looks alike
+    assert told and np.sqrt(np.mean(np.square(told))) < 0.3  # they share part of it: 0.75 deg look alike
     assert found.camera_turn_deg[2] == pytest.approx(-0.75, abs=0.15)
 
 
@@ -127,7 +127,7 @@ def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) ->
     found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
     sigma = np.sqrt(np.diag(found.covariance))[3:6]
     assert (np.abs(found.errors[3:6] - units[3:6]) < 3.0 * sigma).all()
-    assert sigma[2] < 0.3  # roll is told best
+    assert sigma[2] < 0.3  # roll is determined best
 
 
 def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:

@@ -1,4 +1,4 @@
-"""Profiles across edges: where they are, and the light that is expected there."""
+"""Profiles across edges: their positions, and the model of the light."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_each_pair_of_edges_has_its_stations_once(seen: Stations) -> None:
         if paired
     }
     assert len(pairs) * STATIONS == seen.paired.sum()
-    assert len(pairs) == 12  # of 3 x 3 mirrors: six displaced each other, six above each other
+    assert len(pairs) == 12  # 3 x 3 mirrors: six horizontal and six vertical pairs
     assert (seen.apart_px[seen.paired] > 0.0).all() and (seen.apart_px < REACH_PX).all()
     assert (seen.own.mirror != seen.other.mirror)[seen.paired].all()
 

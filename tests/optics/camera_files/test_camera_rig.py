@@ -1,4 +1,4 @@
-"""Numbers of files: what is one, and cameras that cannot be."""
+"""Numbers in files: valid and invalid ones, and invalid cameras."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_without_a_sphere_they_are_pinholes(model: SphereName, numbers: tuple[fl
 
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.8])
 def test_they_are_one_another(alpha: float) -> None:
-    """alpha d + (1 - alpha) z of both, and (1 - alpha) (z + xi d) of the unified one with xi = alpha / (1 - alpha)."""
+    """alpha d + (1 - alpha) z for both; (1 - alpha) (z + xi d) for the unified model with xi = alpha / (1 - alpha)."""
     extended = shown("extended_unified", alpha, 1.0)
     np.testing.assert_allclose(shown("double_sphere", 0.0, alpha), extended, atol=1e-9)
     scaled = CAMERA.replaced(distortion=[0.0] * 5)

@@ -1,4 +1,4 @@
-"""The optimiser from end to end: what it reaches, what it refuses, and that it says the same thing every time."""
+"""The optimiser end to end: optima, refusals, and reproducibility."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from tests.nightly import a_few
 
 designed = cache(design)
-"""A spec is designed once, however many tests ask for it."""
+"""Each spec is designed once for all tests."""
 SPEC = DesignSpec(rows=2, cols=3, depths_mm=(500.0, 300.0))
 
 
@@ -67,7 +67,7 @@ def test_the_layout_says_where_it_comes_from(nominal: Layout) -> None:
 
 
 def stands(layout: Layout, spec: DesignSpec) -> bool:
-    """Whether a layout carries its own verdict, as measured again, and passes in every figure."""
+    """Whether a layout contains the verdict that `verify` returns again, and passes in every figure."""
     return layout.verdict == verify(layout, spec) and all(metric.passed for metric in layout.verdict.values())
 
 
@@ -82,7 +82,7 @@ def test_the_same_spec_gives_the_same_bytes(nominal: Layout) -> None:
 
 
 def test_the_default_layout_is_the_committed_one(nominal: Layout, default_layout: Layout) -> None:
-    # Another machine's linear algebra may round otherwise, which the optimum does not feel.
+    # Rounding differs between linear-algebra libraries, which hardly changes the optimum.
     assert np.abs(nominal.virtual_centres_in_rig_mm - default_layout.virtual_centres_in_rig_mm).max() < 0.01
     for name, metric in default_layout.metrics.items():
         assert nominal.metrics[name].value == pytest.approx(metric.value, rel=1e-3), name
@@ -229,7 +229,7 @@ def test_tradeoff_trades_efficiency_for_the_grid() -> None:
         assert worse < better
     for better, worse in itertools.pairwise(shares):
         assert worse < better
-    # The last step buys little grid that 2 x 2 mirrors lack, and costs little.
+    # The last step improves the grid of 2 x 2 mirrors only slightly, and costs little.
     assert shares[-1] == pytest.approx(shares[-2], rel=0.02)
     assert errors[-1] < 0.005
 
@@ -275,7 +275,7 @@ def test_other_requests(changes: dict[str, object]) -> None:
 
 
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
-    # So near a scene needs such slanted mirrors that those of the first row come into the light of the third.
+    # Such a near scene needs mirrors so slanted that the first row blocks light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
     layout = designed(spec)
     assert stands(layout, spec)
@@ -325,7 +325,7 @@ def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> Non
     drawn = draw_perturbations(Tolerances.hobby(), 4, 200, np.random.default_rng(0))
     assert built_views(alone, drawn).hidden().mean() > 0.1
     assert not built_views(robust, drawn).hidden().any()
-    # At the same gaps: the mean over devices that the optimiser did not draw.
+    # With equal gaps: the mean over devices other than those the optimiser drew.
     tilted = draw_perturbations(Tolerances.hobby().only("tilt_deg"), 4, 200, np.random.default_rng(1))
     costs = [
         _cost_as_built(designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, robust_tilt_deg=tilt)), tilted)
@@ -335,7 +335,7 @@ def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> Non
 
 
 def _cost_as_built(layout: Layout, drawn: Perturbations) -> float:
-    """The objective of the default spec, with the mean efficiency of devices as a pinhole counts it."""
+    """The objective of the default spec, with the mean efficiency of devices with a pinhole camera."""
     views, size_px = built_views(layout, drawn), layout.camera.width_px * layout.camera.height_px
     seen = [
         views.seen_px(views.common_regions(depth)[0], depth).sum(axis=1).mean() / size_px for depth in (300.0, 500.0)

@@ -1,4 +1,4 @@
-"""Searches that end in a refusal: the constraint that cannot hold, and by how much it is missed."""
+"""Searches that end in a refusal: the constraint that cannot be met, and the violation."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
                 r"mirrors or their light come [\d.]+ mm too close to the camera's body, .* 150 mm",
             ),
             (
-                # 65.5 mm from pupil to plane; the glass brings the coating 119.1 mm nearer to light at 35 degrees.
+                # 65.5 mm from pupil to plane; for light at 35 degrees, the glass brings the coating 119.1 mm nearer.
                 "occlusion",
                 DesignSpec(rows=1, cols=2, surface="second", thickness_mm=200.0, fold_deg=110.0),
                 r"mirrors of 200 mm reach 53\.6 mm past the pupil",
@@ -68,7 +68,7 @@ def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, me
         design(spec)
     assert refusal.value.constraint == constraint
     where = refusal.value.where
-    if spec.scale_mm > 1.0:  # of mirrors at a micrometre nothing can be drawn
+    if spec.scale_mm > 1.0:  # mirrors at a micrometre cannot be drawn
         assert where is not None
         assert where.constraint == constraint
         assert where.violations

@@ -1,4 +1,4 @@
-"""The grid of a sweep, what becomes of a spec, and the figures by which designs compare."""
+"""The grid of a sweep, the outcomes of specs, and the figures that compare designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What mends a spec: values with which a design exists, and none half-way back to what was asked for."""
+"""Suggestions: values for which a design exists, and none exists halfway back to the requested value."""
 
 from __future__ import annotations
 

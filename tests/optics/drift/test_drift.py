@@ -1,4 +1,4 @@
-"""Alarms where a mirror turned by .02 degrees, none where nothing moved, and no answer without texture."""
+"""Alarms if a mirror turned by 0.02 degrees, none without motion, and no answer without texture."""
 
 from __future__ import annotations
 

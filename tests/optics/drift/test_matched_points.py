@@ -1,4 +1,4 @@
-"""Points are found where views show them, by the rays of the scene that was photographed."""
+"""Matched points agree with the rays of the rendered scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions of mirrors and what they do to virtual centres."""
+"""Motions of mirrors and their effect on virtual centres."""
 
 from __future__ import annotations
 

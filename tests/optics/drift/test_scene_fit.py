@@ -1,4 +1,4 @@
-"""The fit of projected points finds the mirror that was turned; what a rolling shutter does is no turn."""
+"""The fit of projected points finds the turned mirror; a rolling shutter is not mistaken for a turn."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INDEX = 5
 
 
 def seen(layout: Layout, noise_px: float, twist: FloatArray | None = None) -> MatchedPoints:
-    """Points before the mirrors as a layout shows them, exactly projected; a twist moves them while rows are read."""
+    """Exact projections of points in front of the mirrors; a twist moves them during the readout."""
     random = np.random.default_rng(0)
     in_view = np.column_stack([random.uniform(-90, 90, (400, 2)), random.uniform(250, 600, 400)])
     points = in_view @ layout.view_from_rig
@@ -44,7 +44,7 @@ def seen(layout: Layout, noise_px: float, twist: FloatArray | None = None) -> Ma
 
 
 def told_change(layout: Layout, matches: MatchedPoints) -> FloatArray:
-    """Change (3,) of one mirror's virtual centre, where only that mirror may have moved."""
+    """Change (3,) of one mirror's virtual centre if only that mirror may have moved."""
     names = parameter_names(layout)
     rows = mirror_rows(names, INDEX)
     prior = calibration_covariance(layout, names)
@@ -77,7 +77,7 @@ def test_contributions_of_cells_scatter_no_more_than_independent_noise() -> None
     prior = common_covariance(truth, names)
     told = SceneFit(truth, seen(truth, 0.2), prior).solve()
     assert told.sigma_px == pytest.approx(0.2, rel=0.1)
-    # Whitened, what cells contribute scatters by 1, less as large residuals count less.
+    # Whitened contributions of cells have variance 1, less because large residuals have less weight.
     values, vectors = np.linalg.eigh(told.information)
     kept = values > 1e-6 * values[-1]
     white = vectors[:, kept] / np.sqrt(values[kept])

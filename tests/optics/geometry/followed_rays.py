@@ -1,4 +1,4 @@
-"""A mirror, points that it shows, and rays followed through it surface by surface."""
+"""A mirror, points visible in it, and rays traced through it surface by surface."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def scene_points(count: int = 60) -> FloatArray:
 
 
 def height(of: Mirror, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Height (...) of a bent face over its plane, mm, and its upward normals (..., 3), in the mirror's own frame."""
+    """Height (...) of a bent face above its plane, mm, and its upward normals (..., 3), in the mirror's own frame."""
     xx, yy, xy = of.curvature_per_m / 1e3
     normal = np.stack([-(xx * x + xy * y), -(yy * y + xy * x), np.ones_like(x)], axis=-1)
     return 0.5 * xx * x**2 + 0.5 * yy * y**2 + xy * x * y, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
 
 def above(of: Mirror, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Heights (n,) of points (n, 3) of the mirror's own frame over the bent face, and its normals (n, 3) there."""
+    """Heights (n,) of points (n, 3), in the mirror's own frame, above the bent face, and its normals (n, 3) there."""
     foot = points[:, :2]
     for _ in range(12):
         z, normal = height(of, foot[:, 0], foot[:, 1])
@@ -46,7 +46,7 @@ def above(of: Mirror, points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def followed(of: Mirror, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where light from the pupil along directions (n, 3) last leaves the mirror, and unit vectors along it, in rig.
+    """Points where light from the pupil along directions (n, 3) leaves the mirror, and its unit directions, in rig.
 
     Face by face: Snell's law in vectors at the front, which has the same distance from the reflecting surface
     everywhere, and the law of reflection at that surface.

@@ -1,4 +1,4 @@
-"""The library of cameras: every file against what is published, names and files that are read, and what is refused."""
+"""The camera library: every file against published figures, reading by name and file, and refusals."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ lip_mm = 2.0
 
 
 def written(folder: Path, text: str = PROFILE, name: str = "mine.toml") -> str:
-    """The path of a file with a text."""
+    """Write a text to a file and return its path."""
     (folder / name).write_text(text, encoding="utf-8")
     return str(folder / name)
 
@@ -80,7 +80,7 @@ def test_every_file_reads_by_its_name_and_by_its_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", WITH_OPTICS)
 def test_optics_agree_with_what_is_published(name: str) -> None:
-    """Fields of view, focal length and f-number, within 3 %; what is set aside, with a reason, does not agree."""
+    """Fields of view, focal length and f-number agree within 3 %; figures set aside, with a reason, do not."""
     profile = read_profile(name)
     assert profile.disagreements
     for figure, relative in profile.disagreements.items():
@@ -106,7 +106,7 @@ def test_the_default_camera_is_that_of_the_library_to_the_bit() -> None:
 
 
 def test_figures_of_a_file_are_compared_with_the_sensor_behind_its_pictures(tmp_path: Path) -> None:
-    """4 mm over 2 um are 2000 px of the sensor, so 1000 px of pictures that are binned 2 x 2; f/2 of 4 mm is 2 mm."""
+    """4 mm / 2 um are 2000 px of the sensor, so 1000 px when binned 2 x 2; 4 mm at f/2 has an aperture of 2 mm."""
     profile = read_profile(written(tmp_path))
     assert profile.disagreements == pytest.approx({"horizontal_deg": 0.0, "focal_mm": 0.0, "f_number": 0.0}, abs=1e-5)
     other = profile.replaced(sensor_px_per_px=1.0)

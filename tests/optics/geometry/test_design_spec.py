@@ -1,4 +1,4 @@
-"""Requests for designs: what is refused, and the view axes that a fold gives."""
+"""Specifications of designs: refusals, and the view axes of a fold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layouts that gravity bends: the table's motions on the mirrors, and what they do to images."""
+"""Layouts that gravity deforms: the table's motions of mirrors, and the resulting shifts of images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOWN = np.array([0.0, 1.0, 0.0])
 
 @pytest.fixture
 def table(default_layout: Layout) -> GravityTable:
-    """Along the camera's axis by 10 um for gravity along it, and a turn of .2 mrad about x for gravity along y."""
+    """Along the camera's axis by 10 um for gravity along it, and a rotation by 0.2 mrad about x for gravity along y."""
     shift, turn = np.zeros((3, 3)), np.zeros((3, 3))
     shift[2, 2], turn[0, 1] = 0.01, 2e-4
     motion = MirrorMotion(shift_mm=shift, turn_rad=turn, plane_mm=np.zeros((3, 3)))

@@ -1,4 +1,4 @@
-"""Cameras in another lens model: exact where it holds the lens, and how far off where it does not."""
+"""Cameras in another lens model: exact if it contains the lens, else with the error of the fit."""
 
 from __future__ import annotations
 

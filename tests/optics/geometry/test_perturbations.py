@@ -94,7 +94,7 @@ def test_no_device_is_drawn_around_bent_mirrors(default_layout: Layout) -> None:
 
 
 def test_numbers_are_drawn_in_the_order_of_the_sets_that_exist() -> None:
-    """Camera (focal length, centre, lens), then tilts and shift mirror by mirror; the rest has a stream of its own."""
+    """Camera (focal length, centre, lens), then tilts and shift of each mirror; the rest has its own stream."""
     tolerances = Tolerances(sheet_thickness_mm=0.1, camera_offset_mm=0.4, camera_turn_deg=0.6)
     perturbations = draw_perturbations(tolerances, 2, 1, np.random.default_rng(3))
     one_by_one = np.random.default_rng(3)
@@ -125,7 +125,7 @@ def test_the_back_of_a_mirror_stays_on_its_seat(default_layout: Layout, surface:
     thicker_mm = built.mirrors[0].thickness_mm - 1.0
     assert 0.01 < abs(thicker_mm) < 0.4
     for mirror, before in zip(built.mirrors, designed.mirrors, strict=True):
-        assert mirror.thickness_mm - before.thickness_mm == pytest.approx(thicker_mm)  # all are cut from one sheet
+        assert mirror.thickness_mm - before.thickness_mm == pytest.approx(thicker_mm)  # cut from one sheet
         assert seat_distance_mm(mirror, HARDWARE) == pytest.approx(seat_distance_mm(before, HARDWARE), abs=1e-9)
         nearer_mm = before.distance_mm - mirror.distance_mm
         assert nearer_mm == pytest.approx(thicker_mm if surface == "first" else 0.0, abs=1e-9)
@@ -139,7 +139,7 @@ def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_
     np.testing.assert_array_equal(built.view_from_rig, default_layout.view_from_rig)
     for mirror, before in zip(built.mirrors, default_layout.mirrors, strict=True):
         np.testing.assert_allclose(mirror.outline_in_rig_mm, before.outline_in_rig_mm - pupil, atol=1e-9)
-        # As seen from the pupil, its image in the mirror moves by what the pupil moves along the normal, twice.
+        # As seen from the pupil, its image in the mirror moves by twice the pupil's shift along the normal.
         normal = before.normal_in_rig
         expected = before.virtual_centre_in_rig_mm - 2.0 * (normal @ pupil) * normal
         np.testing.assert_allclose(mirror.virtual_centre_in_rig_mm, expected, atol=1e-9)
@@ -152,5 +152,5 @@ def test_a_turned_camera_sees_everything_turned(default_layout: Layout) -> None:
     built = draw_as_built(default_layout, tolerances, np.random.default_rng(6))
     expected = default_layout.virtual_centres_in_rig_mm @ turn
     np.testing.assert_allclose(built.virtual_centres_in_rig_mm, expected, atol=1e-9)
-    # The views look where the holder does, so that the grid of views is the same.
+    # The view axes stay the holder's, so that the grid of views is the same.
     np.testing.assert_allclose(built.virtual_centres_in_view_mm, default_layout.virtual_centres_in_view_mm, atol=1e-9)

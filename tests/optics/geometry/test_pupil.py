@@ -1,4 +1,4 @@
-"""The part of the pupil that a mirror serves: against rays traced one by one, evenly spread points and closed forms."""
+"""The unvignetted part of the pupil, against individually traced rays, evenly spread points and closed forms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FOCUS_MM = 450.0
 
 
 def rays_around(layout: Layout, index: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """Chief rays (n, 2) in and around a sub-image, and places (n, 2) in a large pupil."""
+    """Chief rays (n, 2) in and around a sub-image, and points (n, 2) in a large pupil."""
     random = np.random.default_rng(index)
     outline = layout.mirrors[index].outline_normalized
     low, high = outline.min(axis=0) - 0.02, outline.max(axis=0) + 0.02
@@ -36,7 +36,7 @@ def test_half_planes_hold_the_rays_that_meet_the_mirror(default_layout: Layout, 
 
 
 def test_a_shift_moves_the_border_as_far_on_the_mirror(default_layout: Layout) -> None:
-    """The point that a ray meets 2 mm before the border leaves the mirror with a shift of 2 mm."""
+    """A ray that meets the front 2 mm inside the border leaves at the border if the shift is 2 mm."""
     mirror = default_layout.mirrors[4]
     chief = mirror.outline_normalized.mean(axis=0)[None] + np.linspace(0.0, 0.1, 200)[:, None] * [1.0, 0.3]
     here, shifted = (outline_aperture(mirror, chief, FOCUS_MM, shift) for shift in (None, np.full(200, 2.0)))

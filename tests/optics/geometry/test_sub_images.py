@@ -153,7 +153,7 @@ def test_within_its_outline_the_whole_pupil_is_served(default_layout: Layout) ->
 def test_it_holds_the_pixels_all_of_whose_rays_meet_the_mirror(
     default_layout: Layout, thickness_mm: float, within_px: float
 ) -> None:
-    """Through glass as in the apparent mirror of the chief ray, which deviates at the borders, to both sides."""
+    """Glass acts like the apparent mirror of the chief ray, with deviations at the borders on both sides."""
     for number, mirror in enumerate(default_layout.mirrors):
         if thickness_mm:
             mirror = mirror.replaced(surface="second", thickness_mm=thickness_mm)

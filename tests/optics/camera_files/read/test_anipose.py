@@ -1,4 +1,4 @@
-"""aniposelib's file: what our exporter writes scores zero; those of others are read, or refused in one line."""
+"""aniposelib's file: our exports score zero; other files are read, or refused in one line."""
 
 from __future__ import annotations
 

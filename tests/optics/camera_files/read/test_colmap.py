@@ -40,7 +40,7 @@ def points() -> FloatArray:
 
 
 def model_of(camera: pycolmap.Camera, names: dict[str, pycolmap.Rigid3d]) -> pycolmap.Reconstruction:
-    """A model with one camera, of pictures by name with their poses, as COLMAP's mapper makes it without a rig."""
+    """A model with one camera and named pictures with poses, as made by COLMAP's mapper without a rig."""
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(camera)
     for number, (name, pose) in enumerate(names.items(), start=1):
@@ -99,7 +99,7 @@ def test_text_and_binary_are_one(exported: Path, binary: Path) -> None:
 
 
 def test_without_a_rig_poses_are_those_of_the_picture_that_most_views_have(exported: Path, tmp_path: Path) -> None:
-    """A mapper without a rig places every picture by itself: views at another time do not mix."""
+    """A mapper without a rig poses every picture individually: views at different times do not mix."""
     source = exported / "colmap" / "sparse"
     for name in ("cameras.txt", "images.txt"):
         (tmp_path / name).write_bytes((source / name).read_bytes())
@@ -119,7 +119,7 @@ def test_other_lenses_are_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_one_camera_may_be_that_of_all_views(tmp_path: Path) -> None:
-    """The lens behind all mirrors is one, and so COLMAP may be told."""
+    """All mirrors share one lens, and COLMAP may use a single camera."""
     views = virtual_cameras(device().truth)
     lens = views[0].camera
     parameters = [lens.fx_px, lens.fy_px, lens.cx_px + 0.5, lens.cy_px + 0.5, *lens.distortion[:4]]

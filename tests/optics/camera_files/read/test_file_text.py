@@ -1,4 +1,4 @@
-"""YAML of other tools: OpenCV's head and matrices, and nothing but data."""
+"""YAML of other tools: OpenCV's header and matrices, and plain data only."""
 
 from __future__ import annotations
 

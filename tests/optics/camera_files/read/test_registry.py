@@ -1,4 +1,4 @@
-"""Formats are recognised by what files hold, and what is in doubt is refused in one line."""
+"""Formats are detected by content, and ambiguous input is refused in one line."""
 
 from __future__ import annotations
 

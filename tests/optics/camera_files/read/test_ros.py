@@ -1,4 +1,4 @@
-"""camera_info files of ROS, with poses of a URDF or of transforms, and without any."""
+"""camera_info files of ROS, with poses from a URDF or transforms, and without poses."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_messages_that_differ_or_are_abbreviated_are_refused(tmp_path: Path, tex
 
 
 def test_coefficients_are_as_many_as_there_are(tmp_path: Path) -> None:
-    """Some tools state 1 x 5 of the eight of a rational_polynomial (image_pipeline, issue 278)."""
+    """Some tools state 1 x 5 for the eight coefficients of rational_polynomial (image_pipeline, issue 278)."""
     (tmp_path / "left.yaml").write_text(
         "image_width: 640\nimage_height: 480\ncamera_name: left\ndistortion_model: rational_polynomial\n"
         "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"

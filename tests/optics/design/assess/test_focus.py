@@ -30,7 +30,7 @@ def largest_circle_px(layout: Layout, depths_mm: tuple[float, ...] = DEPTHS_MM) 
 
 
 def circle_by_rays_px(camera: Camera, mirror: Mirror, point: FloatArray) -> float:
-    """Diameter of the picture of a point: rays from it meet the rim of the pupil where a flat mirror reflects them so.
+    """Diameter of the image of a point: rays from it that a flat mirror reflects to the rim of the pupil.
 
     A ray belongs to the pixel through whose chief ray it crosses the plane in focus.
     """
@@ -45,7 +45,7 @@ def circle_by_rays_px(camera: Camera, mirror: Mirror, point: FloatArray) -> floa
         def unequal(place: FloatArray, rim: FloatArray = rim) -> FloatArray:
             met = a + place[0] * along + place[1] * across
             leaving, arriving = (met - rim) / np.linalg.norm(met - rim), (point - met) / np.linalg.norm(point - met)
-            difference = arriving - leaving  # of a mirror: along its normal
+            difference = arriving - leaving  # the mirror's normal
             return np.array([difference @ along, difference @ across])
 
         place = fsolve(unequal, [0.5, 0.5], xtol=1e-11)

@@ -1,4 +1,4 @@
-"""The program of a spec: constraints on neighbours, unknowns that stay in place, and the objective of the metrics."""
+"""The program of a spec: constraints on neighbours, stable indices of unknowns, and the objective of the metrics."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_objective_is_that_of_the_metrics(changes: dict[str, object]) -> Non
 
 
 def apart() -> Term:
-    """Two numbers of which the second is at least p larger than the first, and its square at most 4."""
+    """Two numbers: the second exceeds the first by at least p, and its square is at most 4."""
     builder = TermBuilder()
     x, p = builder.unknown(2), builder.parameter()
     builder.require(x[1] - x[0] - p, "spacing")

@@ -1,4 +1,4 @@
-"""A program in the making: where its fold and mirrors are, and what all terms take, in scales."""
+"""A program under construction: indices of fold and mirrors, and the common parameters of terms, in scales."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def built(seed: Seed) -> BuiltViews:
 
 def test_corners_move_by_their_standard_deviation(seed: Seed, built: BuiltViews) -> None:
     corners = shapely.get_coordinates(built.outlines.ravel()).reshape(DEVICES, 4, 5, 2)[:, :, :4]
-    # Outlines start at another corner than those of the seed; each is the nearest of them.
+    # Outlines may start at another corner than the seed's: compare nearest corners.
     away = np.linalg.norm(corners.mean(axis=0)[:, :, None] - seed.corners[:, None], axis=-1)
     expected = np.take_along_axis(displacements(SPEC, seed), away.argmin(axis=2)[..., None], axis=1)
     assert_allclose(corners.std(axis=0), np.abs(expected), rtol=0.1, atol=1e-4)

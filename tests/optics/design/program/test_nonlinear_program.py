@@ -1,4 +1,4 @@
-"""Programs of terms: assembled derivatives against CasADi's own and differences, and answers to small questions."""
+"""Programs of terms: assembled derivatives against CasADi's and differences, and solutions of small problems."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def problem(which: int) -> Problem:
 
 
 def nearby(solver: Solver, seed: int = 5) -> FloatArray:
-    """Values of all unknowns at which nothing is special, the slacks among them."""
+    """Generic values of all unknowns, including slacks."""
     start = solver.program.start
     return start + np.random.default_rng(seed).normal(0.0, 2e-3, len(start))
 
@@ -93,7 +93,7 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
 @pytest.mark.parametrize("searching", [0.0, 1.0])
 def test_derivatives_of_the_program_are_those_of_casadi(which: int, searching: float) -> None:
     solver = problem(which).solver
-    # Written out as scalars, so that nothing of how the program was put together is used.
+    # Written out as scalars, independently of the program's assembly.
     x = ca.SX.sym("x", solver.program.size)
     objective, _ = solver.derivatives["grad_f"].expand()(x, searching)
     limits, _ = solver.derivatives["jac_g"].expand()(x, searching)
@@ -123,7 +123,7 @@ def test_a_search_asks_for_the_slacks_alone_and_to_stay_near() -> None:
     whole = Assembled(solver.program)
     f, g = ca.Function("f", [whole.x], list(whole.objective_and_constraints()))(at)
     assert float(solver.derivatives["grad_f"](at, 0.0)[0]) == pytest.approx(float(f) + away)
-    # A slack makes room for every limit of its family by as much, and for no other.
+    # A slack relaxes every limit of its family by the same amount, and no other limit.
     more = at.copy()
     more[ELASTIC.index("overlap")] += 0.25
     widened = ca.Function("g", [whole.x], [whole.objective_and_constraints()[1]])(more)
@@ -178,7 +178,7 @@ def test_uses_of_one_term_add_up() -> None:
     program.add(fixed, [x[2:]])
     outcome = Solver(program, SLACK_WEIGHTS).optimise()
     assert outcome.solved
-    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is asked for. Staying near the start pulls by about HOLD.
+    # x0 = 1; x1 halfway between 1 and 4; x2 = 3 is requested. HOLD shifts the optimum slightly.
     assert_allclose(outcome.values[x], [1.0, 2.5, 3.0], atol=1e-4)
     assert outcome.objective == pytest.approx(0.0 + 2 * 1.5**2 + 1.0, abs=1e-3)
 
@@ -196,14 +196,14 @@ def test_the_upper_half_of_the_hessian_holds_terms_used_in_any_order() -> None:
     assert_allclose(upper, np.array([[0.0, 6.0], [0.0, 4.0]]) + 2.0 * HOLD * np.eye(2))
 
 
-# Bodies that keep apart.
+# Separated bodies.
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 ASIDE = np.array([0.0, 0.4, 0.3])
 
 
 def cubes(gap: float) -> tuple[Solver, Indices]:
-    """A fixed unit cube at the origin and one that may slide along x to 20, to be kept `gap` apart and wanted at 0."""
+    """A fixed unit cube at the origin and one that may slide along x to 20, with a minimum gap and the target 0."""
     builder = TermBuilder()
     at, wanted = builder.unknown(1), builder.parameter()
     plane = separation.SeparatingPlane.unknown(builder)
@@ -244,7 +244,7 @@ def test_what_cannot_hold_is_measured() -> None:
     assert not solver.optimise().solved
     feasible, missed = solver.find_feasible()
     assert feasible.solved
-    # At x = 20 the cubes are 19 apart, 3 less than asked.
+    # At x = 20 the cubes are 19 apart, 3 less than requested.
     assert missed["spacing"] == pytest.approx(3.0, abs=0.01)
     assert missed["overlap"] == pytest.approx(0.0, abs=1e-6)
     assert feasible.objective == pytest.approx(SLACK_WEIGHTS["spacing"] * missed["spacing"], abs=0.01)
@@ -264,7 +264,7 @@ SCALE_MM = 80.0
 def missed_by(
     mirrors: tuple[Mirror, Mirror], term: Term, family: str, parameters: list[float], pupil: Pupil = PINHOLE
 ) -> float:
-    """The violation of a term by two fixed mirrors of the default fold, in scales; 0 where a plane satisfies it."""
+    """The violation of a term by two fixed mirrors for the default fold, in scales; 0 if a plane satisfies it."""
     spec = DesignSpec()
     program = Program()
     places = []
@@ -324,7 +324,7 @@ def test_light_is_kept_free_just_where_rays_pass(default_layout: Layout, leg: st
             assert missed > 1e-3
             lost += 1
         else:
-            # The beam out of a mirror is kept free for the pupil's middle: somewhat wider than that of whole pupils.
+            # The outgoing beam of the pupil's centre is kept clear; it is wider than the beam of unvignetted pixels.
             spare = pupil.radius_mm / SCALE_MM if leg == "out" else 0.0
             assert missed == pytest.approx(0.0, abs=1e-6 + spare)
             kept += 1

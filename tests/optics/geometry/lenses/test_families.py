@@ -1,4 +1,4 @@
-"""Families by name: each has its number of coefficients, named apart."""
+"""Lens families by name: each has its number of coefficients, with distinct names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all lenses share: the identity, and a rough way back that stays where the lens is defined."""
+"""Common properties of lenses: the identity, and an approximate inverse within the valid radius."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The spline lens: derivatives against differences, the way back, smoothness, and waves that it can follow."""
+"""The spline lens: derivatives against differences, the inverse, smoothness, and waves that it can fit."""
 
 from __future__ import annotations
 
