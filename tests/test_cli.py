@@ -299,6 +299,7 @@ def test_one_bad_frame_among_good_ones_leaves_nothing_decoded(
     assert_refused(tmp_path, "decode frame.png bad.png --layout layout.json --out out", expected)
 
 
+@pytest.mark.slow
 def test_two_frames_of_one_name_are_refused(tmp_path: Path, frame: Path) -> None:
     assert_refused(tmp_path, "decode frame.png ./frame.png --layout layout.json", "two frames are called 'frame'")
 

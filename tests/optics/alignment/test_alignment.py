@@ -130,6 +130,7 @@ def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) ->
     assert sigma[2] < 0.3  # roll is determined best
 
 
+@pytest.mark.slow
 def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
     random = np.random.default_rng(0)
     found = fitter.fit(random.normal(3.0, 1.0, (1080, 1920)).clip(0.0).astype(np.float32))
@@ -140,6 +141,7 @@ def test_the_dark_tells_nothing(fitter: EdgeFitter) -> None:
     assert len(designed) == len(seen) < 0.1 * found.own_px.size
 
 
+@pytest.mark.slow
 def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     found = fitter.fit(sheet(pinhole))
     designed, seen = found.seen_points

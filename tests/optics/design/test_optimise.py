@@ -274,6 +274,7 @@ def test_other_requests(changes: dict[str, object]) -> None:
         assert layout.metrics[f"pixel_efficiency_{depth:g}mm"].value > 0.5
 
 
+@pytest.mark.slow
 def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
     # Such a near scene needs mirrors so slanted that the first row blocks light of the third.
     spec = DesignSpec(depths_mm=(30.0,))

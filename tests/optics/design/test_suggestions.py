@@ -43,6 +43,7 @@ def spec_of(constraint: str) -> DesignSpec:
     return DesignSpec.model_validate(CASES[constraint][0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constraint", a_few(1, CASES))
 def test_each_suggestion_changes_one_parameter_and_is_designed(constraint: str) -> None:
     spec, expected = spec_of(constraint), CASES[constraint][1]

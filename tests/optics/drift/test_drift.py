@@ -11,6 +11,7 @@ import pytest
 from mirrorcam.optics.drift.drift import WANTED_DEG, Drift, find_drift, resolved_layout
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 from tests.optics.drift.calibrated_device import across, device, turn_error_deg, turned
 
 INDEX = 5
@@ -30,7 +31,7 @@ def test_nothing_moved(frames: list[Any]) -> None:
     assert not drift.change.any()
 
 
-@pytest.mark.parametrize("index", [0, 4, 7])
+@pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
 def test_a_turn_of_two_hundredths_of_a_degree_is_told_and_solved(frames: list[Any], index: int) -> None:
     calibrated = device().calibrated
     turn = across(calibrated, index, 0.02, np.random.default_rng(index))

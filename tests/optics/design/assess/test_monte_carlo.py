@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.truth.light_rays import reflected
+from tests.nightly import a_few
 from tests.optics.rim_rays import unvignetted
 
 DEPTHS_MM = (300.0, 500.0)
@@ -196,7 +197,7 @@ def test_a_device_without_a_fault_has_the_figures_of_its_design(fixture: str, re
     assert found["off_sensor"] == pytest.approx(0.0, abs=1e-6) or fixture == "crooked_layout"
 
 
-@pytest.mark.parametrize("thickness_mm", [0.0, 1.5])
+@pytest.mark.parametrize("thickness_mm", a_few(1, [0.0, 1.5]))
 def test_usable_efficiency_is_that_of_rays_from_the_rim(default_layout: Layout, thickness_mm: float) -> None:
     """Every 12th pixel of a device, horizontally and vertically, that shows the point unvignetted in each mirror.
 

@@ -28,6 +28,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import hull_distance
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
+from tests.nightly import a_few
 from tests.optics.design.program.seeded_mirrors import fold_of
 
 BENT = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.001, 0.0])
@@ -89,7 +90,7 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
     assert np.abs(slope(lagrangian)).max() > 0.1
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("which", a_few(2, [0, 1]))
 @pytest.mark.parametrize("searching", [0.0, 1.0])
 def test_derivatives_of_the_program_are_those_of_casadi(which: int, searching: float) -> None:
     solver = problem(which).solver
