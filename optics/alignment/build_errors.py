@@ -124,8 +124,8 @@ class BuiltDevice:
     def pixels(self, points: EdgePoints, errors: FloatArray) -> FloatArray:
         """Pixels (n, 2) of points on edges, with errors (p,)."""
         sized = errors * self.sigma
-        seen = self._in_camera(self._in_holder(points, sized), sized)
-        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(seen)
+        in_camera = (self._in_holder(points, sized) - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix()
+        return _with_lens(self.layout.camera, sized[6:CAMERA]).project(in_camera)
 
     def depths_mm(self, points: EdgePoints) -> FloatArray:
         """Depths (n,) of points on edges along the camera's axis, without errors."""
@@ -161,10 +161,6 @@ class BuiltDevice:
         moved = np.einsum("nij,nj->ni", turns[mirror], own) + rigid[mirror, 3:]
         frames = self._frames[mirror]
         return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], moved) + frames[:, :3, 3])
-
-    def _in_camera(self, points: FloatArray, sized: FloatArray) -> FloatArray:
-        """Transform points (n, 3) to the frame of the displaced camera."""
-        return np.asarray((points - sized[:3]) @ Rotation.from_rotvec(sized[3:6]).as_matrix())
 
 
 def _moved(errors: FloatArray, places: IntArray) -> FloatArray:

@@ -96,31 +96,18 @@ def stations(device: BuiltDevice) -> Stations:
             if facing is not None:
                 done.add((int(facing[0]), int(facing[1])))
             mirror, other, at, apart = facing if facing is not None else (k, edge, part, np.zeros(STATIONS))
-            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, _wide_px(place)))
+            wide_px = float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
+            rows.append((place, out, k, edge, part, mirror, other, at, facing is not None, apart, wide_px))
     if not rows:
-        empty = EdgePoints(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-        return Stations(
-            np.zeros((0, 2)),
-            np.zeros((0, 2)),
-            empty,
-            empty,
-            np.zeros(0),
-            np.zeros(0, bool),
-            np.zeros(0),
-            np.zeros((0, 2)),
-        )
-    columns = [np.concatenate([np.broadcast_to(row[i], _shape(row[i])) for row in rows]) for i in range(11)]
+        none, pairs, index = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
+        empty = EdgePoints(index, index, none)
+        return Stations(pairs, pairs, empty, empty, none, np.zeros(0, bool), none, pairs)
+    columns = [
+        np.concatenate([np.broadcast_to(row[i], np.shape(row[i]) or STATIONS) for row in rows]) for i in range(11)
+    ]
     edges = [EdgePoints(columns[at], columns[at + 1], columns[at + 2]) for at in (2, 5)]
     blur = np.column_stack([_blur_px(camera, device.depths_mm(each)) for each in edges])
     return Stations(columns[0], columns[1], edges[0], edges[1], columns[10], columns[8], columns[9], blur)
-
-
-def _shape(column: Any) -> tuple[int, ...]:
-    return np.shape(column) if np.ndim(column) else (STATIONS,)
-
-
-def _wide_px(place: FloatArray) -> float:
-    return float(np.linalg.norm(place[-1] - place[0])) / (STATIONS - 1)
 
 
 def _is_seen(place: FloatArray, camera: Camera) -> bool:

@@ -21,10 +21,10 @@ from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, m
 from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
     MEETINGS,
+    best_of,
     by_detours,
     check_at_once,
     from_seeds,
-    least_of,
     seed_meeting,
 )
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
@@ -151,7 +151,7 @@ def _for_overlap(spec: DesignSpec, calls: Calls) -> _Found:
 def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Found:
     """The optimum under constraints on pairs: from earlier values if there are any, else from seeds or by detours."""
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
-    outcome = None if values is None else least_of([problem.solver.optimise(values)])
+    outcome = None if values is None else best_of([problem.solver.optimise(values)])
     if outcome is None:
         outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs, calls)
     return _Found(spec, problem, pairs, outcome.values)
@@ -205,7 +205,7 @@ def _for_depth(spec: DesignSpec, overlap: _Found, calls: Calls) -> _Found:
     starts: list[tuple[float, FloatArray | None]] = [(meeting, None) for meeting in MEETINGS]
     starts.append((MEETINGS[0], overlap.values))
     while True:
-        outcome = least_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
+        outcome = best_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the least standard deviation of depth found no optimum")
         problem = depth_problem(spec, seed_meeting(spec), pairs, target)

@@ -107,7 +107,8 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
         Nominal, without figures and verdict; its provenance states that it is a preview. None if no design is
         comparable, or shrinking does not separate the sub-images.
     """
-    near = [(layout, apart) for layout in solved if (apart := _apart(layout, spec)) is not None]
+    specs = ((layout, layout.spec) for layout in solved if layout.spec is not None and layout.spec.fold_deg != "auto")
+    near = [(layout, apart) for layout, other in specs if (apart := differences(spec, other)) is not None]
     near.sort(key=lambda pair: _length(pair[1]))
     if not near:
         return None
@@ -121,10 +122,6 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
         if mixed is not None and _cost(mixed) < expected + WORSE:
             return mixed
     return _mixed(spec, [(near[0][0], 1.0)])
-
-
-def _apart(layout: Layout, spec: DesignSpec) -> dict[str, float] | None:
-    return None if layout.spec is None or layout.spec.fold_deg == "auto" else differences(spec, layout.spec)
 
 
 def _spec_of(layout: Layout) -> DesignSpec:

@@ -115,7 +115,7 @@ def seed_meeting(spec: DesignSpec, meeting: float = MEETINGS[0]) -> Seed:
     return seed_of(spec, meeting * _working_depth_mm(spec))
 
 
-def least_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
+def best_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
     """The best of the outcomes that are optima; None if there is none."""
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
@@ -129,7 +129,7 @@ def from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
     """The best of the optima near the seeds; None without trying the others if the first seed leads to none."""
     with closing(calls([(optimum_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as outcomes:
         first: SolverOutcome = next(outcomes)
-        return least_of([first, *outcomes]) if first.solved else None
+        return best_of([first, *outcomes]) if first.solved else None
 
 
 @dataclass(frozen=True)

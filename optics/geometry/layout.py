@@ -100,14 +100,11 @@ class Layout(Value):
         touching = STRtree(polygons).query(polygons, predicate="intersects").T
         for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
             shared = polygons[i].intersection(polygons[j]).area
-            if shared > self._overlap_allowed(polygons[i].area, polygons[j].area):
+            allowed = 1e-12 if self.kind == "nominal" else SLIVER * min(polygons[i].area, polygons[j].area)
+            if shared > allowed:
                 pair = f"{self.mirror_names[i]} and {self.mirror_names[j]}"
                 raise ValueError(f"outlines of mirrors {pair} overlap in the image, expected a gap")
         return self
-
-    def _overlap_allowed(self, *areas: float) -> float:
-        """Largest area that two sub-images may share: zero in a design, a sliver in a device as built."""
-        return 1e-12 if self.kind == "nominal" else SLIVER * min(areas)
 
     @cached_property
     def identity(self) -> str:

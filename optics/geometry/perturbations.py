@@ -176,11 +176,6 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
     )
 
 
-def _off_sensor(layout: Layout) -> int | None:
-    """The first mirror that does not appear on the sensor."""
-    return next((index for index, shown in enumerate(sub_image_polygons(layout)) if shown.is_empty), None)
-
-
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
     """Draw a device built from a layout at random; draw again (up to 20 times) if it is physically impossible.
 
@@ -213,10 +208,10 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
             continue
         if not covers_sensor(built.camera):
             blame = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
-        elif (lost := _off_sensor(built)) is not None:
+        elif lost := [k for k, shown in enumerate(sub_image_polygons(built)) if shown.is_empty]:
             blame = (
                 f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
-                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost]} lies outside the sensor"
+                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost[0]]} lies outside the sensor"
             )
         else:
             return built

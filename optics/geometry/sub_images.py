@@ -100,11 +100,6 @@ def sub_image_polygons(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     return [part if isinstance(part, Polygon) else Polygon() for part in shown]
 
 
-def _clip_forward(polygon: FloatArray, slope: FloatArray) -> FloatArray:
-    """The part of a convex polygon (n, 2) with slope . (u, v, 1) > 0, whose rays run towards the scene."""
-    return clipped(polygon, polygon @ slope[:2] + slope[2] - 1e-6)
-
-
 @dataclass(frozen=True)
 class FieldsOfView:
     """Fields of view of all mirrors: the corner rays of their sub-images, in view axes.
@@ -173,7 +168,8 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
     shown = tuple(sub_image_polygons(layout, pupil))
     for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
         apparent = mirror.apparent
-        forward = _clip_forward(vertices(sub_image), apparent.reflection @ layout.view_from_rig[2])
+        corners, slope = vertices(sub_image), apparent.reflection @ layout.view_from_rig[2]
+        forward = clipped(corners, corners @ slope[:2] + slope[2] - 1e-6)
         if len(forward) < 3:
             continue
         corners_of[k] = slice(len(leaving), len(leaving) + len(forward))

@@ -181,20 +181,13 @@ class ColmapModel:
 
 def read_model(folder: Path) -> ColmapModel:
     """Read a folder's model, preferring binary files; raises InputError for an invalid model."""
-    if (folder / "cameras.bin").is_file():
-        rigs = folder / "rigs.bin"
-        model = ColmapModel(
-            dict(_parsed(folder / "cameras.bin", _binary_cameras)),
-            tuple(_parsed(folder / "images.bin", _binary_images, LARGEST_BYTES)),
-            tuple(_parsed(rigs, _binary_rigs) if rigs.is_file() else ()),
-        )
-    else:
-        rigs = folder / "rigs.txt"
-        model = ColmapModel(
-            dict(_parsed(folder / "cameras.txt", _text_cameras)),
-            tuple(_parsed(folder / "images.txt", _text_images, LARGEST_BYTES)),
-            tuple(_parsed(rigs, _text_rigs) if rigs.is_file() else ()),
-        )
+    binary = (folder / "cameras.bin").is_file()
+    cameras, images, rigs = (folder / f"{name}.{'bin' if binary else 'txt'}" for name in ("cameras", "images", "rigs"))
+    model = ColmapModel(
+        dict(_parsed(cameras, _binary_cameras if binary else _text_cameras)),
+        tuple(_parsed(images, _binary_images if binary else _text_images, LARGEST_BYTES)),
+        tuple(_parsed(rigs, _binary_rigs if binary else _text_rigs) if rigs.is_file() else ()),
+    )
     _check(model, folder)
     return model
 

@@ -59,7 +59,7 @@ READERS: dict[FormatName, Callable[[tuple[Path, ...]], CameraRig]] = {
     "colmap": lambda paths: colmap.read_colmap(paths[0]),
     "mrcal": mrcal.read_mrcal,
     "anipose": lambda paths: anipose.read_anipose(paths[0]),
-    "mirrorcam": lambda paths: read_layout(paths[0]),
+    "mirrorcam": lambda paths: rig_of(Layout.load(paths[0])),
 }
 
 
@@ -165,8 +165,9 @@ def _in_folder(folder: Path) -> list[Detected]:
         kind = _kind(path)
         if kind is not None:
             files.setdefault(kind, []).append(path)
-    if "opencv" in files and (stereo := _extrinsics(names)) is not None and stereo not in files["opencv"]:
-        files["opencv"].append(stereo)
+    if "opencv" in files:  # the extrinsics of `stereo_calib` contain no camera to detect
+        stereo = [path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES][:1]
+        files["opencv"] += [path for path in stereo if path not in files["opencv"]]
     single: tuple[FormatName, ...] = ("kalibr", "anipose", "mirrorcam")
     for kind in single:
         if len(files.get(kind, ())) > 1:
@@ -177,19 +178,9 @@ def _in_folder(folder: Path) -> list[Detected]:
     return found if model is None else [*found, Detected("colmap", (model,))]
 
 
-def _extrinsics(names: list[Path]) -> Path | None:
-    """The extrinsics file of `stereo_calib`, which contains no camera and is not detected by itself."""
-    return next((path for path in names if path.stem == "extrinsics" and path.suffix in YAML_SUFFIXES), None)
-
-
 def is_layout(value: Any) -> bool:
     """Whether the content of a JSON file is a layout."""
     return isinstance(value, dict) and str(value.get("schema", "")).startswith("mirrorcam.layout/")
-
-
-def read_layout(path: Path) -> CameraRig:
-    """The mirrors of a layout's file as cameras; raises InputError for an invalid file."""
-    return rig_of(Layout.load(path))
 
 
 def rig_of(layout: Layout) -> CameraRig:

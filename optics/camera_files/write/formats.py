@@ -82,22 +82,17 @@ class LensFormat:
 OPENCV = LensFormat(frozenset({"brown_conrady", "rational", "thin_prism", "fisheye"}), "thin_prism")
 """`cv2.projectPoints` takes 5, 8 or 12 coefficients, `cv2.fisheye.projectPoints` takes 4."""
 
-
 ROS = LensFormat(frozenset({"brown_conrady", "rational", "fisheye"}), "rational")
 """`sensor_msgs/distortion_models.hpp`: plumb_bob, rational_polynomial, equidistant."""
-
 
 COLMAP = LensFormat(frozenset({"brown_conrady", "rational", "fisheye"}), "rational")
 """FULL_OPENCV has k1 k2 p1 p2 k3 k4 k5 k6, OPENCV_FISHEYE k1 k2 k3 k4; its thin-prism models are other fisheyes."""
 
-
 NERFSTUDIO = LensFormat(frozenset({"brown_conrady", "fisheye"}), "brown_conrady")
 """OPENCV has k1 k2 k3 p1 p2, OPENCV_FISHEYE k1 k2 k3 k4."""
 
-
 KALIBR = LensFormat(frozenset({"brown_conrady", "fisheye"}), "brown_conrady", ("k3",))
 """pinhole-radtan is the Brown-Conrady lens without k3, pinhole-equi the fisheye lens."""
-
 
 FORMATS = {"OpenCV": OPENCV, "ROS": ROS, "COLMAP": COLMAP, "nerfstudio": NERFSTUDIO, "Kalibr": KALIBR}
 

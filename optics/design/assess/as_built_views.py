@@ -123,7 +123,8 @@ class BuiltViews:
             start, end = bent[:, :-1].reshape(-1, 2), bent[:, 1:].reshape(-1, 2)
             of = np.repeat(of, POINTS_PER_EDGE)
         mirrors = np.arange(self.sub_images.shape[1])
-        first, second = (self.pixels(_lifted(p, depth_mm)[:, None], of[:, None], mirrors) for p in (start, end))
+        depths = np.full((len(start), 1), depth_mm)
+        first, second = (self.pixels(np.hstack([p, depths])[:, None], of[:, None], mirrors) for p in (start, end))
         crosses = (first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]) / 2.0
         areas = np.zeros(self.sub_images.shape)
         np.add.at(areas, of, crosses)
@@ -271,8 +272,3 @@ def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:
     points, of = shapely.get_coordinates(polygons, return_index=True)
     joined = of[1:] == of[:-1]
     return points[:-1][joined], points[1:][joined], of[:-1][joined]
-
-
-def _lifted(points: FloatArray, depth_mm: float) -> FloatArray:
-    """Points (..., 3) of the plane at a depth from x and y (..., 2)."""
-    return np.concatenate([points, np.full((*points.shape[:-1], 1), depth_mm)], axis=-1)
