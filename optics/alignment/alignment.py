@@ -33,9 +33,9 @@ from mirrorcam.optics.drift.mirror_motions import (
     all_rows,
     common_covariance,
     common_motions,
+    mirror_covariance,
     mirror_rows,
     own_motion,
-    placed,
     turn_of_centre,
 )
 from mirrorcam.optics.drift.scene_fit import SceneFit, parameter_names
@@ -381,7 +381,7 @@ class SceneAligner:
         """The alignment measured in frames (h, w, 3) in RGB; nothing is determined if too few points are matched."""
         layout, names, mirrors = self.layout, self._names, self.layout.mirrors
         own = {k: own_motion(mirror, self.errors.tilt_deg, self.errors.lift_mm) for k, mirror in enumerate(mirrors)}
-        prior = placed(own, names) + common_covariance(layout, names) + self._lens()
+        prior = mirror_covariance(own, names) + common_covariance(layout, names) + self._lens()
         matches = MatchedPoints.joined([self._matcher.match(frame) for frame in frames])
         shown = np.bincount(matches.view, minlength=len(mirrors))
         if (shown >= LEAST_POINTS).sum() < 2:

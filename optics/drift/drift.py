@@ -24,9 +24,9 @@ from mirrorcam.optics.drift.mirror_motions import (
     common_covariance,
     common_motions,
     hinged_motion,
+    mirror_covariance,
     mirror_rows,
     own_motion,
-    placed,
     turn_of_centre,
     turns_about_middle,
 )
@@ -160,8 +160,8 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     if (shown >= LEAST_POINTS).sum() < 2:
         return _nothing(layout, names, shown.tolist(), matches)
     calibrated, common = calibration_covariance(layout, names), common_covariance(layout, names)
-    small = placed({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
-    wide = placed({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
+    small = mirror_covariance({k: own_motion(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names)
+    wide = mirror_covariance({k: own_motion(mirror, WIDE_DEG, WIDE_MM) for k, mirror in enumerate(mirrors)}, names)
     prior = calibrated + common + small + wide
     matches = explained_matches(layout, matches, prior)
     shown = np.bincount(matches.view, minlength=len(mirrors))
@@ -261,7 +261,7 @@ class _Test:
             if gains[best] <= self.limit:
                 break
             moved[best] = self._likely(marginal, best)
-        marginal, own = self._marginal(moved), placed(moved, self.names)
+        marginal, own = self._marginal(moved), mirror_covariance(moved, self.names)
         turn, sigma = self._common_turn(marginal)
         return Drift(
             mirrors=tuple(
@@ -284,7 +284,7 @@ class _Test:
 
     def _marginal(self, moved: dict[int, FloatArray]) -> _Marginal:
         """Score and information, given that some mirrors may have moved."""
-        prior = self.calibrated + self.small + self.common + placed(moved, self.names)
+        prior = self.calibrated + self.small + self.common + mirror_covariance(moved, self.names)
         inside = np.eye(len(prior)) + self.information @ prior
         found = np.linalg.solve(inside, np.column_stack([self.gradient, self.information]))
         return _Marginal(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))

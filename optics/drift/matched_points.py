@@ -124,28 +124,28 @@ class PointMatcher:
         if len(start):
             for view, image in enumerate(images):
                 if view != self.reference:
-                    seen[view] = _followed(images[self.reference], image, start)
+                    seen[view] = _tracked(images[self.reference], image, start)
             seen = self._aligned(grey, start, seen)
         return replace(self._on_sensor(seen, start), clear=np.array([_clear(grey[self.reference], start)]))
 
-    def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, followed: FloatArray) -> FloatArray:
+    def _aligned(self, grey: NDArray[np.uint8], start: FloatArray, tracked: FloatArray) -> FloatArray:
         """Refine the pixels (views, n, 2) of the patches around corners (n, 2), allowing for slanted surfaces.
 
         Starts from the tracked pixels or, for corners that were lost, from the prediction of the other views.
         """
         geometry, views = self.geometry, self.decoder.views
         directions, others = geometry.directions(start), np.delete(np.arange(len(grey)), self.reference)
-        inverse = _inverse_mm(geometry, directions, followed)
+        inverse = _inverse_mm(geometry, directions, tracked)
         known = np.isfinite(inverse)
         where = np.stack([geometry.predict(int(view), directions, inverse) for view in others])
-        where = np.where(np.isfinite(followed[others]), followed[others], where)
+        where = np.where(np.isfinite(tracked[others]), tracked[others], where)
         where[:, ~known] = np.nan
         where[~_within(where, self.inner[others])] = np.nan
         pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
         given = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
         distance = 1.0 / np.clip(np.where(known, inverse, 1e-3), 1e-6, None)
         found = align(pyramid, given, others, where, geometry.across_mm[others], distance)
-        seen = np.full(followed.shape, np.nan)
+        seen = np.full(tracked.shape, np.nan)
         seen[others] = np.where((found.alike >= LEAST_ALIKE)[..., None], found.pixels, np.nan)
         seen[self.reference] = start
         return seen
@@ -171,8 +171,8 @@ class PointMatcher:
             pixels[rows] = self.layout.project(plane, each)
         low, high = self.extent
         column, row = np.clip(np.floor((start - low) * CELLS / (high - low)).astype(np.int64), 0, CELLS - 1).T
-        everything = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
-        return everything.where(np.array(np.isfinite(pixels).all(axis=1)))
+        matches = MatchedPoints(point, view, pixels, np.zeros(len(start), np.int64), row * CELLS + column)
+        return matches.where(np.array(np.isfinite(pixels).all(axis=1)))
 
 
 def _unvignetted(layout: Layout, views: Views) -> NDArray[np.uint8]:
@@ -206,8 +206,8 @@ def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) ->
     for view in range(len(seen)):
         if view != geometry.reference:
             along, off = geometry.terms(view, seen[view])
-            rest = off - geometry.focal_px[view] * directions
-            each[view] = (along * rest).sum(axis=1) / (along**2).sum(axis=1)
+            residual = off - geometry.focal_px[view] * directions
+            each[view] = (along * residual).sum(axis=1) / (along**2).sum(axis=1)
     known = np.isfinite(each).any(axis=0)
     inverse = np.full(len(directions), np.nan)
     inverse[known] = np.nanmedian(each[:, known], axis=0)
@@ -217,9 +217,9 @@ def _inverse_mm(geometry: Geometry, directions: FloatArray, seen: FloatArray) ->
 def _equalised(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Equalise the local brightness and contrast of a grey picture."""
     values: Any = np.float32(image)
-    rest = values - cv2.GaussianBlur(values, (0, 0), EQUALISED_PX)
-    contrast = np.sqrt(cv2.GaussianBlur(rest**2, (0, 0), EQUALISED_PX)) + np.float32(FLAT_GREY)
-    return np.clip(128.0 + 45.0 * rest / contrast, 0.0, 255.0).round().astype(np.uint8)
+    detail = values - cv2.GaussianBlur(values, (0, 0), EQUALISED_PX)
+    contrast = np.sqrt(cv2.GaussianBlur(detail**2, (0, 0), EQUALISED_PX)) + np.float32(FLAT_GREY)
+    return np.clip(128.0 + 45.0 * detail / contrast, 0.0, 255.0).round().astype(np.uint8)
 
 
 def _clear(image: NDArray[np.uint8], corners: FloatArray) -> int:
@@ -231,7 +231,7 @@ def _clear(image: NDArray[np.uint8], corners: FloatArray) -> int:
     return int((variance[v, u] > CLEAR_GREY**2).sum())
 
 
-def _followed(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:
+def _tracked(image: NDArray[np.uint8], other: NDArray[np.uint8], start: FloatArray) -> FloatArray:
     """Pixels (n, 2) of the corners in another view; NaN for corners that fail the forward-backward check."""
     options: dict[str, Any] = {
         "winSize": (WINDOW_PX, WINDOW_PX),

@@ -52,7 +52,7 @@ def hinged_motion(mirror: Mirror, turn_deg: float) -> FloatArray:
     return own_motion(mirror, turn_deg, float(np.linalg.norm(spokes, axis=1).mean()) * np.deg2rad(turn_deg))
 
 
-def placed(blocks: dict[int, FloatArray], names: tuple[str, ...]) -> FloatArray:
+def mirror_covariance(blocks: dict[int, FloatArray], names: tuple[str, ...]) -> FloatArray:
     """Covariance (g, g) of the parameters from covariances (3, 3) of virtual centres by mirror index."""
     covariance = np.zeros((len(names),) * 2)
     for k, block in blocks.items():

@@ -18,8 +18,8 @@ from mirrorcam.optics.design.program.mirror_variables import (
     Kind,
     MirrorVariables,
     Optics,
+    add_mirror,
     edges_of,
-    given_mirror,
     pixels,
     polygon_area,
     reflected,
@@ -50,9 +50,9 @@ def mirror_term(kind: Kind) -> Term:
     area, nearest depth, area of a tile, reward per tile of sub-image area.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
+    optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
-    mirror = given_mirror(kind, optics, term)
+    mirror = add_mirror(kind, optics, term)
     for corner in mirror.corners:
         term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - LEAST_INCIDENCE)
     for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
@@ -113,10 +113,10 @@ def view_term(kind: Kind) -> Term:
     The tilt moves the image in the mirror, but not its outline, which moves far less.
     """
     term = TermBuilder()
-    optics, intrinsics, size_px = Optics.given(term), term.parameter(kind.intrinsics), term.parameter(2)
+    optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
     depth, tile_area, weight, least = (term.parameter() for _ in range(4))
     tilt = term.parameter(2)
-    mirror = given_mirror(kind, optics, term)
+    mirror = add_mirror(kind, optics, term)
     centre = mirror.tilted_centre(tilt)
     corners = term.unknown(2 * REGION_CORNERS)
     rig_from_view, aim = optics.view_from_rig.T, optics.view_from_rig[:2, 2]
@@ -189,7 +189,7 @@ def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> t
     return ca.sumsqr(residual) / len(centres) / prod(spacings) ** (2.0 / len(spacings)), spacings
 
 
-def given_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
+def add_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
     """Add virtual centres to a term's unknowns, require positive spacings, and return their squared grid error."""
     error, spacings = squared_grid_error([term.unknown(3) for _ in arrangement.names], arrangement)
     for spacing in spacings:
@@ -201,7 +201,7 @@ def given_grid_error(term: TermBuilder, arrangement: Arrangement) -> Expression:
 def grid_term(arrangement: Arrangement) -> Term:
     """Virtual centres near a grid or pattern with positive spacings. Parameter: weight of the squared grid error."""
     term = TermBuilder()
-    term.minimise(term.parameter() * given_grid_error(term, arrangement))
+    term.minimise(term.parameter() * add_grid_error(term, arrangement))
     return term.built()
 
 
@@ -299,5 +299,5 @@ def field_of_view_term(count: int) -> Term:
 def grid_limit_term(arrangement: Arrangement) -> Term:
     """Virtual centres near a grid or pattern with positive spacings. Parameter: largest grid error."""
     term = TermBuilder()
-    term.require(term.parameter() ** 2 - given_grid_error(term, arrangement))
+    term.require(term.parameter() ** 2 - add_grid_error(term, arrangement))
     return term.built()

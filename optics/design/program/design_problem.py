@@ -200,7 +200,7 @@ def _draft_in_place(spec: DesignSpec, seed: Seed) -> Draft:
 
     Nothing else fixes the scale and the direction of the layout.
     """
-    draft = Draft.begun(spec, seed)
+    draft = Draft.of(spec, seed)
     inner = [draft.centres[index] for index in spec.arrangement.inner]
     draft.program.add(constraints.mean_term(len(inner)), [draft.fold, *inner])
     return draft
@@ -225,8 +225,8 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, least: FloatA
         draft.program.add(constraints.region_term(), [middle, region], [half_size])
         depth, each = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
         for mirror, tilt, share in zip(draft.mirrors, device_tilts, shares, strict=True):
-            given: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
-            draft.add(constraints.view_term(draft.kind), [*mirror, region], given)
+            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, each, share, tilt]
+            draft.add(constraints.view_term(draft.kind), [*mirror, region], parameters)
         regions.append(region)
     return regions
 
@@ -248,7 +248,7 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
 
 
 @lru_cache
-def changing(term: Term) -> Term:
+def relaxed_term(term: Term) -> Term:
     """The constraints of a term with variable parameters; it has no objective.
 
     Unknowns: the term's, and the change. Parameters: the term's without a change, and their increase for a change of 1.
@@ -281,11 +281,11 @@ def relaxed_program(program: Program, changed: Program, first: float) -> Program
     first
         Start value of the change.
     """
-    relaxed = _started_as(changed, *program.bounds)
+    relaxed = _without_terms(changed, *program.bounds)
     change = relaxed.unknown(first, 0.0, 1.0)
     for (term, places, numbers), (_, _, others) in zip(program.uses, changed.uses, strict=True):
         for where, now, then in zip(places, numbers, others, strict=True):
-            relaxed.add(changing(term), [where, change], [now, then - now])
+            relaxed.add(relaxed_term(term), [where, change], [now, then - now])
     relaxed.add(distance_term(), [change], [0.0, CHANGE_COST])
     return relaxed
 
@@ -297,16 +297,16 @@ def relaxed_fold(program: Program, fold: Indices, requested: float, least: float
     """
     low, high = program.bounds
     low[fold], high[fold] = least, most
-    relaxed = _started_as(program, low, high)
+    relaxed = _without_terms(program, low, high)
     change = relaxed.unknown(0.0, 0.0, 0.0)
     for term, places, numbers in program.uses:
         for where, now in zip(places, numbers, strict=True):
-            relaxed.add(changing(term), [where, change], [now, np.zeros_like(now)])
+            relaxed.add(relaxed_term(term), [where, change], [now, np.zeros_like(now)])
     relaxed.add(distance_term(), [fold], [requested, CHANGE_COST])
     return relaxed
 
 
-def _started_as(program: Program, low: FloatArray, high: FloatArray) -> Program:
+def _without_terms(program: Program, low: FloatArray, high: FloatArray) -> Program:
     """A program with the unknowns of another, without terms."""
     copy = Program()
     others = slice(len(ELASTIC), None)

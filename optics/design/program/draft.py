@@ -43,7 +43,7 @@ class Draft:
     mirrors: tuple[MirrorUnknowns, ...]
 
     @classmethod
-    def begun(cls, spec: DesignSpec, seed: Seed) -> Self:
+    def of(cls, spec: DesignSpec, seed: Seed) -> Self:
         """The program of a spec with only the mirrors and their individual constraints."""
         program = Program()
         fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
@@ -60,8 +60,8 @@ class Draft:
         cut = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
         nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(draft.mirrors)
         for mirror in draft.mirrors:
-            given: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
-            draft.add(constraints.mirror_term(draft.kind), [*mirror], given)
+            parameters: list[ArrayLike] = [*draft.lens, cut, nearest, draft.tile_area, reward]
+            draft.add(constraints.mirror_term(draft.kind), [*mirror], parameters)
         return draft
 
     @property
@@ -96,9 +96,9 @@ class Draft:
         """Normalized area of a tile of the sensor."""
         return 4.0 * float(np.prod(self.seed.half_tile))
 
-    def add(self, term: Term, parts: list[Indices], given: list[ArrayLike]) -> None:
+    def add(self, term: Term, parts: list[Indices], parameters: list[ArrayLike]) -> None:
         """Add a term whose unknowns are the fold and `parts`, and whose first parameters are `optics`."""
-        self.program.add(term, [self.fold, *parts], [self.optics, *given])
+        self.program.add(term, [self.fold, *parts], [self.optics, *parameters])
 
 
 def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:

@@ -55,7 +55,7 @@ class Optics:
     nearness: Expression
 
     @classmethod
-    def given(cls, term: TermBuilder) -> Self:
+    def of_term(cls, term: TermBuilder) -> Self:
         """The optics of a term, whose first unknown is the fold in radians, and whose first parameters these are."""
         fold, numbers = term.unknown(1), term.parameter(GLASS_AND_PUPIL)
         return cls(view_from_rig(fold), *(numbers[k] for k in range(GLASS_AND_PUPIL)))
@@ -199,7 +199,7 @@ def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expressio
     return MirrorVariables(centre, polygon, face, normal, before, behind, entry)
 
 
-def given_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:
+def add_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:
     """Add the unknowns of a mirror to a term: virtual centre (3) and corners (2 sides)."""
     centre = term.unknown(3)
     return mirror_of(kind, optics, centre, term.unknown(2 * kind.sides))

@@ -65,20 +65,20 @@ class Program:
 
         Raises ValueError if their number differs from the term's.
         """
-        places = np.concatenate([np.ravel(part) for part in unknowns])
+        indices = np.concatenate([np.ravel(part) for part in unknowns])
         numbers = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(part, dtype=np.float64)) for part in parameters)])
-        if places.size != term.unknowns or numbers.size != term.parameters:
+        if indices.size != term.unknowns or numbers.size != term.parameters:
             raise ValueError(
-                f"{places.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
+                f"{indices.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
             )
         _, used, given = self._uses.setdefault(id(term), (term, [], []))
-        used.append(places)
+        used.append(indices)
         given.append(numbers)
 
     @property
     def uses(self) -> list[tuple[Term, Indices, FloatArray]]:
         """Each term with the indices of its unknowns (k, n) and its parameters (k, p) in its k uses."""
-        return [(term, np.array(places), np.array(numbers)) for term, places, numbers in self._uses.values()]
+        return [(term, np.array(indices), np.array(numbers)) for term, indices, numbers in self._uses.values()]
 
     @property
     def start(self) -> FloatArray:
@@ -124,12 +124,12 @@ class Assembled:
         self.x = ca.MX.sym("x", program.size)
         self._size = program.size
         self._inputs = [
-            (ca.reshape(self.x[places.ravel().tolist()], term.unknowns, len(places)), ca.DM(numbers.T))
-            for term, places, numbers in self.uses
+            (ca.reshape(self.x[indices.ravel().tolist()], term.unknowns, len(indices)), ca.DM(numbers.T))
+            for term, indices, numbers in self.uses
         ]
-        counts = [len(places) * term.family.size for term, places, _ in self.uses]
+        counts = [len(indices) * term.family.size for term, indices, _ in self.uses]
         self._offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        self.family = np.concatenate([np.tile(term.family, len(places)) for term, places, _ in self.uses])
+        self.family = np.concatenate([np.tile(term.family, len(indices)) for term, indices, _ in self.uses])
         self.equality = np.repeat([term.equality for term, _, _ in self.uses], counts)
         self._elastic = np.flatnonzero(self.family >= 0)
         self._start = program.start
@@ -157,9 +157,9 @@ class Assembled:
     def gradient(self) -> Expression:
         """Gradient (n) of the design's objective."""
         total = ca.MX(self._size, 1)
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             (parts,) = self._mapped(term.gradient, which)
-            spread = ca.Sparsity.triplet(self._size, places.size, places.ravel().tolist(), list(range(places.size)))
+            spread = ca.Sparsity.triplet(self._size, indices.size, indices.ravel().tolist(), list(range(indices.size)))
             total += ca.mtimes(ca.DM(spread, 1.0), ca.vec(parts))
         return total
 
@@ -167,11 +167,11 @@ class Assembled:
         """dg/dx (m, n)."""
         rows, cols = [self._elastic], [self.family[self._elastic]]
         values: list[Expression] = [ca.MX(ca.DM.ones(self._elastic.size))]
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             (parts,) = self._mapped(term.jacobian, which)
-            first = self._offsets[which] + np.arange(len(places)) * term.family.size
+            first = self._offsets[which] + np.arange(len(indices)) * term.family.size
             rows.append((first[:, None] + term.rows).ravel())
-            cols.append(places[:, term.cols].ravel())
+            cols.append(indices[:, term.cols].ravel())
             values.append(ca.vec(parts))
         return _summed((int(self._offsets[-1]), self._size), rows, cols, values)
 
@@ -180,11 +180,11 @@ class Assembled:
         free = np.arange(len(ELASTIC), self._size)
         rows, cols = [free], [free]
         values: list[Expression] = [2.0 * hold * ca.MX(ca.DM.ones(free.size))]
-        for which, (term, places, _) in enumerate(self.uses):
+        for which, (term, indices, _) in enumerate(self.uses):
             mine = multipliers[int(self._offsets[which]) : int(self._offsets[which + 1])]
-            per_use = ca.reshape(mine, term.family.size, len(places))
-            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(places)), per_use)
-            i, j = places[:, term.upper_rows].ravel(), places[:, term.upper_cols].ravel()
+            per_use = ca.reshape(mine, term.family.size, len(indices))
+            (parts,) = self._mapped(term.hessian, which, ca.repmat(weight, 1, len(indices)), per_use)
+            i, j = indices[:, term.upper_rows].ravel(), indices[:, term.upper_cols].ravel()
             rows.append(np.minimum(i, j))
             cols.append(np.maximum(i, j))
             values.append(ca.vec(parts))
@@ -194,9 +194,9 @@ class Assembled:
 def _summed(shape: tuple[int, int], rows: list[Indices], cols: list[Indices], values: list[Expression]) -> Expression:
     """A sparse MX matrix with entries at (rows, cols); entries at the same position are added."""
     i, j = np.concatenate(rows), np.concatenate(cols)
-    places, which = np.unique(j * shape[0] + i, return_inverse=True)
-    sparsity = ca.Sparsity.triplet(*shape, (places % shape[0]).tolist(), (places // shape[0]).tolist())
-    add = ca.Sparsity.triplet(places.size, i.size, which.tolist(), list(range(i.size)))
+    indices, which = np.unique(j * shape[0] + i, return_inverse=True)
+    sparsity = ca.Sparsity.triplet(*shape, (indices % shape[0]).tolist(), (indices // shape[0]).tolist())
+    add = ca.Sparsity.triplet(indices.size, i.size, which.tolist(), list(range(i.size)))
     return ca.MX(sparsity, ca.mtimes(ca.DM(add, 1.0), ca.vertcat(*values)))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program.constraints import MARGIN
 from mirrorcam.optics.design.program.draft import Draft, displacements, safe_gap
-from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, given_mirror
+from mirrorcam.optics.design.program.mirror_variables import Kind, MirrorVariables, Optics, add_mirror
 from mirrorcam.optics.design.program.seeds import Seed, tile_places
 from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
@@ -87,8 +87,8 @@ def gap_term(kind: Kind) -> Term:
     Unknowns: fold, both mirrors, plane (4). Parameters: optics, gap.
     """
     term = TermBuilder()
-    optics, gap = Optics.given(term), term.parameter()
-    first, second = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics, gap = Optics.of_term(term), term.parameter()
+    first, second = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     plane.require_below(first.solid)
     plane.require_above(second.solid, "spacing", gap)
@@ -102,8 +102,8 @@ def incoming_term(kind: Kind) -> Term:
     Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, other = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics = Optics.of_term(term)
+    light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     reach = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
     term.require(plane.offset - reach)
@@ -121,8 +121,8 @@ def outgoing_term(kind: Kind) -> Term:
     Unknowns: fold, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, other = given_mirror(kind, optics, term), given_mirror(kind, optics, term)
+    optics = Optics.of_term(term)
+    light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
     plane.require_beam_below(light)
     plane.require_above(other.solid, "occlusion", BEAM_OFFSET * optics.thickness if kind.second_surface else 0.0)
@@ -142,8 +142,8 @@ def body_gap_term(kind: Kind) -> Term:
     Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    mirror, plane = given_mirror(kind, optics, term), SeparatingPlane.unknown(term)
+    optics = Optics.of_term(term)
+    mirror, plane = add_mirror(kind, optics, term), SeparatingPlane.unknown(term)
     plane.require_below(mirror.solid)
     plane.require_above(_box(term, optics), "body")
     return term.built()
@@ -156,8 +156,8 @@ def body_light_term(kind: Kind) -> Term:
     Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
     """
     term = TermBuilder()
-    optics = Optics.given(term)
-    light, plane = given_mirror(kind, optics, term), SeparatingPlane.unknown(term)
+    optics = Optics.of_term(term)
+    light, plane = add_mirror(kind, optics, term), SeparatingPlane.unknown(term)
     plane.require_beam_below(light)
     plane.require_above(_box(term, optics), "body")
     return term.built()
@@ -228,8 +228,8 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
             safe = safe_gap(moved[[pair.first, pair.second]], plane[:2])
             draft.program.add(seen_gap_term(kind.sides), [first[1], second[1], unknown], [max(seen_gap, safe)])
         else:
-            given: list[ArrayLike] = [gap] if pair.kind == "gap" else []
-            draft.add(terms[pair.kind], [*first, *second, unknown], given)
+            parameters: list[ArrayLike] = [gap] if pair.kind == "gap" else []
+            draft.add(terms[pair.kind], [*first, *second, unknown], parameters)
 
 
 def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,7 @@ SPEC = DesignSpec(rows=2, cols=2, robust_tilt_deg=0.5, robust_offset_mm=0.2)
 def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
     spec = DesignSpec(rows=1, cols=3, sides=5, fold_deg=100.0)
     seed = seed_of(spec, 375.0)
-    draft = Draft.begun(spec, seed)
+    draft = Draft.of(spec, seed)
     start = draft.program.start
     assert_allclose(np.degrees(start[draft.fold]), [100.0])
     assert_allclose(start[np.array(draft.centres)], seed.centres)
@@ -35,7 +35,7 @@ def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
 @pytest.mark.parametrize(("asked", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)])
 def test_a_fold_is_given_or_free_in_its_range(asked: float | str, least: float, most: float) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": asked})
-    draft = Draft.begun(spec, seed_of(spec, 375.0))
+    draft = Draft.of(spec, seed_of(spec, 375.0))
     low, high = draft.program.bounds
     assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [least, most])
 
@@ -43,7 +43,7 @@ def test_a_fold_is_given_or_free_in_its_range(asked: float | str, least: float, 
 def test_lengths_are_in_scales() -> None:
     camera = Camera.c920().replaced(aperture_mm=2.0, focus_mm=400.0)
     spec = DesignSpec(camera=camera, scale_mm=50.0, surface="second", thickness_mm=2.0)
-    assert_allclose(Draft.begun(spec, seed_of(spec, 375.0)).optics, [0.04, 1.49, 0.02, 0.125])
+    assert_allclose(Draft.of(spec, seed_of(spec, 375.0)).optics, [0.04, 1.49, 0.02, 0.125])
 
 
 @pytest.fixture(scope="module")

@@ -80,7 +80,7 @@ def test_neighbours_keep_gaps_and_light_and_diagonals_less() -> None:
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (0, 2), (1, 3)])
 def test_a_plane_between_mirrors_starts_between_them(first: int, second: int) -> None:
     seed = seed_of(SPEC, 375.0)
-    draft = Draft.begun(SPEC, seed)
+    draft = Draft.of(SPEC, seed)
     before = draft.program.size
     add_pairs(draft, (PairConstraint("gap", first, second),))
     *normal, offset = draft.program.start[before:]
@@ -94,7 +94,7 @@ def test_a_camera_without_a_known_body_has_no_constraints_on_it() -> None:
     unknown = SPEC.replaced(camera=Camera.c920().replaced(body_mm=None))
     sizes = []
     for spec in (SPEC, unknown):
-        draft = Draft.begun(spec, seed_of(spec, 375.0))
+        draft = Draft.of(spec, seed_of(spec, 375.0))
         before = draft.program.size
         add_body(draft)
         sizes.append(draft.program.size - before)
