@@ -55,7 +55,7 @@ def test_lists_of_numbers_and_sizes() -> None:
             size_of(wrong, "here")
 
 
-def test_a_camera_that_cannot_be_is_refused_in_one_line() -> None:
+def test_an_invalid_camera_is_refused_in_one_line() -> None:
     assert camera_of("here", [1.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, (640, 480)).width_px == 640
     with pytest.raises(InputError, match=r"^here: fx_px: .*greater than or equal"):
         camera_of("here", [0.0, 2.0, 3.0, 4.0], "fisheye", [0.0] * 4, None)

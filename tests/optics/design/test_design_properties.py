@@ -172,9 +172,9 @@ def test_a_sub_image_that_reaches_for_another_is_named(size: tuple[int, int], da
 def test_a_mirror_moved_against_the_other_is_too_close(size: tuple[int, int], index: int, by_mm: float) -> None:
     layout, spec = sound(*size)
     mirror, other = layout.mirrors[index], layout.mirrors[1 - index]
-    way = other.outline_in_rig_mm.mean(axis=0) - mirror.outline_in_rig_mm.mean(axis=0)
-    way -= (way @ mirror.normal_in_rig) * mirror.normal_in_rig
-    broken = damaged(layout, index, mirror.moved(np.eye(3), by_mm * way / np.linalg.norm(way)))
+    direction = other.outline_in_rig_mm.mean(axis=0) - mirror.outline_in_rig_mm.mean(axis=0)
+    direction -= (direction @ mirror.normal_in_rig) * mirror.normal_in_rig
+    broken = damaged(layout, index, mirror.moved(np.eye(3), by_mm * direction / np.linalg.norm(direction)))
     assert "smallest_gap_mm" in failed(broken, spec)
 
 

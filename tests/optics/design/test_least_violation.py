@@ -120,7 +120,7 @@ def test_a_plate_past_the_pupil_is_drawn_from_there() -> None:
     assert np.abs(violation.place_in_rig_mm[0]).max() == 0.0
 
 
-def test_the_refusal_keeps_it_on_the_way_between_processes() -> None:
+def test_the_refusal_keeps_it_between_processes() -> None:
     refusal = InfeasibleDesign("size", "too small", found(ROW.replaced(min_edge_mm=1000.0), "size"))
     again = pickle.loads(pickle.dumps(refusal))
     assert (str(again), again.constraint, again.finding) == (str(refusal), "size", "too small")

@@ -118,8 +118,8 @@ def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_o
 
 @pytest.mark.parametrize("pattern", a_few(1, [None, Pattern.ring(5)]), ids=["auto fold", "ring"])
 def test_designs_for_depth_of_other_specs(pattern: Pattern | None) -> None:
-    asked = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}
-    spec = DesignSpec.model_validate(asked)
+    requested = {"rows": 1, "cols": 2, "fold_deg": "auto"} if pattern is None else {"pattern": pattern}
+    spec = DesignSpec.model_validate(requested)
     layout, overlap = designed(spec.replaced(objective="depth")), designed(spec)
     assert isinstance(layout.spec, DesignSpec)
     assert layout.spec.fold_deg != "auto"
@@ -202,9 +202,9 @@ def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float)
 
 
 def test_a_pattern_that_is_a_grid_is_designed_as_that_grid() -> None:
-    asked = DesignSpec(rows=1, cols=3)
-    line = Pattern(name="line", positions=5.0 * asked.arrangement.steps)
-    found, expected = designed(DesignSpec(pattern=line)), designed(asked)
+    requested = DesignSpec(rows=1, cols=3)
+    line = Pattern(name="line", positions=5.0 * requested.arrangement.steps)
+    found, expected = designed(DesignSpec(pattern=line)), designed(requested)
     assert np.allclose(found.virtual_centres_in_rig_mm, expected.virtual_centres_in_rig_mm, rtol=0.0, atol=1e-9)
     assert found.metrics == expected.metrics
 
@@ -291,27 +291,27 @@ def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "field", "asked"),
+    ("name", "field", "requested"),
     a_few(1, [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)]),
 )
-def test_mirrors_are_as_large_as_asked_and_no_larger_than_that_costs(name: str, field: str, asked: float) -> None:
+def test_mirrors_are_as_large_as_requested_and_not_larger(name: str, field: str, requested: float) -> None:
     free = designed(DesignSpec(rows=2, cols=4, fold_deg=90.0)).metrics
-    assert free[name].value < 0.9 * asked
-    spec = DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: asked})
+    assert free[name].value < 0.9 * requested
+    spec = DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: requested})
     layout = designed(spec)
     assert stands(layout, spec)
-    assert layout.metrics[name].value == pytest.approx(asked, rel=1e-4)
+    assert layout.metrics[name].value == pytest.approx(requested, rel=1e-4)
     assert layout.metrics["usable_efficiency_300mm"].value < free["usable_efficiency_300mm"].value
 
 
 @pytest.mark.slow
-def test_sub_images_are_as_far_apart_as_asked_and_no_farther_than_that_costs() -> None:
+def test_sub_images_are_as_far_apart_as_requested_and_not_farther() -> None:
     found = []
-    for asked in (0.0, 1.0, 3.0):
-        spec = DesignSpec(rows=2, cols=2, fold_deg=90.0, seen_gap_mm=asked)
+    for requested in (0.0, 1.0, 3.0):
+        spec = DesignSpec(rows=2, cols=2, fold_deg=90.0, seen_gap_mm=requested)
         layout = designed(spec)
         assert stands(layout, spec)
-        assert layout.verdict["smallest_seen_gap_mm"].value == pytest.approx(asked, abs=0.02)
+        assert layout.verdict["smallest_seen_gap_mm"].value == pytest.approx(requested, abs=0.02)
         found.append(sum(layout.metrics[f"usable_efficiency_{depth}mm"].value for depth in (300, 500)))
     for more, less in itertools.pairwise(found):
         assert less < more

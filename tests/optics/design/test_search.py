@@ -63,7 +63,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
     ),
     ids=["depth", "overlap", "size", "spacing", "gap beyond the sensor", "seen gap", "body", "occlusion"],
 )
-def test_what_cannot_be_is_refused_by_name(constraint: str, spec: DesignSpec, message: str) -> None:
+def test_infeasible_specs_are_refused_by_constraint(constraint: str, spec: DesignSpec, message: str) -> None:
     with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:
         design(spec)
     assert refusal.value.constraint == constraint

@@ -32,7 +32,7 @@ def test_nothing_moved(frames: list[Any]) -> None:
 
 
 @pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
-def test_a_turn_of_two_hundredths_of_a_degree_is_told_and_solved(frames: list[Any], index: int) -> None:
+def test_a_turn_of_two_hundredths_of_a_degree_is_detected_and_solved(frames: list[Any], index: int) -> None:
     calibrated = device().calibrated
     turn = across(calibrated, index, 0.02, np.random.default_rng(index))
     drift = drift_in(turned(calibrated, index, turn), frames)
@@ -42,13 +42,13 @@ def test_a_turn_of_two_hundredths_of_a_degree_is_told_and_solved(frames: list[An
     assert np.linalg.norm(move.turn_deg + turn) < 3.0 * move.turn_sigma_deg
 
 
-def test_two_mirrors_that_moved_are_both_told(frames: list[Any]) -> None:
+def test_two_moved_mirrors_are_both_detected(frames: list[Any]) -> None:
     layout = turned(device().calibrated, 1, np.array([0.1, 0.0, 0.0]))
     layout = turned(layout, 8, np.array([0.0, 0.06, 0.06]), shift_mm=0.1)
     assert sorted(mirror.index for mirror in drift_in(layout, frames).moved) == [1, 8]
 
 
-def test_without_texture_nothing_is_told(frames: list[Any]) -> None:
+def test_without_texture_mirrors_are_undetermined(frames: list[Any]) -> None:
     layout = device().calibrated
     drift = drift_in(layout, [np.full_like(frames[0], 120)])
     assert not drift.moved
@@ -69,7 +69,7 @@ def test_detail_that_other_views_do_not_show_is_of_another_device(frames: list[A
     assert drift.undetermined
 
 
-def test_a_mirror_that_sees_nothing_is_not_told(frames: list[Any]) -> None:
+def test_a_mirror_that_sees_nothing_is_undetermined(frames: list[Any]) -> None:
     layout = device().calibrated
     low, high = (getattr(layout.outline_px(6), end)(axis=0).astype(int) for end in ("min", "max"))
     hidden = [frame.copy() for frame in frames]

@@ -33,7 +33,7 @@ def test_points_of_a_plane_are_found_in_all_views() -> None:
     assert np.nanquantile(off_mm, 0.99) * px_mm < 0.6
 
 
-def test_points_are_where_the_whole_pupil_is_served() -> None:
+def test_points_are_unvignetted() -> None:
     layout = device().calibrated
     layout = layout.replaced(camera=layout.camera.replaced(aperture_mm=2.0, focus_mm=500.0))
     found = PointMatcher(layout)

@@ -49,9 +49,9 @@ def told_change(layout: Layout, matches: MatchedPoints) -> FloatArray:
     rows = mirror_rows(names, INDEX)
     prior = calibration_covariance(layout, names)
     prior[rows, rows] += 1.0
-    told = SceneFit(layout, matches, prior).solve()
-    inside = np.eye(len(names)) + told.information @ prior
-    return np.asarray((prior @ np.linalg.solve(inside, told.gradient))[rows])
+    fit = SceneFit(layout, matches, prior).solve()
+    inside = np.eye(len(names)) + fit.information @ prior
+    return np.asarray((prior @ np.linalg.solve(inside, fit.gradient))[rows])
 
 
 def test_a_turned_mirror_is_found_where_it_is() -> None:
@@ -75,13 +75,13 @@ def test_contributions_of_cells_scatter_no_more_than_independent_noise() -> None
     truth = device().truth
     names = parameter_names(truth)
     prior = common_covariance(truth, names)
-    told = SceneFit(truth, seen(truth, 0.2), prior).solve()
-    assert told.sigma_px == pytest.approx(0.2, rel=0.1)
+    fit = SceneFit(truth, seen(truth, 0.2), prior).solve()
+    assert fit.sigma_px == pytest.approx(0.2, rel=0.1)
     # Whitened contributions of cells have variance 1, less because large residuals have less weight.
-    values, vectors = np.linalg.eigh(told.information)
+    values, vectors = np.linalg.eigh(fit.information)
     kept = values > 1e-6 * values[-1]
     white = vectors[:, kept] / np.sqrt(values[kept])
-    assert 0.4 < np.trace(white.T @ told.scatter @ white) / kept.sum() < 1.1
+    assert 0.4 < np.trace(white.T @ fit.scatter @ white) / kept.sum() < 1.1
 
 
 def test_points_that_are_matched_wrong_hardly_count() -> None:

@@ -53,31 +53,31 @@ def followed(of: Mirror, directions: FloatArray) -> tuple[FloatArray, FloatArray
     """
     frame = of.rig_from_plane
     at = np.broadcast_to(-frame[:3, 3] @ frame[:3, :3], directions.shape)
-    way = directions @ frame[:3, :3] / np.linalg.norm(directions, axis=1, keepdims=True)
+    direction = directions @ frame[:3, :3] / np.linalg.norm(directions, axis=1, keepdims=True)
     front_mm = of.front_mm
     faces = [(front_mm, "in"), (0.0, "mirror"), (front_mm, "out")] if front_mm else [(0.0, "mirror")]
     for lift, what in faces:
-        length = (lift - at[:, 2]) / way[:, 2]
+        length = (lift - at[:, 2]) / direction[:, 2]
         for _ in range(12):
-            far, normal = above(of, at + length[:, None] * way)
-            length = length - (far - lift) / np.sum(way * normal, axis=1)
-        at = at + length[:, None] * way
+            far, normal = above(of, at + length[:, None] * direction)
+            length = length - (far - lift) / np.sum(direction * normal, axis=1)
+        at = at + length[:, None] * direction
         normal = above(of, at)[1]
-        upright = np.sum(way * normal, axis=1, keepdims=True)
+        upright = np.sum(direction * normal, axis=1, keepdims=True)
         if what == "mirror":
-            way = way - 2.0 * upright * normal
+            direction = direction - 2.0 * upright * normal
         else:
             ratio = 1.0 / of.refractive_index if what == "in" else of.refractive_index
-            along = ratio * (way - upright * normal)
-            way = along + np.sign(upright) * np.sqrt(1.0 - np.sum(along**2, axis=1, keepdims=True)) * normal
-    return transform(frame, at), way @ frame[:3, :3].T
+            along = ratio * (direction - upright * normal)
+            direction = along + np.sign(upright) * np.sqrt(1.0 - np.sum(along**2, axis=1, keepdims=True)) * normal
+    return transform(frame, at), direction @ frame[:3, :3].T
 
 
 def missed_px(of: Mirror, points: FloatArray) -> FloatArray:
     """Distances (n,), in px of a C920, at which the light seen at the images of points (n, 3) passes them."""
     seen = of.image_of(points)
-    leaves, way = followed(of, seen)
-    passed = np.linalg.norm(np.cross(points - leaves, way), axis=1)
+    leaves, direction = followed(of, seen)
+    passed = np.linalg.norm(np.cross(points - leaves, direction), axis=1)
     return FOCAL_PX * passed / np.linalg.norm(seen, axis=1)
 
 

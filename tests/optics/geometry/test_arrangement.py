@@ -102,7 +102,7 @@ def test_a_pattern_of_a_grid_is_that_grid() -> None:
         assert np.allclose(one, other)
 
 
-def test_an_unbalanced_pattern_is_centred_as_a_whole() -> None:
+def test_an_unbalanced_pattern_is_centred_by_the_mean_of_all_views() -> None:
     corner = arranged(Pattern(name="corner", positions=[[0, 0], [1, 0], [2, 0], [0, 1], [0, 2]]))
     assert corner.central_index == 1
     assert corner.inner == [0, 1, 2, 3, 4]

@@ -74,7 +74,7 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
         ({"rest_mm": (3.0, 2.0), **BOARD}, "rest_mm 3 to 2, expected increasing"),
     ],
 )
-def test_a_body_that_cannot_be_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_body_is_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidValue, match=message):
         PLAIN.replaced(**changes)
 

@@ -142,7 +142,7 @@ def test_an_own_camera_is_a_profile_or_the_optics_or_the_body_alone(tmp_path: Pa
         ("pixel_um", "pitch_um", r"mine\.toml: published\.pitch_um: not known"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_errors_in_a_file_are_reported_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
     assert old in PROFILE
     path = written(tmp_path, PROFILE.replace(old, new, 1))
     for read in (read_profile, read_camera, read_body):

@@ -46,7 +46,7 @@ def test_a_fold_turns_the_camera_axis_to_the_views_axis() -> None:
         assert_allclose(turn[0], [1.0, 0.0, 0.0])
 
 
-def test_the_reflecting_surface_is_asked_for_by_name() -> None:
+def test_the_reflecting_surface_is_requested_by_name() -> None:
     assert not DesignSpec().is_second_surface
     assert DesignSpec(surface="second").is_second_surface
 

@@ -193,7 +193,7 @@ def test_a_corner_on_a_straight_edge_is_fine() -> None:
     assert len(mirror([(-0.1, -0.1), (0.0, -0.1), (0.1, -0.1), (0.0, 0.1)]).outline_in_rig_mm) == 4
 
 
-def test_mirrors_refuse_what_cannot_be() -> None:
+def test_invalid_mirrors_are_refused() -> None:
     lifted = mirror().outline_in_rig_mm + np.array([0, 0, 1e-3])
     assert "outline leaves the mirror plane by" in refusal(outline_in_rig_mm=lifted)
     corners = [[0, -50, -1], [9, -50, 5], [0, -50, 9]]

@@ -88,7 +88,7 @@ def test_light_seen_at_the_image_in_a_bent_mirror_comes_from_the_point(bend: tup
 
 
 @pytest.mark.parametrize("bend", BENDS.values(), ids=BENDS)
-def test_light_by_way_of_a_bent_mirror_takes_the_quickest_path(bend: tuple[float, float, float]) -> None:
+def test_light_reflected_by_a_bent_mirror_takes_the_shortest_optical_path(bend: tuple[float, float, float]) -> None:
     bent = mirror(curvature_per_m=bend)
     frame = bent.rig_from_plane
 

@@ -70,9 +70,7 @@ def test_outlines_move_with_their_mirrors(default_layout: Layout) -> None:
         (Tolerances(distortion_mean=(-0.6, 0.0, 0.0, 0.0, 0.0)), "distortion_mean"),
     ],
 )
-def test_what_cannot_be_built_is_refused_in_one_line(
-    fold_90_layout: Layout, tolerances: Tolerances, named: str
-) -> None:
+def test_impossible_devices_are_refused_in_one_line(fold_90_layout: Layout, tolerances: Tolerances, named: str) -> None:
     with pytest.raises(InputError, match=named) as error:
         draw_as_built(fold_90_layout, tolerances, np.random.default_rng(0))
     assert "\n" not in str(error.value)

@@ -77,7 +77,7 @@ def test_half_a_disc_has_its_closed_form_in_millimetres() -> None:
     np.testing.assert_allclose(part.spread, [[0.25, 0.25 - (4.0 / (3.0 * np.pi)) ** 2, 0.0]], atol=1e-12)
 
 
-def test_a_pinhole_is_served_or_not() -> None:
+def test_a_pinhole_is_either_clear_or_blocked() -> None:
     planes = HalfPlanes(np.array([[[1.0, 0.0]], [[1.0, 0.0]]]), np.array([[1e-9], [-1e-9]]))
     part = disc_part(planes, 0.0)
     np.testing.assert_array_equal(part.share, [1.0, 0.0])

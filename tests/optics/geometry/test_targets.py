@@ -184,7 +184,7 @@ def test_a_missing_board_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("changes", [{"square_mm": 0.0}, {"rows": 2}, {"cols": 3.5}, {"colour": "red"}])
-def test_boards_refuse_what_cannot_be(changes: dict[str, Any]) -> None:
+def test_invalid_boards_are_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(InvalidValue):
         PLAIN.replaced(**changes)
 

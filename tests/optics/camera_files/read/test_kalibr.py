@@ -55,7 +55,7 @@ def test_poses_follow_the_chain(tmp_path: Path) -> None:
     assert rig.cameras[0].size_px == (640, 480)
 
 
-def test_poses_against_an_imu_serve_without_a_chain(tmp_path: Path) -> None:
+def test_poses_relative_to_an_imu_replace_a_missing_chain(tmp_path: Path) -> None:
     path = written(tmp_path, cam0=CAMERA | {"T_cam_imu": T.tolist()}, cam1=CAMERA | {"T_cam_imu": np.eye(4).tolist()})
     np.testing.assert_allclose(pose_of(read_kalibr(path).cameras[0]), T)
 

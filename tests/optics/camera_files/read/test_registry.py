@@ -86,7 +86,7 @@ def test_what_is_no_calibration_is_refused_in_one_line(name: str, content: str, 
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_what_is_not_there_is_said(tmp_path: Path) -> None:
+def test_a_missing_calibration_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         read_rig(tmp_path / "a.yaml")
     with pytest.raises(InputError, match="no calibration in a known format, expected kalibr or opencv"):
@@ -147,7 +147,7 @@ def test_a_file_with_odd_words_is_scored_or_refused_in_one_line(name: str, expor
 
 
 @pytest.mark.parametrize("numbers", ["1 0 0 0 0 0", "1e300 0 0 0 0 0 0", "1 0 0 0 1e300 0 0"])
-def test_a_pose_of_colmap_that_cannot_be_is_refused(exported: Path, tmp_path: Path, numbers: str) -> None:
+def test_an_invalid_pose_of_colmap_is_refused(exported: Path, tmp_path: Path, numbers: str) -> None:
     shutil.copytree(exported / "colmap" / "sparse", tmp_path / "sparse")
     (tmp_path / "sparse" / "rigs.txt").unlink()
     images = tmp_path / "sparse" / "images.txt"

@@ -178,7 +178,7 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
         ("camera_turns_rad", 2.0, "a drawn mirror reaches behind the camera"),
     ],
 )
-def test_what_cannot_be_built_is_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
+def test_impossible_devices_are_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:
     perturbations = exact(default_layout)
     with pytest.raises(InputError, match=complaint):
         built_views(default_layout, replace(perturbations, **{name: getattr(perturbations, name) + value}))

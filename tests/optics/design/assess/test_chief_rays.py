@@ -88,7 +88,7 @@ def test_culling_loses_nothing(default_layout: Layout, surface: str, monkeypatch
     assert culled
 
 
-def test_light_that_does_not_head_for_the_scene_is_not_asked_for(default_layout: Layout) -> None:
+def test_light_reflected_away_from_the_scene_is_ignored(default_layout: Layout) -> None:
     # Rotated by 180 degrees about the vertical, the central mirror reflects light away from the scene.
     centre = default_layout.mirrors[4]
     flip = np.diag([-1.0, -1.0, 1.0])

@@ -110,7 +110,7 @@ def test_frequencies_that_no_view_shows_add_nothing() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_views_in_one_place_tell_no_depth() -> None:
+def test_views_in_one_place_determine_no_depth() -> None:
     assert depth_sigma_mm(upright_views(80.0, 80.0), np.array([[0.0, -80.0, DEPTH_MM]]))[0] > 1e6
 
 

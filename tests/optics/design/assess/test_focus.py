@@ -120,7 +120,7 @@ def test_a_depth_at_which_views_share_nothing_has_no_circle() -> None:
     }
 
 
-def test_circles_of_confusion_past_the_limit_are_said_with_what_to_do(fold_90_layout: Layout) -> None:
+def test_circles_of_confusion_above_the_limit_are_reported_with_advice(fold_90_layout: Layout) -> None:
     def remark(**fields: float) -> str:
         layout = fold_90_layout.replaced(camera=fold_90_layout.camera.replaced(**fields))
         return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))

@@ -213,7 +213,7 @@ def test_disparity_is_how_far_a_point_moves_from_view_to_view() -> None:
     assert gained == pytest.approx(0.25, rel=0.01)
 
 
-def test_a_single_view_tells_no_depth() -> None:
+def test_a_single_view_determines_no_depth() -> None:
     layout = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(mirror_seeing((-40, 40, 60, 120), 80.0),))
     of_depth = ("disparity", "resolution", "depth_sigma")
     assert not [name for name in evaluate(layout, [DEPTH_MM]) if name.startswith(of_depth) or "disparity" in name]
@@ -252,7 +252,7 @@ def test_second_surface_mirrors_score_as_what_they_look_like() -> None:
     assert thick["slab_stray_px"].value == pytest.approx(1360.38 * thick["slab_stray_mm"].value / distance_mm)
 
 
-def test_a_depth_range_ends_before_the_pupil_beside_mirrors_that_fold_light_past_it() -> None:
+def test_a_depth_range_ends_before_the_pupil_if_mirrors_fold_light_past_it() -> None:
     # At this fold and scale the mirrors lie behind the pupil along the views, and their views overlap from there on.
     spec = DesignSpec(rows=1, cols=2, scale_mm=400.0, fold_deg=150.0, tradeoff=0.0)
     layout = faceted_parabola(spec)

@@ -56,11 +56,11 @@ def test_without_tolerances_every_device_is_the_design(default_layout: Layout) -
 def test_small_faults_do_harm_in_proportion(default_layout: Layout) -> None:
     found = study(default_layout, Tolerances.hobby().times(0.05), DEPTHS_MM, devices=40)
     for name in ("uncalibrated_error_300mm", "misregistration_500mm"):
-        whole = found.spreads[1.0][name]
+        reference = found.spreads[1.0][name]
         for accuracy in ACCURACIES:
             spread = found.spreads[accuracy][name]
-            assert spread.median == pytest.approx(accuracy * whole.median, rel=0.01)
-            assert spread.high == pytest.approx(accuracy * whole.high, rel=0.01)
+            assert spread.median == pytest.approx(accuracy * reference.median, rel=0.01)
+            assert spread.high == pytest.approx(accuracy * reference.high, rel=0.01)
     baselines = [spreads["baseline_x_mm"] for spreads in found.spreads.values()]
     widths = np.array([spread.high - spread.low for spread in baselines])
     np.testing.assert_allclose(widths / widths[2], ACCURACIES, rtol=0.01)
@@ -105,7 +105,7 @@ def test_the_camera_itself_is_no_better_in_a_better_holder(default_layout: Layou
     assert list(found.shares) == ["camera itself"]
 
 
-def test_a_hobby_printer_costs_efficiency_and_tells_which_tolerance_matters(default_layout: Layout) -> None:
+def test_a_hobby_printer_costs_efficiency_and_shares_name_the_cause(default_layout: Layout) -> None:
     found = study(default_layout, Tolerances.hobby(), DEPTHS_MM, devices=60)
     for name in (f"{kind}_efficiency_{depth_mm}mm" for kind in ("pixel", "usable") for depth_mm in (300, 500)):
         medians = [of[name].median for of in found.spreads.values()]
@@ -135,7 +135,7 @@ def test_the_same_seed_gives_the_same_study(default_layout: Layout) -> None:
         ({"distortion_mean": (-0.6, 0.0, 0.0, 0.0, 0.0)}, "distortion .* folds inside the sensor"),
     ],
 )
-def test_what_cannot_be_built_is_refused_in_one_line(
+def test_impossible_devices_are_refused_in_one_line(
     default_layout: Layout, changes: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint) as error:
@@ -312,7 +312,7 @@ def test_baselines_are_those_of_the_mirrored_pupils() -> None:
     assert "baseline_y_mm" not in found
 
 
-def test_few_points_stand_for_the_whole_region(default_layout: Layout) -> None:
+def test_few_points_represent_the_region(default_layout: Layout) -> None:
     """The RMS error of a misaligned device, from a few points in the region and from ten thousand."""
     perturbations = draw_perturbations(Tolerances.hobby().times(0.2), 9, 1, np.random.default_rng(3))
     ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)

@@ -128,11 +128,11 @@ def test_sub_images_too_close_fail_though_their_mirrors_are_far_apart(default_la
 def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
     outlines = [mirror.outline_in_rig_mm for mirror in default_layout.mirrors]
     shortest = min(float(np.linalg.norm(o - np.roll(o, 1, axis=0), axis=1).min()) for o in outlines)
-    asked = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
-    assert failures(default_layout, asked) == {"shortest_edge_mm"}
-    assert failures(default_layout, asked.replaced(min_edge_mm=shortest - 0.01)) == set()
+    requested = spec_of(default_layout).replaced(min_edge_mm=shortest + 0.01)
+    assert failures(default_layout, requested) == {"shortest_edge_mm"}
+    assert failures(default_layout, requested.replaced(min_edge_mm=shortest - 0.01)) == set()
     larger = min(area_mm2(mirror) for mirror in default_layout.mirrors) + 1.0
-    assert failures(default_layout, asked.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
+    assert failures(default_layout, requested.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
 
 
 def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: Layout) -> None:
@@ -186,12 +186,12 @@ def test_a_depth_among_the_mirrors_fails() -> None:
         ({"fold_deg": 120.0 + 1e-8}, 0),
     ],
 )
-def test_what_is_not_as_asked_is_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
+def test_deviations_from_the_spec_are_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
     spec = spec_of(default_layout).replaced(**changes)
     assert verify(default_layout, spec)["unlike_spec"].value == count
 
 
-def test_more_corners_than_asked_for_are_counted(default_layout: Layout) -> None:
+def test_more_corners_than_requested_are_counted(default_layout: Layout) -> None:
     corners = default_layout.mirrors[4].outline_normalized
     middle = (corners[:1] + corners[-1:]) / 2.0
     pentagon = recut(default_layout.mirrors[4], np.concatenate([corners, middle]))

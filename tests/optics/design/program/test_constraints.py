@@ -61,12 +61,12 @@ USES: dict[str, tuple[Term, FloatArray, FloatArray]] = {
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "requested",
     [*({"rows": rows, "cols": cols} for rows, cols in [(3, 3), (2, 4), (1, 3), (3, 1)]), {"pattern": Pattern.ring(5)}],
     ids=["3x3", "2x4", "1x3", "3x1", "ring5"],
 )
-def test_grid_error_is_that_of_the_metrics(asked: dict[str, object]) -> None:
-    layout = faceted_parabola(DesignSpec.model_validate(asked))
+def test_grid_error_is_that_of_the_metrics(requested: dict[str, object]) -> None:
+    layout = faceted_parabola(DesignSpec.model_validate(requested))
     centres = [ca.SX(centre) for centre in layout.virtual_centres_in_view_mm.reshape(-1, 3)]
     squared, spacings = constraints.squared_grid_error(centres, layout.arrangement)
     assert np.sqrt(number(squared).item()) == pytest.approx(grid_error(layout))

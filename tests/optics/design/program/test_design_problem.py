@@ -27,7 +27,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.nightly import a_few
 
 
-def test_what_is_kept_besides_comes_last_so_that_a_solution_still_fits() -> None:
+def test_appended_constraints_keep_the_indices_of_a_solution() -> None:
     spec = DesignSpec(rows=1, cols=3)
     seed = seed_of(spec, 375.0)
     pairs = neighbour_pairs(Arrangement(1, 3))
@@ -61,8 +61,8 @@ def test_the_objective_is_that_of_the_metrics(changes: dict[str, object]) -> Non
     assert outcome.solved
     centres, corners = made.solution(outcome.values)
     layout = layout_of(spec, mirrors_of(spec, centres * spec.scale_mm, corners), {})
-    whole = Assembled(made.solver.program)
-    f = float(ca.Function("f", [whole.x], [whole.objective_and_constraints()[0]])(outcome.values))
+    assembled = Assembled(made.solver.program)
+    f = float(ca.Function("f", [assembled.x], [assembled.objective_and_constraints()[0]])(outcome.values))
     metrics = evaluate(layout, spec.depths_mm)
     grid = spec.tradeoff * (metrics["grid_error"].value / REFERENCE_GRID_ERROR) ** 2
     x, y = np.moveaxis(corners, -1, 0)

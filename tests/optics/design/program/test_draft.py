@@ -32,9 +32,11 @@ def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
     assert draft.program.size == len(ELASTIC) + 1 + 3 * (3 + 10)
 
 
-@pytest.mark.parametrize(("asked", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)])
-def test_a_fold_is_given_or_free_in_its_range(asked: float | str, least: float, most: float) -> None:
-    spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": asked})
+@pytest.mark.parametrize(
+    ("fold_deg", "least", "most"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.least, FOLD_DEG.most)]
+)
+def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, least: float, most: float) -> None:
+    spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": fold_deg})
     draft = Draft.of(spec, seed_of(spec, 375.0))
     low, high = draft.program.bounds
     assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [least, most])

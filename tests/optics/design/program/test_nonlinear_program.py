@@ -64,8 +64,8 @@ def multipliers(solver: Solver) -> FloatArray:
 def test_derivatives_of_the_program_agree_with_differences(which: int, searching: float) -> None:
     solver = problem(which).solver
     at, rng = nearby(solver), np.random.default_rng(6)
-    way = rng.normal(0.0, 1.0, len(at))
-    step = 1e-6 * way
+    direction = rng.normal(0.0, 1.0, len(at))
+    step = 1e-6 * direction
     gradients, jacobians, hessians = (solver.derivatives[name] for name in ("grad_f", "jac_g", "hess_lag"))
 
     def slope(values: list[FloatArray]) -> FloatArray:
@@ -73,10 +73,10 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
 
     objective = [dense(gradients(at + sign * step, searching)[0]).ravel() for sign in (-1.0, 1.0)]
     gradient = dense(gradients(at, searching)[1]).ravel()
-    assert_allclose([gradient @ way], slope(objective), rtol=1e-6, atol=1e-8)
+    assert_allclose([gradient @ direction], slope(objective), rtol=1e-6, atol=1e-8)
     limits = [dense(jacobians(at + sign * step, searching)[0]).ravel() for sign in (-1.0, 1.0)]
     jacobian = dense(jacobians(at, searching)[1])
-    assert_allclose(jacobian @ way, slope(limits), rtol=1e-6, atol=1e-7)
+    assert_allclose(jacobian @ direction, slope(limits), rtol=1e-6, atol=1e-7)
 
     weight, lam = 0.7, multipliers(solver)
     upper = dense(hessians(at, searching, weight, lam))
@@ -86,7 +86,7 @@ def test_derivatives_of_the_program_agree_with_differences(which: int, searching
         + dense(jacobians(at + sign * step, searching)[1]).T @ lam
         for sign in (-1.0, 1.0)
     ]
-    assert_allclose((upper + np.triu(upper, 1).T) @ way, slope(lagrangian), rtol=1e-5, atol=1e-6)
+    assert_allclose((upper + np.triu(upper, 1).T) @ direction, slope(lagrangian), rtol=1e-5, atol=1e-6)
     assert np.abs(slope(lagrangian)).max() > 0.1
 
 
@@ -121,14 +121,14 @@ def test_a_search_asks_for_the_slacks_alone_and_to_stay_near() -> None:
     weights = np.array([SLACK_WEIGHTS[family] for family in ELASTIC])
     away = HOLD * float(np.sum((at - solver.program.start)[count:] ** 2))
     assert float(solver.derivatives["grad_f"](at, 1.0)[0]) == pytest.approx(weights @ at[:count] + away)
-    whole = Assembled(solver.program)
-    f, g = ca.Function("f", [whole.x], list(whole.objective_and_constraints()))(at)
+    assembled = Assembled(solver.program)
+    f, g = ca.Function("f", [assembled.x], list(assembled.objective_and_constraints()))(at)
     assert float(solver.derivatives["grad_f"](at, 0.0)[0]) == pytest.approx(float(f) + away)
     # A slack relaxes every limit of its family by the same amount, and no other limit.
     more = at.copy()
     more[ELASTIC.index("overlap")] += 0.25
-    widened = ca.Function("g", [whole.x], [whole.objective_and_constraints()[1]])(more)
-    assert_allclose(dense(widened - g).ravel(), 0.25 * (whole.family == ELASTIC.index("overlap")), atol=1e-12)
+    widened = ca.Function("g", [assembled.x], [assembled.objective_and_constraints()[1]])(more)
+    assert_allclose(dense(widened - g).ravel(), 0.25 * (assembled.family == ELASTIC.index("overlap")), atol=1e-12)
 
 
 def test_unknowns_keep_their_starts_and_bounds() -> None:
@@ -220,7 +220,7 @@ def cubes(gap: float) -> tuple[Solver, Indices]:
     return Solver(program, SLACK_WEIGHTS), place
 
 
-def test_bodies_are_kept_exactly_as_far_apart_as_asked() -> None:
+def test_bodies_are_separated_by_exactly_the_requested_gap() -> None:
     solver, place = cubes(0.7)
     outcome = solver.optimise()
     assert outcome.solved
@@ -240,7 +240,7 @@ def test_an_interruption_ends_a_solution_without_a_word(capfd: pytest.CaptureFix
     assert capfd.readouterr().err == ""
 
 
-def test_what_cannot_hold_is_measured() -> None:
+def test_an_impossible_constraint_is_measured() -> None:
     solver, _ = cubes(22.0)
     assert not solver.optimise().solved
     feasible, missed = solver.find_feasible()
@@ -274,8 +274,8 @@ def missed_by(
         corners = mirror.apparent.outline_normalized.ravel()
         places += [program.unknown(values, values, values) for values in (centre, corners)]
     middles = [mirror.outline_in_rig_mm.mean(axis=0) @ spec.view_from_rig.T for mirror in mirrors]
-    way = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
-    start = [*way, way @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
+    direction = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
+    start = [*direction, direction @ (middles[0] + middles[1]) / 2.0 / SCALE_MM]
     optics = [mirrors[0].thickness_mm / SCALE_MM, mirrors[0].refractive_index]
     optics += [pupil.radius_mm / SCALE_MM, SCALE_MM / pupil.focus_mm]
     fold = program.unknown(*[fold_of(spec)] * 3)

@@ -221,7 +221,7 @@ def test_a_lens_that_folds_inside_the_sensor_is_refused() -> None:
         sensor_rectangle(camera)
 
 
-def test_facets_that_cannot_be_so_far_apart_are_refused() -> None:
+def test_facets_with_an_impossible_gap_are_refused() -> None:
     with pytest.raises(InfeasibleDesign, match=r"spacing constraint: facets 60 mm apart .* too close"):
         faceted_parabola(DesignSpec(spacing_mm=60.0))
 
@@ -236,7 +236,7 @@ def test_noise_below_a_nanometre_leaves_no_trace() -> None:
 
 @pytest.mark.parametrize("fold_deg", FOLDS)
 @pytest.mark.parametrize("surface", ["first", "second"])
-def test_mirrors_look_like_plain_ones_of_the_centres_and_corners_asked_for(fold_deg: float, surface: str) -> None:
+def test_apparent_mirrors_have_the_requested_centres_and_corners(fold_deg: float, surface: str) -> None:
     spec = DesignSpec(rows=2, cols=2, fold_deg=fold_deg).replaced(surface=surface, thickness_mm=3.0)
     seed = seed_of(spec, 375.0)
     mirrors = mirrors_of(spec, 80.0 * seed.centres, seed.corners)
