@@ -87,7 +87,7 @@ class _Parameter:
 
 
 def _larger_scale_mm(spec: DesignSpec) -> float:
-    """At least the scale at which gaps and glass are small."""
+    """Largest scale to try; it makes gaps and glass small in comparison."""
     return max(LARGER * spec.scale_mm, SMALL * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
 
 

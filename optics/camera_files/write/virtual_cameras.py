@@ -7,8 +7,8 @@ W - 1 - u. Since the lens model obeys
 
     distort(-x, y; k, p1, -p2) = (-x_d, y_d)    where    (x_d, y_d) = distort(x, y; k, p1, p2)
 
-a camera with cx' = W - 1 - cx and p2' = -p2 that projects F (S x + c) takes the flipped frame. For a top-bottom flip,
-F = diag(1, -1, 1), cy' = H - 1 - cy and p1' = -p1. In both cases
+the flipped frame belongs to a camera with cx' = W - 1 - cx and p2' = -p2 that projects F (S x + c). For a top-bottom
+flip, F = diag(1, -1, 1), cy' = H - 1 - cy and p1' = -p1. In both cases
 
     camera_from_rig = [F S | F c],    det F S = +1,    centre = -(F S)^T F c = -S c = c.
 

@@ -29,7 +29,7 @@ REFERENCE_GRID_ERROR = 0.25
 LEAST_EFFICIENCY = 0.02
 """Smallest pixel efficiency of an acceptable layout at any depth."""
 PLACES = np.vstack([np.full(8, 0.125), 0.7 * np.eye(8)[::2] + 0.3 * 0.125])
-"""Weights (5, 8) of a region's corners that give the points of a design for depth: its centre and near corners."""
+"""Weights (5, 8) of a region's corners: the objective for depth is evaluated at its centre and near corners."""
 LEAST_TRADEOFF = 1e-3
 """Trade-off below which the grid error of a design for depth is practically unlimited."""
 LEAST_OF_OVERLAP = 0.99
@@ -240,9 +240,9 @@ def _add_depth_sigma(draft: Draft, regions: list[Indices], overlap: OverlapDesig
     unknowns, before = [draft.fold, *draft.centres], np.concatenate([[overlap.fold], overlap.centres.ravel()])
     for depth_mm, region, corners, fields in zip(spec.depths_mm, regions, overlap.regions, overlap.fields, strict=True):
         depth = depth_mm / spec.scale_mm
-        given = [[depth, *place, spec.scale_mm / camera.focus_mm, blur] for place in PLACES @ corners]
-        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in given)
-        for numbers in given:
+        parameters = [[depth, *point, spec.scale_mm / camera.focus_mm, blur] for point in PLACES @ corners]
+        reference = sum(float(sigma.value(before, [*numbers, 1.0])[0]) for numbers in parameters)
+        for numbers in parameters:
             draft.program.add(sigma, unknowns, [*numbers, 1.0 / reference / len(spec.depths_mm)])
         draft.program.add(field, [region, *draft.centres], [depth, LEAST_OF_OVERLAP * fields])
 

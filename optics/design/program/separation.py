@@ -177,7 +177,7 @@ class PairConstraint:
 
 
 def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
-    """Initial constraints of every design, on neighbours; a solution that violates others adds them.
+    """Initial constraints of every design, on neighbours; others are added when a solution violates them.
 
     Neighbours have touching tiles in the seed. They get gaps and unblocked light in both directions; diagonal
     neighbours need no constraint on outgoing beams.
