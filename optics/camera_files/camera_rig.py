@@ -174,10 +174,10 @@ def numbers_of(value: object, where: str, count: int | None = None) -> list[floa
     expected = "numbers" if count is None else f"{count} numbers"
     if not isinstance(value, list | tuple | np.ndarray):
         raise InputError(f"{where}: {str(value)[:40]!r}, expected {expected}")
-    found = [number_of(each, where) for each in value]
-    if count is not None and len(found) != count:
-        raise InputError(f"{where}: {len(found)} numbers, expected {count}")
-    return found
+    numbers = [number_of(each, where) for each in value]
+    if count is not None and len(numbers) != count:
+        raise InputError(f"{where}: {len(numbers)} numbers, expected {count}")
+    return numbers
 
 
 def number_of(value: object, where: str) -> float:

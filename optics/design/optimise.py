@@ -38,7 +38,7 @@ NEAR = 120
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Optimum:
     """An optimum: the spec with its fold, the program, its constraints on pairs, and the values of all unknowns."""
 
     spec: DesignSpec
@@ -90,10 +90,10 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     """
     check_type("spec", spec, DesignSpec)
     check_at_once(spec)
-    found = _for_overlap(spec, calls)
+    optimum = _for_overlap(spec, calls)
     if spec.objective == "depth":
-        found = _for_depth(spec, found, calls)
-    return _verified(found)
+        optimum = _for_depth(spec, optimum, calls)
+    return _verified(optimum)
 
 
 def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
@@ -112,18 +112,18 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
         outcome = problem.solver.optimise(values)
         if not outcome.solved:
             return None
-        found = _Found(spec, problem, pairs, outcome.values)
-        pairs, values = _stricter(found), outcome.values
-        if pairs == found.pairs:
+        optimum = _Optimum(spec, problem, pairs, outcome.values)
+        pairs, values = _stricter(optimum), outcome.values
+        if pairs == optimum.pairs:
             try:
-                return _verified(found)
+                return _verified(optimum)
             except InfeasibleDesign:
                 return None
 
 
-def _verified(found: _Found) -> Layout:
+def _verified(optimum: _Optimum) -> Layout:
     """The layout with its figures and its verdict. Raises InfeasibleDesign if it fails a check."""
-    spec, layout = found.spec, found.layout
+    spec, layout = optimum.spec, optimum.layout
     verdict = verify(layout, spec)
     try:
         require_passed(verdict)
@@ -132,29 +132,29 @@ def _verified(found: _Found) -> Layout:
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)
 
 
-def _for_overlap(spec: DesignSpec, calls: Calls) -> _Found:
+def _for_overlap(spec: DesignSpec, calls: Calls) -> _Optimum:
     pairs = neighbour_pairs(spec.arrangement)
     values: FloatArray | None = None
     if spec.fold_deg == "auto":
         spec, values = _with_best_fold(spec, pairs, calls)
     while True:
-        found = _optimum(spec, pairs, values, calls)
-        stricter, values = _stricter(found), found.values
+        optimum = _optimum(spec, pairs, values, calls)
+        stricter, values = _stricter(optimum), optimum.values
         if stricter == pairs and spec.robust_tilt_deg > 0.0:
-            found = _as_built(found)
-            stricter = _stricter(found)
+            optimum = _as_built(optimum)
+            stricter = _stricter(optimum)
         if stricter == pairs:
-            return found
+            return optimum
         pairs = stricter
 
 
-def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Found:
+def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Optimum:
     """The optimum under constraints on pairs: from earlier values if there are any, else from seeds or by detours."""
     problem = overlap_problem(spec, seed_meeting(spec), pairs)
     outcome = None if values is None else best_of([problem.solver.optimise(values)])
     if outcome is None:
         outcome = from_seeds(spec, pairs, calls) or by_detours(spec, pairs, calls)
-    return _Found(spec, problem, pairs, outcome.values)
+    return _Optimum(spec, problem, pairs, outcome.values)
 
 
 def _with_best_fold(
@@ -175,17 +175,17 @@ def _fold_deg(problem: Problem, values: FloatArray) -> float:
     return float(np.rad2deg(values[problem.fold[0]]).round())
 
 
-def _stricter(found: _Found) -> tuple[PairConstraint, ...]:
+def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
     """The constraints on pairs, extended by those that the mirrors violate."""
-    spec, mirrors = found.spec, found.mirrors
+    spec, mirrors = optimum.spec, optimum.mirrors
     violated = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
     violated |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
     violated |= {PairConstraint(part.leg, part.mirror, part.occluder) for part in light}
-    return found.pairs + tuple(sorted(violated - set(found.pairs)))
+    return optimum.pairs + tuple(sorted(violated - set(optimum.pairs)))
 
 
-def _as_built(nominal: _Found) -> _Found:
+def _as_built(nominal: _Optimum) -> _Optimum:
     """The optimum over devices as built, started from the optimum for the exact device."""
     spec = nominal.spec
     problem = overlap_problem(spec, seed_meeting(spec), nominal.pairs, DEVICES)
@@ -193,10 +193,10 @@ def _as_built(nominal: _Found) -> _Found:
     if not outcome.solved:
         tilted = f"mirrors tilted by {spec.robust_tilt_deg:g}°"
         raise InfeasibleDesign(GAVE_UP, f"the search found no optimum over devices with {tilted}")
-    return _Found(spec, problem, nominal.pairs, outcome.values)
+    return _Optimum(spec, problem, nominal.pairs, outcome.values)
 
 
-def _for_depth(spec: DesignSpec, overlap: _Found, calls: Calls) -> _Found:
+def _for_depth(spec: DesignSpec, overlap: _Optimum, calls: Calls) -> _Optimum:
     """The optimum for depth, started from the design for overlap and from the seeds; the fold may be "auto".
 
     Raises InfeasibleDesign if no start leads to an optimum.
@@ -209,14 +209,14 @@ def _for_depth(spec: DesignSpec, overlap: _Found, calls: Calls) -> _Found:
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the least standard deviation of depth found no optimum")
         problem = depth_problem(spec, seed_meeting(spec), pairs, target)
-        found = _Found(spec, problem, pairs, outcome.values)
+        optimum = _Optimum(spec, problem, pairs, outcome.values)
         starts = [(MEETINGS[0], outcome.values)]
         if spec.fold_deg == "auto":
-            spec = spec.replaced(fold_deg=_fold_deg(found.problem, outcome.values))
+            spec = spec.replaced(fold_deg=_fold_deg(optimum.problem, outcome.values))
             continue
-        stricter = _stricter(found)
+        stricter = _stricter(optimum)
         if stricter == pairs:
-            return found
+            return optimum
         pairs = stricter
 
 
@@ -231,7 +231,7 @@ def _depth_optimum(
     return depth_problem(spec, seed_meeting(spec, meeting), pairs, target).solver.optimise(values)
 
 
-def _target(overlap: _Found) -> OverlapDesign:
+def _target(overlap: _Optimum) -> OverlapDesign:
     """The properties of the design for overlap that a design for depth must keep."""
     spec, layout = overlap.spec, overlap.layout
     views = fields_of_view(layout, spec.camera.pupil)

@@ -47,9 +47,9 @@ class Pattern(Value):
         count = len(self.positions)
         if not 2 <= count <= MOST_VIEWS:
             raise ValueError(f"pattern {self.name} has {count} positions, expected 2 to {MOST_VIEWS}")
-        apart = _distances(self.positions)
-        i, j = np.unravel_index(int(apart.argmin()), apart.shape)
-        if apart[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
+        distances = _distances(self.positions)
+        i, j = np.unravel_index(int(distances.argmin()), distances.shape)
+        if distances[i, j] <= CLOSEST * np.ptp(self.positions, axis=0).max():
             raise ValueError(f"pattern {self.name} has positions {i} and {j} in the same place, expected them apart")
         return self
 
@@ -76,11 +76,11 @@ class Pattern(Value):
 
         Raises InputError for a number of views that the pattern cannot have.
         """
-        found = re.fullmatch(r"(hex|ring)(\d{1,6})", name)
-        if found is None:
+        match = re.fullmatch(r"(hex|ring)(\d{1,6})", name)
+        if match is None:
             return None
-        count = int(found[2])
-        if found[1] == "ring":
+        count = int(match[2])
+        if match[1] == "ring":
             if not RING_VIEWS.least <= count <= RING_VIEWS.most:
                 raise InputError(f"pattern {name}: expected a ring of {RING_VIEWS} views")
             return cls.ring(count)
@@ -92,9 +92,9 @@ class Pattern(Value):
 
 def _distances(positions: FloatArray) -> FloatArray:
     """Distances (n, n) between positions (n, 2); infinite on the diagonal."""
-    apart = np.linalg.norm(positions[:, None] - positions, axis=-1)
-    np.fill_diagonal(apart, np.inf)
-    return apart
+    distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
+    np.fill_diagonal(distances, np.inf)
+    return distances
 
 
 @dataclass(frozen=True)

@@ -189,16 +189,16 @@ class Layout(Value):
 
 def working_distance_mm(layout: Layout) -> float | None:
     """Distance of the calibration's boards or, without a calibration, the mean of the depths of the design."""
-    found = layout.metrics.get(METRIC)
-    if found is not None and found.known:
-        return found.value
+    measured = layout.metrics.get(METRIC)
+    if measured is not None and measured.known:
+        return measured.value
     return None if layout.spec is None else float(np.mean(layout.spec.depths_mm))
 
 
 def working_range_mm(layout: Layout) -> tuple[float, float] | None:
     """Least and greatest distance of the working volume around the boards and the depths of the design."""
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
-    found = layout.metrics.get(METRIC)
-    if found is not None and found.known:
-        depths += [factor * found.value for factor in VOLUME]
+    measured = layout.metrics.get(METRIC)
+    if measured is not None and measured.known:
+        depths += [factor * measured.value for factor in VOLUME]
     return (min(depths), max(depths)) if depths else None

@@ -24,10 +24,10 @@ FAMILIES = tuple(name for name in NAMES if not name.endswith(tuple(f"_{count}" f
 
 def dictionary(name: str, most: int | None = None) -> cv2.aruco.Dictionary:
     """The dictionary with a name of `NAMES`, or its first `most` markers."""
-    found = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    full = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     if most is None:
-        return found
-    return cv2.aruco.Dictionary(found.bytesList[:most], found.markerSize, found.maxCorrectionBits)
+        return full
+    return cv2.aruco.Dictionary(full.bytesList[:most], full.markerSize, full.maxCorrectionBits)
 
 
 def as_named(name: str) -> str | None:

@@ -80,11 +80,11 @@ def _camera(part: dict[str, Any], name: str, where: str, first: tuple[int, int] 
 
 def _made(text: str) -> dict[str, tuple[str | None, tuple[int, int]]]:
     """Flip and first pixel in the flipped frame of each camera's pictures, from its comment."""
-    found: dict[str, tuple[str | None, tuple[int, int]]] = {}
+    origins: dict[str, tuple[str | None, tuple[int, int]]] = {}
     camera = ""
     for line in text.splitlines():
         if named := _CAMERA.match(line):
             camera = named[1]
         elif camera and (made := _MADE.match(line)):
-            found[camera] = made[1], (int(made[2]), int(made[3]))
-    return found
+            origins[camera] = made[1], (int(made[2]), int(made[3]))
+    return origins

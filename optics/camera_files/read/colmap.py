@@ -269,9 +269,9 @@ class _Reader:
 
     def take(self, layout: str) -> tuple[float, ...]:
         """Read the numbers of a `struct` format."""
-        found = struct.unpack_from(f"<{layout}", self.raw, self.at)
+        values = struct.unpack_from(f"<{layout}", self.raw, self.at)
         self.at += struct.calcsize(f"<{layout}")
-        return found
+        return values
 
     def count(self, least_bytes: int) -> int:
         """Read a number of items; raises ValueError if the file is too short for items of at least `least_bytes`."""
@@ -289,18 +289,18 @@ class _Reader:
 
 
 def _binary_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
-    reader, found = _Reader(raw), []
+    reader, cameras = _Reader(raw), []
     for _ in range(reader.count(24)):
         number, model, width, height = (int(value) for value in reader.take("IiQQ"))
         if model not in MODELS:
             raise ValueError(f"camera model {model}, expected one of 0 to {max(MODELS)}")
         name, count = MODELS[model]
-        found.append((number, ColmapCamera(name, width, height, reader.take(f"{count}d"))))
-    return found
+        cameras.append((number, ColmapCamera(name, width, height, reader.take(f"{count}d"))))
+    return cameras
 
 
 def _binary_images(raw: bytes) -> list[ColmapImage]:
-    reader, found = _Reader(raw), []
+    reader, images = _Reader(raw), []
     count = reader.count(73)
     if count > MOST_IMAGES:
         raise ValueError(f"more than {MOST_IMAGES} pictures")
@@ -311,8 +311,8 @@ def _binary_images(raw: bytes) -> list[ColmapImage]:
         name = reader.name()
         points = reader.count(24)
         reader.at += 24 * points
-        found.append(ColmapImage(name, int(camera_id), pose))
-    return found
+        images.append(ColmapImage(name, int(camera_id), pose))
+    return images
 
 
 def _binary_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:

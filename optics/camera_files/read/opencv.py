@@ -132,9 +132,9 @@ def _camera(path: Path, name: str, part: dict[str, Any]) -> RigCamera:
     where = f"{path}: {name[:60]}"
     sizes = [part[key] for key in ("image_width", "image_height") if key in part]
     size = size_of(sizes, f"{where}: image_width, image_height") if sizes else None
-    found = _first(part, DISTORTION_KEYS)
-    found = [0.0] * 5 if found is None else found
-    lens = lens_of(where, _first(part, KEYS), found, str(part.get("distortion_model")), size)
+    distortion = _first(part, DISTORTION_KEYS)
+    distortion = [0.0] * 5 if distortion is None else distortion
+    lens = lens_of(where, _first(part, KEYS), distortion, str(part.get("distortion_model")), size)
     return RigCamera(name, lens, _pose(part, where), size)
 
 

@@ -80,18 +80,18 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
     InputError
         If there is no calibration in a known format, or more than one.
     """
-    found = _detect(path)
+    detected = _detect(path)
     if format is not None:
-        found = [each for each in found if each.format == format] or _in_subfolder(path, format)
-    if not found:
+        detected = [each for each in detected if each.format == format] or _in_subfolder(path, format)
+    if not detected:
         expected = " or ".join(FORMATS) if format is None else format
         why = reason_unread(path)
         known = f"no calibration in a known format, expected {expected}"
         raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
-    if len(found) > 1:
-        names = ", ".join(each.format for each in found)
+    if len(detected) > 1:
+        names = ", ".join(each.format for each in detected)
         raise InputError(f"{path}: calibrations as {names}, expected --format of one of them")
-    rig = READERS[found[0].format](found[0].paths)
+    rig = READERS[detected[0].format](detected[0].paths)
     for camera in rig.cameras:
         if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= FARTHEST).all():
             raise InputError(
@@ -173,9 +173,9 @@ def _in_folder(folder: Path) -> list[Detected]:
         if len(files.get(kind, ())) > 1:
             listed = ", ".join(path.name for path in files[kind][:5])
             raise InputError(f"{folder}: several calibrations as {kind} ({listed}), expected one")
-    found = [Detected(kind, tuple(paths)) for kind, paths in files.items()]
+    detected = [Detected(kind, tuple(paths)) for kind, paths in files.items()]
     model = colmap.model_folder(folder)
-    return found if model is None else [*found, Detected("colmap", (model,))]
+    return detected if model is None else [*detected, Detected("colmap", (model,))]
 
 
 def is_layout(value: Any) -> bool:
