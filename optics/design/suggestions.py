@@ -63,14 +63,10 @@ class _Parameter:
 
     Attributes
     ----------
-    name
-        Field of the spec.
-    relieves
-        Constraints that it relieves.
-    limit
-        Its limit for a spec.
-    inverse
-        Whether the numbers of a design's program depend linearly on its inverse, instead of on its value.
+    name : field of the spec.
+    relieves : constraints that it relieves.
+    limit : its limit for a spec.
+    inverse : whether the numbers of a design's program depend linearly on its inverse, instead of on its value.
     """
 
     name: str

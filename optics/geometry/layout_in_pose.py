@@ -23,12 +23,9 @@ class MirrorMotion(Value):
 
     Attributes
     ----------
-    shift_mm
-        Shift of the mean of the mirror's outline.
-    turn_rad
-        Rotation vector of the mirror about that point.
-    plane_mm
-        Resulting shift of the virtual centre of a first-surface mirror.
+    shift_mm : shift of the mean of the mirror's outline.
+    turn_rad : rotation vector of the mirror about that point.
+    plane_mm : resulting shift of the virtual centre of a first-surface mirror.
     """
 
     shift_mm: Annotated[FloatArray, Shaped((3, 3))]

@@ -16,16 +16,11 @@ class MirrorArrays:
 
     Attributes
     ----------
-    centre_mm
-        Virtual centres (3, n) of the reflecting planes.
-    middle_mm
-        Means (3, n) of the outlines' corners.
-    thickness_mm
-        Thickness (n,) of the plate in front of the reflecting surface; 0 for first-surface mirrors.
-    refractive_index
-        Refractive index (n,) of the plate.
-    curvature_per_m
-        Curvatures (3, n): xx, yy and xy; see `Mirror`.
+    centre_mm : virtual centres (3, n) of the reflecting planes.
+    middle_mm : means (3, n) of the outlines' corners.
+    thickness_mm : thickness (n,) of the plate in front of the reflecting surface; 0 for first-surface mirrors.
+    refractive_index : refractive index (n,) of the plate.
+    curvature_per_m : curvatures (3, n): xx, yy and xy; see `Mirror`.
     """
 
     centre_mm: FloatArray
@@ -41,14 +36,10 @@ class ImageDerivatives:
 
     Attributes
     ----------
-    point
-        Derivatives (a, 3, n) with respect to the point.
-    centre
-        Derivatives (a, 3, n) with respect to the virtual centre.
-    thickness
-        Derivatives (a, n) with respect to the thickness.
-    curvature
-        Derivatives (a, 3, n) with respect to the curvature, or (a, 0, n) for mirrors treated as flat.
+    point : derivatives (a, 3, n) with respect to the point.
+    centre : derivatives (a, 3, n) with respect to the virtual centre.
+    thickness : derivatives (a, n) with respect to the thickness.
+    curvature : derivatives (a, 3, n) with respect to the curvature, or (a, 0, n) for mirrors treated as flat.
     """
 
     point: FloatArray

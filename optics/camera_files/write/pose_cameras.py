@@ -36,18 +36,12 @@ class PoseCamera:
 
     Attributes
     ----------
-    name
-        Name of the camera.
-    camera
-        Size and intrinsics of the cropped picture.
-    camera_from_rig
-        Rigid transform (4, 4), mm.
-    flip
-        ffmpeg's filter that flips the frame; "" for the direct view.
-    crop
-        Part of the flipped frame.
-    error_px
-        Largest error of the lens within the picture.
+    name : name of the camera.
+    camera : size and intrinsics of the cropped picture.
+    camera_from_rig : rigid transform (4, 4), mm.
+    flip : ffmpeg's filter that flips the frame; "" for the direct view.
+    crop : part of the flipped frame.
+    error_px : largest error of the lens within the picture.
     """
 
     name: str

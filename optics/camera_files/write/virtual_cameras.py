@@ -67,21 +67,14 @@ class VirtualCamera:
 
     Attributes
     ----------
-    name
-        Name of the view.
-    row, column
-        Position of the mirror in the layout.
-    flip
-        Flip of the frame.
-    camera
-        Intrinsics for the entire flipped frame.
-    camera_from_rig
-        Rigid transform (4, 4), mm.
-    outline_px
-        Outline (n, 2) of the mirror's image in the flipped frame.
-    pinhole_error_px
-        Largest error of this camera in the sub-image, at the layout's depths: 0 for a flat first-surface mirror;
-        second-surface and bent mirrors are not exact pinholes.
+    name : name of the view.
+    row, column : position of the mirror in the layout.
+    flip : flip of the frame.
+    camera : intrinsics for the entire flipped frame.
+    camera_from_rig : rigid transform (4, 4), mm.
+    outline_px : outline (n, 2) of the mirror's image in the flipped frame.
+    pinhole_error_px : largest error of this camera in the sub-image, at the layout's depths: 0 for a flat first-surface
+        mirror; second-surface and bent mirrors are not exact pinholes.
     """
 
     name: str

@@ -54,18 +54,12 @@ class OverlapDesign:
 
     Attributes
     ----------
-    fold
-        Fold, radians.
-    centres
-        Virtual centres (n, 3) in view axes, in scales.
-    shares
-        Fractions (depths, n) of the sensor's pixels that see the common region, by view.
-    regions
-        Corners (depths, 8, 2) of the regions, as unknowns of `constraints.region_term`.
-    fields
-        Fields of view (depths, 2) of the regions, see `constraints.field_of_view`.
-    grid_error
-        Grid error.
+    fold : fold, radians.
+    centres : virtual centres (n, 3) in view axes, in scales.
+    shares : fractions (depths, n) of the sensor's pixels that see the common region, by view.
+    regions : corners (depths, 8, 2) of the regions, as unknowns of `constraints.region_term`.
+    fields : fields of view (depths, 2) of the regions, see `constraints.field_of_view`.
+    grid_error : grid error.
     """
 
     fold: float
@@ -82,16 +76,11 @@ class Problem:
 
     Attributes
     ----------
-    solver
-        The program's solver.
-    fold
-        Index (1,) of the fold.
-    centres
-        Indices (n, 3) of the virtual centres.
-    corners
-        Indices (n, sides, 2) of the sub-images' corners.
-    regions
-        Indices (depths, 16) of the corners of the regions at the depths.
+    solver : the program's solver.
+    fold : index (1,) of the fold.
+    centres : indices (n, 3) of the virtual centres.
+    corners : indices (n, sides, 2) of the sub-images' corners.
+    regions : indices (depths, 16) of the corners of the regions at the depths.
     """
 
     solver: Solver

@@ -97,16 +97,11 @@ class SolverOutcome:
 
     Attributes
     ----------
-    values
-        Values (n,) of all unknowns.
-    objective
-        Objective of the solved problem: the design's, or the violation in a search for feasibility.
-    status
-        IPOPT's return status.
-    solved
-        Whether this is an optimum.
-    iterations
-        Number of iterations.
+    values : values (n,) of all unknowns.
+    objective : objective of the solved problem: the design's, or the violation in a search for feasibility.
+    status : IPOPT's return status.
+    solved : whether this is an optimum.
+    iterations : number of iterations.
     """
 
     values: FloatArray

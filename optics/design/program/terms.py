@@ -28,20 +28,14 @@ class Term:
 
     Attributes
     ----------
-    unknowns, parameters
-        Number of unknowns and parameters.
-    value
-        The term f of the objective and the constraints g (m,).
-    gradient
-        The gradient of f.
-    jacobian, rows, cols
-        The structural nonzeros of dg/dx, and their positions.
-    hessian, upper_rows, upper_cols
-        The structural nonzeros of the upper half of the second derivative of w f + l.g, and their positions.
-    equality
-        Whether the constraints are g = 0, instead of g >= 0.
-    family
-        Index into ELASTIC of each constraint; -1 for none.
+    unknowns, parameters : number of unknowns and parameters.
+    value : the term f of the objective and the constraints g (m,).
+    gradient : the gradient of f.
+    jacobian, rows, cols : the structural nonzeros of dg/dx, and their positions.
+    hessian, upper_rows, upper_cols : the structural nonzeros of the upper half of the second derivative of w f + l.g,
+        and their positions.
+    equality : whether the constraints are g = 0, instead of g >= 0.
+    family : index into ELASTIC of each constraint; -1 for none.
     """
 
     unknowns: int
