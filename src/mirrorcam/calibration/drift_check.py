@@ -52,7 +52,7 @@ class DriftReporter:
     file: str = DRIFT
 
     def report(self, frames: Sequence[Any], name: str, sources: str) -> None:
-        """Test some frames of a recording; `name` is of the file, `sources` what `mirrorcam drift` would be given."""
+        """Test some frames of a recording; `name` is the file's, `sources` are the arguments for `mirrorcam drift`."""
         if not frames:
             return
         try:
@@ -164,7 +164,7 @@ def mount_tilt(checks: Path | None) -> MountTilt:
 
 def bending_line(drift: Drift, tilt: MountTilt) -> str:
     """Whether the common turn of all mirrors is what bending of the mount allows."""
-    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors alike"
+    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
     turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
     beyond = np.abs(turn) - SURE * sigma > tilt.deg
     if beyond.any():
