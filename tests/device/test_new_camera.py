@@ -94,7 +94,7 @@ def test_a_board_is_asked_for_its_holes_and_one_without_a_lens_for_no_optics(tmp
     held = read_body(str(tmp_path / "board.toml")).held_by
     assert held.kind == "board"
     assert set(held.holes_mm) == {(x, y) for x in (-14.0, 14.0) for y in (-14.0, 14.0)}
-    with pytest.raises(InputError, match="its lens has any focal length"):
+    with pytest.raises(InputError, match="the focal length is unknown"):
         read_camera(str(tmp_path / "board.toml"))
 
 

@@ -220,7 +220,7 @@ class CalibrationPictures:
 
     @property
     def labels(self) -> list[str]:
-        """Names that tell pictures of several folders apart: paths as given, and frames of videos."""
+        """Unique names of pictures from several folders: paths as stated, and frames of videos."""
         return [
             each.as_posix() if source is None and isinstance(each, Path) else name
             for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)

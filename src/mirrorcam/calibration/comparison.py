@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import outline_px
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.camera_files.read.registry import formats_in, unread
+from mirrorcam.optics.camera_files.read.registry import formats_in, reason_unread
 from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
@@ -62,7 +62,7 @@ def read_compared(path: Path) -> Layout:
         if not path.is_file():
             raise
         of_others = [name for name in formats_in(path) if name != "mirrorcam"]
-        named = f"a calibration as {of_others[0]}" if of_others else unread(path)
+        named = f"a calibration as {of_others[0]}" if of_others else reason_unread(path)
         if not named:
             raise
         raise InputError(f"{path}: {named}, expected a layout.json, as `mirrorcam calibrate` writes it") from None

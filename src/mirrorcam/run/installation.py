@@ -38,7 +38,7 @@ PROGRAMS = {
 
 
 class Package(Value):
-    """A distribution that an extra asks for: the version that is installed, if any, and the tested one, if one was."""
+    """A distribution that an extra requires: the installed version, if any, and the tested one, if any."""
 
     name: str
     installed: str | None

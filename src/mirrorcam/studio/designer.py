@@ -21,7 +21,7 @@ from mirrorcam.studio.turns import Asker, Superseded, Turns
 
 
 class Advisor:
-    """Finds what can be asked for instead; any thread may call. Pages that search at the same time do so in turn."""
+    """Finds feasible alternatives; any thread may call. Simultaneous searches of pages take turns."""
 
     def __init__(self) -> None:
         self._process = WorkerProcess(preload=design_work.PRELOAD)
@@ -65,8 +65,8 @@ MOST_KEPT = 300
 class Designer:
     """Solves the newest request of each page in turn, and previews others meanwhile; any thread may call.
 
-    What was solved is kept, so that going back to it takes no time, and a preview lies between what was solved. While
-    nothing is asked for, a process of low priority solves what was previewed last, then requests near the newest.
+    Solved designs are kept, so that returning to one is immediate, and previews interpolate between them. While
+    idle, a process of low priority solves the last preview, then requests near the newest.
     """
 
     def __init__(self) -> None:
@@ -132,7 +132,7 @@ class Designer:
         except WorkerDied as death:
             if asker.gone or self._over:
                 raise Superseded from None
-            raise InputError(f"the process that solved it ended {death}: change something, or ask again") from None
+            raise InputError(f"the process that solved it ended {death}: change something, or try again") from None
         self._keep(spec, found)
         return found
 

@@ -28,7 +28,7 @@ from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
 ENDING_S = 2
-"""Time that answers which are under way have at the end."""
+"""Time that pending answers have at shutdown."""
 
 
 class _Protocol(H11Protocol):
@@ -82,7 +82,7 @@ def run_server(
     tell: Callable[[str], None],
     end: Callable[[], None],
 ) -> None:
-    """Serve until Ctrl-C; `end` is called once no more is asked, before answers that are under way are waited for."""
+    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending answers."""
     address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
@@ -175,7 +175,7 @@ class LocalAccess:
 
 
 class BodyTooLarge(Exception):
-    """A body that goes on beyond what a request may hold, whatever length it has stated."""
+    """A request body larger than allowed, whatever its stated length."""
 
 
 def _limited(receive: Receive) -> Receive:

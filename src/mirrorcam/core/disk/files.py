@@ -149,7 +149,7 @@ def readable(path: Path) -> Iterator[None]:
 def stored_bytes(path: Path) -> int:
     """Size of a regular file, or InputError in one line: opening anything else may never end.
 
-    A Git LFS pointer, which stands in for a file until it is fetched, is refused as such.
+    A Git LFS pointer, which replaces a file until it is fetched, is refused by that name.
     """
     with readable(path):
         status = path.stat()

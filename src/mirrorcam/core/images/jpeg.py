@@ -77,7 +77,7 @@ class Jpeg:
         return next((end for kind, _, end in self.segments if kind == _SCAN), len(raw))
 
     def is_partly_zero(self, raw: bytes) -> bool:
-        """Return whether a long run of zeros stands in the compressed data where no encoder can have written it.
+        """Return whether the compressed data contain a long run of zeros that no encoder can have written.
 
         Zeros are the first code of a Huffman table, again and again. Unless that code ends a block of a uniform colour,
         they stand for blocks of nothing but the highest frequencies.

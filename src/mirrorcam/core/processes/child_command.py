@@ -17,7 +17,7 @@ ENDING_S = 10.0
 
 
 class ChildCommand:
-    """A command that has been started; any thread may ask for it or cancel it.
+    """A started command; any thread may poll or cancel it.
 
     It ends with this process, as by Ctrl-C, also if that is killed. A Ctrl-C of the terminal is not for it.
 

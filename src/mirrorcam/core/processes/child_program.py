@@ -2,7 +2,7 @@
 
 Between the two stands a small Python process, this file. Its standard input is a pipe of which this process holds the
 other end; the system closes that when this process ends, even if it is killed, and the child is ended then: killed, or
-interrupted first, as by Ctrl-C, where it has files to finish. This works alike on all systems.
+interrupted first, as by Ctrl-C, where it has files to finish. This works the same on all systems.
 
 A program of somebody else may leave processes behind. With `tree`, these end with it: on Linux every descendant, those
 that have left its session included; on other POSIX systems its process group; on Windows the program alone. Not covered

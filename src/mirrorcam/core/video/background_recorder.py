@@ -155,7 +155,7 @@ class FrameRecorder:
 
 @dataclass(frozen=True)
 class RecordingCounts:
-    """What became of the frames that a source gave while it was recorded; the numbers of the others add up to `given`.
+    """Counts of the frames that a source delivered while it was recorded; the other counts add up to `given`.
 
     Attributes
     ----------

@@ -124,7 +124,7 @@ def _is_key(frame: Any) -> bool:
 class _Order:
     """Decides which frames are complete: none between a damaged one and the next key frame, in packet order.
 
-    A frame is judged once all packets from its key frame up to itself have given theirs, or will not.
+    A frame is judged once all packets from its key frame up to its own are decoded or lost.
     """
 
     def __init__(self, alone: bool) -> None:
@@ -191,7 +191,7 @@ class _Order:
 
 
 def has_16_bits(shown: Any) -> bool:
-    """Return whether a frame, or what a decoder gives, is grey or RGB of 16 bits, of which cameras may use the lowest.
+    """Return whether a frame, or a decoder's output, is grey or RGB of 16 bits, of which cameras may use the lowest.
 
     Samples of 10, 12 or 14 bits are stored as such, and need no guess.
     """
@@ -212,7 +212,7 @@ def rgb_of(frame: Any) -> NDArray[np.uint8]:
 
 
 def rgb_of_samples(samples: NDArray[Any], bits: int) -> NDArray[np.uint8]:
-    """What `rgb_of` gives, by samples of 16 bits of which the lowest `bits` are used."""
+    """The result of `rgb_of` for samples of 16 bits of which the lowest `bits` are used."""
     image = to_8_bits(samples, bits)
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 

@@ -156,7 +156,7 @@ class LiveStatus:
 
 
 class LiveMeters:
-    """Counts, rates and messages of a session, from what its processes give; any thread may note and ask.
+    """Counts, rates and messages of a session, reported by its processes; any thread may write and read.
 
     `tell` takes each message as it comes.
     """
@@ -220,7 +220,7 @@ class LiveMeters:
             self._failed = reason
 
     def fail_part(self, part: str, reason: str) -> None:
-        """Say why "depth" or "setup" has ended; the session goes on."""
+        """Report why "depth" or "setup" has ended; the session continues."""
         self.say(reason)
         with self._lock:
             self._failed_parts[part] = reason

@@ -174,12 +174,12 @@ class LivePicture:
 
 
 class LivePictures:
-    """The newest picture of each kind; any thread may put one, ask and wait.
+    """The newest picture of each kind; any thread may publish, read and wait.
 
     Parameters
     ----------
     idle_s
-        Time after which pictures of a kind that nobody waits for are no longer wanted; None: they always are.
+        Time after which pictures of an unwatched kind are no longer made; None: they always are.
     """
 
     def __init__(self, idle_s: float | None) -> None:
@@ -219,7 +219,7 @@ class LivePictures:
         return self._idle_s is None or time.monotonic() - self._asked[kind] < self._idle_s
 
     def end(self) -> None:
-        """Let nobody wait any more."""
+        """Release all waiting threads."""
         with self._changed:
             self._over = True
             self._changed.notify_all()
