@@ -9,6 +9,7 @@ from xml.etree.ElementTree import SubElement, fromstring, indent, tostring
 import numpy as np
 from matplotlib.figure import Figure
 
+from mirrorcam import Layout
 from mirrorcam.bench.evaluation import RESULTS, Change, Evaluation
 from mirrorcam.bench.scores.calibration_score import CalibrationScore
 from mirrorcam.bench.scores.report_texts import NOT_GIVEN, junit, limit_text, markdown, value_text
@@ -28,7 +29,6 @@ from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.names import markdown_text
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import ViewDifference
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import true_layout
 
 COLUMNS = {

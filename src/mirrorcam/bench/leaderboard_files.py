@@ -24,10 +24,10 @@ from mirrorcam.bench.scores.leaderboard import (
     set_text,
 )
 from mirrorcam.bench.scores.report_texts import value_text
-from mirrorcam.calibration.inline_svg import Scale, coordinate, drawing, line, text
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
+from mirrorcam.core.html.inline_svg import Scale, coordinate, drawing, line, text
 from mirrorcam.core.html.templates import Table, Tile, render
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import LONGEST

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mirrorcam import Layout
 from mirrorcam.bench.score_request import Reading, ScoreRequest
 from mirrorcam.bench.scores.calibration_score import CalibrationScore, score_calibration
 from mirrorcam.bench.scores.consistency import with_covariance
@@ -21,7 +22,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import LONGEST
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import read_rig
-from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
+from mirrorcam.optics.geometry.layout import working_distance_mm
 from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 FILES = ("score.json", "score.md", "junit.xml")

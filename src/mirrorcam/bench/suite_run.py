@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from mirrorcam import DesignSpec, Layout
 from mirrorcam.bench.suite_folder import (
     DESIGNS,
     SETS,
@@ -32,8 +33,6 @@ from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_sweep import Runner, layout_name, sweep
 from mirrorcam.designs.sweep_files import design_here, design_on_cluster
-from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (

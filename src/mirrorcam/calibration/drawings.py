@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from mirrorcam.calibration.inline_svg import Scale, axes, coordinate, drawing, line, points, text
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
+from mirrorcam.core.html.inline_svg import Scale, axes, coordinate, drawing, line, points, text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import DepthUncertainty, ProjectionMap

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+from mirrorcam import Decoder, LightField
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.errors import InputError
@@ -15,13 +16,11 @@ from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.video.frames import Frame, Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
-from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, need_rosbags
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import RecordingCheck, decoded_ahead
-from mirrorcam.optics.light_field.light_field import LightField
 
 ShowDepth = Callable[[float, LightField, DepthMap | None], None]
 """Shows a decoded frame: takes its time in s, its light field, and its depth where that is estimated."""

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from mirrorcam import LightField
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 from mirrorcam.core.messages import shortened
 from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.ros_messages import M_FROM_MM, depth_m, points_m, view_topic
 from mirrorcam.optics.light_field.io.view_images import rgb
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.light_field import Views
 
 SCENE, DEPTH, TIME = "light_field", "depth", "frame_time"
 PORT = 9876
