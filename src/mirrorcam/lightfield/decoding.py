@@ -312,5 +312,5 @@ def _streams(
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
-        device = camera(live, *size, tell=lambda line: reporter.note("decode", line))
+        device = camera(live, *size, on_note=lambda line: reporter.note("decode", line))
         yield device, _live_name(live), {"device": shown(live), "started": datetime.now(UTC).isoformat()}

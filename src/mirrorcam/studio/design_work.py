@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.calls import Calls, beside, in_turn
+from mirrorcam.core.processes.calls import Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -35,7 +35,7 @@ def _partner() -> WorkerProcess:
 
 def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
     """The exact design of a request, or why there is none, found by this process and another."""
-    return solve(spec, beside(_partner()))
+    return solve(spec, in_parallel(_partner()))
 
 
 def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
@@ -112,7 +112,7 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
     """Begin to look for requests near one that was refused; this process answers `next_suggestion` from then on."""
     from mirrorcam.optics.design.suggestions import suggestions
 
-    found = suggestions(spec, InfeasibleDesign(constraint, finding), beside(_partner()))
+    found = suggestions(spec, InfeasibleDesign(constraint, finding), in_parallel(_partner()))
     _suggestions[:] = [
         (
             SuggestedRequest(text=change_text(spec, each.spec, each.parameter), spec=each.spec.model_dump(mode="json"))

@@ -79,7 +79,7 @@ def run_server(
     listening: socket.socket,
     *,
     browser: bool,
-    tell: Callable[[str], None],
+    on_note: Callable[[str], None],
     end: Callable[[], None],
 ) -> None:
     """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending answers."""
@@ -87,13 +87,13 @@ def run_server(
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
     )
-    tell(f"{address} (Ctrl-C ends it)")
+    on_note(f"{address} (Ctrl-C ends it)")
     if browser:
         webbrowser.open(address)
     try:
         _Server(config, end).run(sockets=[listening])
     except KeyboardInterrupt:  # of uvicorn, which has ended by then
-        tell("ended")
+        on_note("ended")
 
 
 HOSTS = ("127.0.0.1", "localhost", "[::1]")
@@ -192,10 +192,10 @@ def _limited(receive: Receive) -> Receive:
     return limited
 
 
-Asked = TypeVar("Asked", bound=Value)
+Body = TypeVar("Body", bound=Value)
 
 
-async def asked(model: type[Asked], request: Request) -> Asked:
+async def posted(model: type[Body], request: Request) -> Body:
     """The value in the body of a request, as JSON. Raises InputError for another.
 
     It is parsed in a thread, so that other requests are answered meanwhile; `LocalAccess` bounds the body's size.
@@ -203,7 +203,7 @@ async def asked(model: type[Asked], request: Request) -> Asked:
     return await run_in_threadpool(_value, model, await request.body())
 
 
-def _value(model: type[Asked], body: bytes) -> Asked:
+def _value(model: type[Body], body: bytes) -> Body:
     return validated(model, json_value(body))
 
 

@@ -44,11 +44,11 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in PICTURE_ENDINGS
 
 
-def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> list[Path]:
-    """The pictures among files and folders, in order: a folder means all its pictures, by name.
+def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> list[Path]:
+    """List the pictures of files and folders in order, those of a folder by name.
 
-    They are taken for one set, see `agree_on_bits`. `tell` takes a line about the files of a folder that are left out,
-    and one about pictures of 16 bits. Raises InputError for a folder without pictures.
+    They count as one set, see `agree_on_bits`. `on_note` takes a line about ignored files of a folder, and one about
+    pictures of 16 bits. Raises InputError for a folder without pictures.
     """
     found: list[Path] = []
     for path in paths:
@@ -63,9 +63,9 @@ def pictures_in(paths: Sequence[Path], tell: Callable[[str], None] = lambda line
             raise InputError(shortened(f"{path}: holds no picture{there}, expected {', '.join(PICTURE_ENDINGS)} files"))
         if others:
             of_all = count_text(len(inside) + len(others), "file")
-            tell(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
+            on_note(shortened(f"{path}: {len(others)} of {of_all} left out: {names}"))
         found += inside
-    agree_on_bits(found, tell)
+    agree_on_bits(found, on_note)
     return found
 
 
@@ -75,10 +75,10 @@ def _is_left_out(path: Path) -> bool:
     return not hidden and not is_picture(path) and path.suffix.lower() not in _SIDE_ENDINGS and path.is_file()
 
 
-def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None) -> None:
+def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> None:
     """Take the pictures of 16 bits among some files for one set, in which as many bits are used in all.
 
-    `read_image` then scales all of them equally; a single picture is scaled by its own samples. `tell` takes a line
+    `read_image` then scales all of them equally; a single picture is scaled by its own samples. `on_note` takes a line
     about them, where there are any.
     """
     found: dict[tuple[Path, int, int], SampleBits] = {}
@@ -95,7 +95,7 @@ def agree_on_bits(paths: Sequence[Path], tell: Callable[[str], None] = lambda li
     if found:
         together = SampleBits.together(found.values())
         _agreed.update(dict.fromkeys(found, together))
-        tell(_line_on_bits(len(found), together))
+        on_note(_line_on_bits(len(found), together))
 
 
 def line_on_bits(folder: Path) -> str | None:

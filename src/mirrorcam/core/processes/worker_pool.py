@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Any, Generic, TypeVar
 
-from mirrorcam.core.processes.calls import Call, Calls, beside, in_turn
+from mirrorcam.core.processes.calls import Call, Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 
 Task = TypeVar("Task")
@@ -101,7 +101,7 @@ def in_two_processes(preload: Sequence[str]) -> Iterator[Calls]:
         return
     worker = WorkerProcess(preload=preload)
     try:
-        yield beside(worker)
+        yield in_parallel(worker)
     finally:
         worker.kill()
 

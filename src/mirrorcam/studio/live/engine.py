@@ -45,7 +45,7 @@ class LiveEngine:
         are.
     hold
         Whether a source that ends (a video, a folder) waits for `begin`; a camera does not.
-    tell
+    on_note
         Takes each message of the session, in a thread of the engine.
 
     Attributes
@@ -67,10 +67,10 @@ class LiveEngine:
         board: Path | None = None,
         idle_s: float | None = None,
         hold: bool = False,
-        tell: Callable[[str], None] = lambda line: None,
+        on_note: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.request, self.out, self.board = request, out, board
-        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(tell)
+        self._pictures, self._meters = LivePictures(idle_s), LiveMeters(on_note)
         self._depth = DepthThread(request.layout, request.depth_width_px, self._pictures, self._meters)
         self._setup = SetupThread(request.layout, board, self._meters)
         self._decoding = DecodingThread(

@@ -158,11 +158,11 @@ class LiveStatus:
 class LiveMeters:
     """Counts, rates and messages of a session, reported by its processes; any thread may write and read.
 
-    `tell` takes each message as it comes.
+    `on_note` takes each message as it comes.
     """
 
-    def __init__(self, tell: Callable[[str], None] = lambda line: None) -> None:
-        self._tell, self._lock = tell, threading.Lock()
+    def __init__(self, on_note: Callable[[str], None] = lambda line: None) -> None:
+        self._on_note, self._lock = on_note, threading.Lock()
         self._arrivals: deque[float] = deque(maxlen=REMEMBERED)
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
         self._depths: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
@@ -209,7 +209,7 @@ class LiveMeters:
 
     def say(self, line: str) -> None:
         """Add a message."""
-        self._tell(line)
+        self._on_note(line)
         with self._lock:
             self._lines.append(line)
 
