@@ -164,7 +164,7 @@ def test_answers_let_the_browser_fetch_from_nowhere_else(guarded: TestClient) ->
 
 
 class Wish(Value):
-    """What is asked for here."""
+    """A body to post."""
 
     wished_rows: int
 
@@ -234,7 +234,7 @@ def test_files_and_parts_of_them_are_sent(serving: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "asked", "status"),
+    ("name", "headers_given", "status"),
     [
         ("empty", {}, 200),
         ("empty", {"range": "bytes=0-"}, 416),
@@ -244,10 +244,10 @@ def test_files_and_parts_of_them_are_sent(serving: TestClient) -> None:
         ("a.txt", {"range": "bytes=0-1,5-6"}, 206),
     ],
 )
-def test_every_answer_ends_once(name: str, posted: dict[str, str], status: int, tmp_path: Path) -> None:
+def test_every_answer_ends_once(name: str, headers_given: dict[str, str], status: int, tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(TEXT)
     (tmp_path / "empty").touch()
-    headers = [(key.encode(), value.encode()) for key, value in posted.items()]
+    headers = [(key.encode(), value.encode()) for key, value in headers_given.items()]
     scope = {"type": "http", "asgi": {"spec_version": "2.4"}, "method": "GET", "path": f"/{name}", "headers": headers}
     sent: list[Any] = []
 
