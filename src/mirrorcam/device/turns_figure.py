@@ -1,4 +1,4 @@
-"""A picture of a device's mirrors from behind, with the turns at each of their screws."""
+"""Drawing of a device's mirrors from behind, with the turns of each screw."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ def turns_figure(
     screws_mm: FloatArray,
     path: Path,
 ) -> None:
-    """Draw mirrors from behind.
+    """Draw mirrors from behind, with the turns of their screws.
 
     Parameters
     ----------
     names : sequence of str
         Names of the mirrors.
     turns : sequence of (3,)
-        Turns of the screws of each, clockwise as seen.
+        Clockwise turns of each mirror's screws.
     outlines_mm : sequence of (n, 2)
         Outlines of the mirrors, right and up as seen from behind, mm.
     screws_mm : (m, 3, 2)
-        Their screws, likewise.
+        Screws of each mirror, likewise.
     path : Path
-        A PNG.
+        PNG file to write.
     """
     corners = np.vstack(outlines_mm)
     width, height = np.ptp(corners, axis=0)

@@ -40,12 +40,12 @@ class DecodeRequest(Value):
     limit: int | None = FRAMES.field(None, "largest number of frames to decode of a video or a camera", unset="all")
     to: Literal["zarr", "hci", "stanford", "mcap"] = Field(
         default="zarr",
-        description="output for a video or a camera: one Zarr group, a folder with an HCI or Stanford gantry scene per frame, "
-        "or a ROS 2 bag with images and camera_info of all views, depth, points and /tf_static",
+        description="output for a video or a camera: one Zarr group, a folder with an HCI or Stanford gantry "
+        "scene per frame, or a ROS 2 bag with images and camera_info of all views, depth, points and /tf_static",
     )
     field: Literal["common", "union"] = Field(
         default="common",
-        description="extent of the views: the field that all mirrors see at the reference depth, or that any of them sees",
+        description="extent of the views: what all mirrors see at the reference depth, or what any mirror sees",
     )
     width_px: int | None = WIDTH_PX.field(
         None, "width of every view; its height follows", unset="as sharp as the frame"
@@ -60,8 +60,8 @@ class DecodeRequest(Value):
     )
     equalise: tuple[Path, ...] = Field(
         default=(),
-        description="make all views equally bright: pictures or videos to measure the gains in (of any scene, or of a uniform "
-        "white target), or an equalisation.json of an earlier run",
+        description="make all views equally bright: pictures or videos to measure the gains in (of any scene, or of a "
+        "uniform white target), or an equalisation.json of an earlier run",
     )
     epi: bool = Field(
         default=False, description="also write the epipolar-plane image of each picture, where slope shows depth"

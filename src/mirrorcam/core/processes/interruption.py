@@ -44,7 +44,7 @@ def _interrupt() -> None:
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Record Ctrl-C and SIGTERM within the block, besides raising KeyboardInterrupt for either.
+    """Record Ctrl-C and SIGTERM within the block, and raise KeyboardInterrupt for either.
 
     A signal that the process ignores, as jobs in the background of a script do with Ctrl-C, stays ignored, and one with
     another handler is left to that. Only for the main thread.
@@ -66,7 +66,7 @@ def remembered() -> Iterator[None]:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Hold back an interruption until the block ends, where it is `remembered`: for short work that is done or not."""
+    """Defer a `remembered` interruption until the block ends: for short, indivisible work."""
     global _deferrals, _held_back
     _deferrals += 1
     try:
@@ -78,13 +78,13 @@ def deferred() -> Iterator[None]:
         _interrupt()
 
 
-def asked() -> signal.Signals | None:
-    """Return the first signal that asked for an end since `remembered` was entered; None where none has."""
+def requested() -> signal.Signals | None:
+    """Return the first signal that requested an end since `remembered` was entered; None without one."""
     return _asked
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt where a signal asked for an end, even if what ran then has swallowed it.
+    """Raise KeyboardInterrupt if a signal requested an end, even if a library swallowed it.
 
     That is only so within `remembered`.
     """
@@ -98,5 +98,5 @@ def ended(error: BaseException) -> bool:
     What a library makes of one within `remembered`, such as the ImportError of a module that was being loaded, is one.
     """
     return isinstance(error, KeyboardInterrupt) or (
-        asked() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
+        requested() is not None and any(isinstance(cause, KeyboardInterrupt) for cause in causes(error))
     )
