@@ -140,9 +140,7 @@ def print_metrics(
     def add(name: str, indent: str) -> None:
         unit = every[name].unit
         cells = _cells([metrics.get(name) for metrics in columns.values()], unit)
-        if (
-            cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4
-        ):  # show the excess
+        if cells[-1] and (digits := digits_past_limit(every[name], 4)) > 4:  # show the excess
             cells[-1] = figure_text(every[name].value, digits)
         row = [indent + label_text(name), *cells, unit_text(unit)]
         if limited:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: not lost where a native library swallows them, and deferred during indivisible work."""
+"""Ctrl-C and SIGTERM: remembered if a native library swallows them, and deferred during indivisible work."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if sys.platform == "win32":
 else:
     SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SECONDS_OF_ONE = 1.0
-"""Signals within this time are one: `timeout`, for example, sends each to the process and to its group."""
+"""Signals within this time count as one: `timeout`, for example, signals the process and its group."""
 
 _remembering = False
 _asked: signal.Signals | None = None
@@ -93,7 +93,7 @@ def check() -> None:
 
 
 def ended(error: BaseException) -> bool:
-    """Whether an interruption ended the work that raised this error.
+    """Return whether an interruption caused this error.
 
     What a library makes of one within `remembered`, such as the ImportError of a module that was being loaded, is one.
     """
