@@ -1,4 +1,4 @@
-"""Normalised estimation error squared (NEES): whether a calibration is as wrong as its covariance says.
+"""Normalised estimation error squared (NEES): whether the errors of a calibration match its covariance.
 
 After Bar-Shalom. The error is measured in pixels over the working volume, with the motion of the rig taken out of it as
 of what the covariance predicts, so that the gauge of a calibration does not matter. In the directions that the
@@ -45,7 +45,7 @@ class CovarianceFile(Uncertainty):
 
 
 def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
-    """A calibration with the covariance of a file; raises InputError in one line for names that it does not have."""
+    """A calibration with the covariance of a file; raises InputError in one line for unknown names."""
     if rig.layout is not None:
         raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
     given = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
@@ -61,7 +61,7 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
 
 
 def checked_root(uncertainty: Uncertainty) -> FloatArray:
-    """A root (g, g) of the covariance, R R^T; raises InputError where it is not symmetric or has negative variances."""
+    """A square root R (g, g) of the covariance R R^T; raises InputError for asymmetry or negative variances."""
     covariance = uncertainty.covariance
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if (np.diag(covariance) < 0.0).any() or np.abs(covariance - covariance.T).max(initial=0.0) > ASYMMETRY * max(
@@ -108,7 +108,7 @@ def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig
 
 
 def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
-    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences; zero of one it has not."""
+    """Derivatives (n, 2) of pixels by one parameter of one camera, by central differences."""
     lens = view.camera.lens
     if parameter in POSE_NAMES:
         step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
@@ -146,18 +146,18 @@ class Nees:
 
     @property
     def mean(self) -> float:
-        """For each degree of freedom: 1 where the covariance is right, larger where it is too small."""
+        """NEES per degree of freedom: 1 if the covariance is right, larger if it is too small."""
         return self.total / self.freedom
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where `mean` is in 95 of 100 calibrations whose covariance is right."""
+        """95 % interval of `mean` if the covariance is right."""
         low, high = chi2.ppf([(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], self.freedom) / self.freedom
         return float(low), float(high)
 
 
 def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
-    """The NEES of a calibration; None without a covariance, or where it predicts no error at all."""
+    """The NEES of a calibration; None without a covariance, or if it predicts no error at all."""
     if rig.uncertainty is None:
         return None
     root = checked_root(rig.uncertainty)
@@ -174,7 +174,7 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
 
 
 def _of(predicted: FloatArray, error: FloatArray) -> Nees | None:
-    """The NEES of errors (2n,) whose covariance is P P^T, P (2n, g), in the directions that it moves at all."""
+    """The NEES of errors (2n,) with covariance P P^T, P (2n, g), in the range of P."""
     along, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
     least = max(NEGLIGIBLE_PX * SMALLEST_SHARE * np.sqrt(len(error)), SMALLEST_SHARE * float(sigmas.max(initial=0.0)))
     kept = sigmas > least

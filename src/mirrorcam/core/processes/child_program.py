@@ -37,8 +37,8 @@ def supervised(command: Sequence[str] | str, *, ending_s: float = 0.0, tree: boo
     """The command line of the supervisor, which runs a program and ends it when its own standard input closes.
 
     A str is a line for the shell. With `ending_s`, the program is first interrupted, as by Ctrl-C, and then killed
-    after that time. With `tree`, the program runs in a session of its own, and its descendants end with it. The exit code is the
-    program's, or 128 plus the number of the signal that ended it.
+    after that time. With `tree`, the program runs in a session of its own, and its descendants end with it. The
+    exit code is the program's, or 128 plus the number of the signal that ended it.
     """
     shell, words = (True, [command]) if isinstance(command, str) else (False, list(command))
     return [sys.executable, "-I", "-S", __file__, str(ending_s), f"{tree:d}", f"{shell:d}", *words]
