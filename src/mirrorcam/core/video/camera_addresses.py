@@ -58,7 +58,7 @@ def camera(
     on_note: Callable[[str], None] = lambda line: None,
     waiting: int = AHEAD,
 ) -> LiveCamera:
-    """A camera, asked for pictures of a size, by its number or address; `on_note` and `waiting` as of `LiveCamera`.
+    """Open a camera by number or address, and request a picture size; `on_note` and `waiting` as for `LiveCamera`.
 
     Raises InputError in one line for one that cannot be opened. Messages leave out passwords in an address.
     """
@@ -205,7 +205,7 @@ def _opened(address: Any, **settings: Any) -> Any:
 
 
 def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str], None]) -> Generator[Seen]:
-    """The pictures of a container until it ends or fails, with what closes it; `on_note` gets remarks on the first one.
+    """The pictures of a container until it ends or fails; `stack` closes it, `on_note` gets remarks on the first.
 
     Those after a damaged one wait for the next key frame.
     """
@@ -215,7 +215,7 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
     # Else an error in the data is concealed from its surroundings, and the frame passes for a complete one.
     stream.codec_context.options = {"err_detect": "crccheck+explode"}
     stream.thread_type = "SLICE"  # threads for frames would give each some frames late
-    begun, whole, bits = False, False, SampleBits()
+    begun, complete, bits = False, False, SampleBits()
 
     def pixels(frame: Any) -> NDArray[np.uint8]:
         nonlocal bits
@@ -233,18 +233,18 @@ def _decoded(container: Any, stack: ExitStack, name: str, on_note: Callable[[str
             try:
                 frames = packet.decode()
             except av.error.InvalidDataError:
-                frames, whole = [], False
+                frames, complete = [], False
                 if begun:
                     yield Seen(None)
             for frame in frames:
                 key = bool(frame.key_frame) and frame.pict_type == _INTRA
-                whole = (whole or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
-                if whole and not begun:
+                complete = (complete or key or bool(stream.codec_context.codec.intra_only)) and not frame.is_corrupt
+                if complete and not begun:
                     begun = True
                     for line in frame_remarks(name, [frame]):
                         on_note(line)
                 if begun:
-                    yield Seen(pixels(frame) if whole else None, frame.time)
+                    yield Seen(pixels(frame) if complete else None, frame.time)
     except (av.FFmpegError, OSError):
         return  # gone, as a camera that is unplugged
     finally:

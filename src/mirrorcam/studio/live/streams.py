@@ -78,7 +78,7 @@ def open_source(text: str, wanted: Camera, on_note: Callable[[str], None] = lamb
     Parameters
     ----------
     text
-        What is named.
+        Text that names the source.
     wanted
         The camera whose size frames must have.
     on_note
@@ -174,7 +174,7 @@ class LiveRecording:
         self._finishing.append(recorder)
 
     def _tell_finished(self, timeout_s: float = 0.0) -> None:
-        """Tell of files that are finished, at the latest after a time."""
+        """Report finished files, waiting at most for a time."""
         for recorder in list(self._finishing):
             if recorder.finished(timeout_s):
                 self._finishing.remove(recorder)
