@@ -110,7 +110,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
-    slots = device.holder.slot_ways if device.holder.slots else ACROSS
+    slots = device.holder.slot_directions if device.holder.slots else ACROSS
     down, scene = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
     slide = clip.slide_at - clip.slide.grip_mm * scene
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
@@ -121,11 +121,11 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
             head_z,
             mount.head,
             head,
-            holder_nut_ways_mm,
+            holder_nut_exits_mm,
             slots,
         ),
-        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_ways_mm),
-        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_ways_mm, size=back.foot_size),
+        *_screws(device, slide, -scene, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
+        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_exits_mm, size=back.foot_size),
         *(item for joint in back.joints for item in _of_joint(device, joint)),
         *back.items,
         *_camera_screws(device),
@@ -137,7 +137,7 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
 def _of_joint(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
     """The screws of a joint between two parts of the back, and their threads."""
     yield from _screws(
-        device, joint.heads, joint.out, joint.held, joint.joins, lambda _, seats: joint.nut_ways_mm, joint.corners
+        device, joint.heads, joint.out, joint.stack, joint.joins, lambda _, seats: joint.nut_exits_mm, joint.corners
     )
 
 
@@ -155,14 +155,14 @@ def _screws(
     out: FloatArray,
     stack: Stack,
     joins: tuple[str, str],
-    nut_ways_mm: Callable[[Device, FloatArray], FloatArray],
+    nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = ACROSS,
     size: str = "M3",
 ) -> Iterator[BoughtItem]:
     """Screws with their heads, or the washers under these, at points (n, 3), their inserts or nuts.
 
     `out` (3,) points from the tip to the head.
-    Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_ways_mm`.
+    Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave their seats by `nut_exits_mm`.
     """
     screw = device.hardware.screw
     outer, inner = (explode_of(device)[name] for name in joins)
@@ -178,18 +178,18 @@ def _screws(
             yield _thread(device, along(mouth, out), inner, joins[1:], way)
         return
     seats = mouths - stack.begins_mm * out
-    ways = nut_ways_mm(device, seats)
+    ways = nut_exits_mm(device, seats)
     for seat, way, corner in zip(seats, ways, np.broadcast_to(corners, heads.shape), strict=True):
         yield _thread(device, along(seat, out, corner), inner, joins[1:], way)
 
 
 def _thread(
-    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], way_out_mm: FloatArray
+    device: Device, rig_from_item: FloatArray, apart: FloatArray, joins: tuple[str, ...], exit_moves_mm: FloatArray
 ) -> BoughtItem:
     """An insert or a nut; in an exploded view it is at the end of its way out of its part, which is moved `apart`."""
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + way_out_mm.sum(axis=0), joins, way_out_mm)
+    return BoughtItem(screw.kind, "M3", length, rig_from_item, apart + exit_moves_mm.sum(axis=0), joins, exit_moves_mm)
 
 
 def _camera_screws(device: Device) -> Iterator[BoughtItem]:
@@ -296,20 +296,20 @@ def insert_way_mm(out: FloatArray) -> FloatArray:
     return INSERT_OUT_MM * out[None]
 
 
-def holder_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 1, 3) in rig of the nuts at seats (n, 3) in the holder's back: along their slots."""
-    corners, ways = device.holder.corners_in_rig, device.holder.slot_ways
+    corners, ways = device.holder.corners_in_rig, device.holder.slot_directions
     unit = ways / np.linalg.norm(ways, axis=1)[:, None]
     return np.array([[beyond(corners, seat, way)] for seat, way in zip(seats, unit, strict=True)])
 
 
-def slide_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 1, 3) of the nuts of the clip's slide: off its wall, out at the side to the scene."""
     corners = corners_of(device.clip.pieces)
     return np.array([[beyond(corners, seat, SCENE)] for seat in seats])
 
 
-def foot_nut_ways_mm(device: Device, seats: FloatArray) -> FloatArray:
+def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, out by the nearer side."""
     corners, screw = corners_of(device.mount.pieces), device.hardware.screw
     plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)

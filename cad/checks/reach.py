@@ -55,13 +55,13 @@ def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d
         if item.kind not in ("insert", "nut"):
             continue
         home = [solid for part, solid in solids.items() if re.fullmatch(rf"{item.joins[-1]}(_\d+)?", part)]
-        if not home or not len(item.way_out_mm) or name not in solids:
+        if not home or not len(item.exit_moves_mm) or name not in solids:
             inside += 1
             continue
         part = manifold3d.Manifold.compose(home)
         pressed = PRESSED_MM if item.kind == "insert" else ROUNDING_MM
-        common += common_mm3(part, swept(solids[name], item.way_out_mm), pressed)
-        outside = solids[name].translate(tuple(float(by) for by in item.way_out_mm.sum(axis=0)))
+        common += common_mm3(part, swept(solids[name], item.exit_moves_mm), pressed)
+        outside = solids[name].translate(tuple(float(by) for by in item.exit_moves_mm.sum(axis=0)))
         inside += not (part.hull() ^ outside).is_empty()
     return {
         "device.insertion_clash_mm3": Metric(value=common, unit="mm3", limit=0.0),
@@ -160,9 +160,9 @@ def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
 
 def _along_way(item: BoughtItem) -> manifold3d.Manifold:
     """A rod's passage along all legs of a nut's way, and beyond its end."""
-    places = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.way_out_mm, axis=0)])
+    places = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.exit_moves_mm, axis=0)])
     if len(places) > 1:
-        last = item.way_out_mm[-1] / np.linalg.norm(item.way_out_mm[-1])
+        last = item.exit_moves_mm[-1] / np.linalg.norm(item.exit_moves_mm[-1])
         places[-1] = places[-1] + ROD_MM[1] * last
     middle = -item.length_mm / 2.0 * item.rig_from_item[:3, 2]
     ball = manifold3d.Manifold.sphere(ROD_MM[0] / 2.0, 24).translate(tuple(places[0] + middle))

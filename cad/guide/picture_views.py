@@ -160,7 +160,7 @@ def put_in(thread: Piece, seat: FloatArray) -> tuple[Item, Item]:
 
 def places_out(thread: Piece) -> FloatArray:
     """Where an insert or a nut is on its way out of its seat (n, 3), from its seat on, mm."""
-    moves = thread.item.way_out_mm if thread.item else np.zeros((0, 3))
+    moves = thread.item.exit_moves_mm if thread.item else np.zeros((0, 3))
     return np.concatenate([np.zeros((1, 3)), np.cumsum(moves, axis=0)])
 
 
