@@ -55,7 +55,7 @@ FAR_MM = 1e4
 
 
 @dataclass(frozen=True)
-class Lay:
+class Placement:
     """The placement of a profile (y and z in rig) on the bed, turned by `turn_deg` about the bed's normal.
 
     If it fits only in two pieces, `cut_mm` is the place of the cut along the bed's y, `at` (2, 2) the points of the
@@ -68,7 +68,7 @@ class Lay:
     along: FloatArray | None = None
 
 
-def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
+def place_on_bed(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Placement | None:
     """Turn a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest piece.
 
     Returns None if it fits neither turned nor in two pieces.
@@ -77,7 +77,7 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
     band = Polygon([*inner, *outer[::-1]]).buffer(MARGIN_MM, join_style="mitre")
     for degrees in range(0, 180, TURN_STEP_DEG):
         if fits(band, float(degrees), bed):
-            return Lay(float(degrees))
+            return Placement(float(degrees))
     lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
     if len(lengths) == 0:
         return None
@@ -99,7 +99,7 @@ def lay(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Lay | None:
                 starts = (at - [inner[piece], outer[piece]]) @ along
                 ends = ([inner[piece + 1], outer[piece + 1]] - at) @ along
                 if min(*starts, *ends) >= long:
-                    return Lay(turned, cut, at, along)
+                    return Placement(turned, cut, at, along)
     return None
 
 
@@ -122,18 +122,18 @@ def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polyg
     return Polygon(below), Polygon(above)
 
 
-def joint_blocks(laid: Lay, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
+def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
     """Blocks on both skins at both ends of the width, which give a cut space for its pins; none without a cut.
 
     The blocks at the end that prints last stand on slopes of 45 deg.
     """
-    if laid.at is None or laid.along is None:
+    if placement.at is None or placement.along is None:
         return []
-    normal = np.array([-laid.along[1], laid.along[0]])
-    thick, long = _block_mm(laid.at, laid.along, hardware)
+    normal = np.array([-placement.along[1], placement.along[0]])
+    thick, long = _block_mm(placement.at, placement.along, hardware)
     blocks = []
-    for point, inwards in zip(laid.at, (normal, -normal), strict=True):
-        ends = np.array([point - long * laid.along, point + long * laid.along])
+    for point, inwards in zip(placement.at, (normal, -normal), strict=True):
+        ends = np.array([point - long * placement.along, point + long * placement.along])
         profile = np.array([*ends, *(ends[::-1] + thick * inwards)])
         root = np.array([*ends, *(ends[::-1] + 0.5 * skin_mm * inwards)])
         blocks.append(along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
@@ -238,13 +238,13 @@ class Profile:
 def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> MountPlan:
     """Plan the lightest mount that is stiff enough; raises InputError with the dimension if there is none."""
     load_g, load_at = _load(layout, holder, hardware)
-    profile, laid = _lightest(holder, clip, load_g, load_at, hardware)
+    profile, placement = _lightest(holder, clip, load_g, load_at, hardware)
     section, half_width = profile.section, profile.section.width_mm / 2.0
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
     grip = hardware.mount.skin_mm
     pieces, webs = truss(profile.inner, profile.outer, section, hardware)
     pieces += [_rib(clip), _slide_skin(clip, half_width)]
-    webs += joint_blocks(laid, section.skin_mm, half_width, hardware)
+    webs += joint_blocks(placement, section.skin_mm, half_width, hardware)
     light = tuple(
         volume
         for volumes in keep_outs(layout, hardware)
@@ -267,14 +267,14 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         tilt_deg=tilt_deg,
         shift_um=shift_um,
         half_width_mm=half_width,
-        bed_turn_deg=laid.turn_deg,
-        bed_cuts_mm=() if laid.cut_mm is None else (laid.cut_mm,),
+        bed_turn_deg=placement.turn_deg,
+        bed_cuts_mm=() if placement.cut_mm is None else (placement.cut_mm,),
     )
 
 
 def _lightest(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
-) -> tuple[Profile, Lay]:
+) -> tuple[Profile, Placement]:
     """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
     limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
     if not tried:
@@ -285,12 +285,12 @@ def _lightest(
     for profile, as_beam in zip(tried, as_beams, strict=True):
         if as_beam > limit:
             continue
-        laid = lay(profile.inner, profile.outer, hardware)
-        if laid is None and stiff is not None:
+        placement = place_on_bed(profile.inner, profile.outer, hardware)
+        if placement is None and stiff is not None:
             continue
         if bending(profile, holder, clip, load_g, load_at, hardware)[0] <= limit:
-            if laid is not None:
-                return profile, laid
+            if placement is not None:
+                return profile, placement
             stiff = profile
     if stiff is None:
         stiffest = tried[int(np.argmin(as_beams))]
