@@ -20,7 +20,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.mount import (
-    Lay,
+    Placement,
     MountPlan,
     beam_tilt_deg,
     bending,
@@ -51,7 +51,7 @@ def straight(length_mm: float, depth_mm: float = 30.0) -> tuple[FloatArray, Floa
     return np.column_stack([np.zeros(4), z]), np.column_stack([np.full(4, -depth_mm), z])
 
 
-def straight_laid(length_mm: float) -> Lay:
+def straight_laid(length_mm: float) -> Placement:
     found = place_on_bed(*straight(length_mm), HARDWARE)
     assert found is not None
     return found
